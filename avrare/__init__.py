@@ -8,8 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from avrare.base import renderers as _renderers
-from avrare.report.renderers import RENDERERS as _RENDERERS
+import avrare.base.renderers as _table
+import avrare.report.renderers as _renderers
 
 if TYPE_CHECKING:
     from avrare.analysis.causes.require import require as require
@@ -47,7 +47,7 @@ _MODULES = {
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = sorted(_HOMES)
-_renderers.fill(_RENDERERS)
+_table.fill(_renderers.RENDERERS)
 
 
 def __getattr__(name: str) -> Any:

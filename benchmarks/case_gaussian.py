@@ -30,7 +30,8 @@ from avrare.estimation.loop import Settings
 from avrare.estimation.loop import run as estimate_with
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
-from avrare_estimators.config import EssConfig
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_linear.simulator import system_of
 from avrare_linear.synthesis import Effort, synthesise
 
@@ -53,7 +54,7 @@ def exact(beta: float) -> float:
 
 def levels(picture: Path) -> None:
     problem = avrare.load(SCENARIOS / "constrained_gaussian.yaml").problem("clear")
-    recorder = RecordedLevels(EssConfig(chains=100, runs=1, level_probability=0.25))
+    recorder = RecordedLevels(NestedLevelsConfig(chains=100, runs=1, level_probability=0.25), PcnKernel())
     (result,) = estimate_with(problem, recorder, SerialExecutor(), Settings(seed=4))
     figure, ax = _figure(6.0, 4.6)
     shades = np.linspace(0.82, 0.0, len(recorder.tapes))

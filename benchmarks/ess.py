@@ -73,12 +73,12 @@ SETTINGS = (
     Setting("pcn-single", 200, {"kernel": "pcn", "chains": 200, "second_pass": False}),
     Setting("shrink", 200, {"kernel": "shrink", **_FULL}),
     Setting("shrink-single", 200, {"kernel": "shrink", "chains": 200, "second_pass": False}),
-    Setting("shrink-3", 200, {"kernel": "shrink", "bracket": 3.0, **_FULL}, "abc"),
+    Setting("shrink-3", 200, {"kernel": {"name": "shrink", "bracket": 3.0}, **_FULL}, "abc"),
     Setting("exact", 200, {"chains": 50}, "ab", "ess_linear"),
-    Setting("lipschitz", 200, {"kernel": "lipschitz", "lipschitz": 1.0, "chains": 50}, "ab"),
+    Setting("lipschitz", 200, {"kernel": {"name": "lipschitz", "bound": 1.0}, "chains": 50}, "ab"),
     Setting("surrogate", 200, {"kernel": "surrogate", "chains": 100}, "aci"),
     Setting("surrogate-b", 200, {"kernel": "surrogate", "chains": 100}, "b"),
-    Setting("growing", 100, {"kernel": "lipschitz_growing", "lipschitz": 0.3, "chains": 50}),
+    Setting("growing", 100, {"kernel": {"name": "lipschitz_growing", "guess": 0.3}, "chains": 50}),
     Setting("bayesian", 50, {"kernel": "bayesian", "chains": 50}),
 )
 
@@ -139,14 +139,15 @@ class DriftBlock:
         reference: ReferenceProblem = REGIONS[self.region][0]
         problem, many = reference.problem(chunk=STARTS), SLOW.get(self.kernel, STARTS)
         starts = exact_starts(problem, 0.0, many, seed=zlib.crc32(self.region.encode()))
-        kernel, known = _drifting(self.kernel, problem.noise_size)
+        kernel, tuning = _drifting(self.kernel, problem.noise_size)
         seed = zlib.crc32(self.cell.encode())
-        return vars(drift(problem, kernel, known, starts, 0.0, STEPS, seed))
+        return vars(drift(problem, kernel, tuning, starts, 0.0, STEPS, seed))
 
 
 def _drifting(name: str, size: int) -> tuple[Any, Any]:
     """Return a kernel and what it knows: for the surrogate something deliberately wrong."""
-    from avrare_estimators.ess.kernels import bayesian, lipschitz, pcn, shrink, surrogate
+    from avrare_estimators.common.chains.pcn import PcnKernel
+    from avrare_estimators.ess.kernels import lipschitz, shrink, stl_ess, surrogate
 
     rng = np.random.default_rng(0)
     wrong = surrogate.Surface(
@@ -155,14 +156,14 @@ def _drifting(name: str, size: int) -> tuple[Any, Any]:
     )  # fmt: skip
     if name.startswith("growing"):
         guess = float(name.removeprefix("growing"))
-        return lipschitz.GrowingLipschitzKernel(guess), np.array([guess])
+        return stl_ess.GrowingLipschitzKernel(guess), np.array([guess])
     kernels: dict[str, tuple[Any, Any]] = {
         "shrink": (shrink.ShrinkKernel(), ()),
         "shrink-3": (shrink.ShrinkKernel(3.0), ()),
-        "pcn": (pcn.PcnKernel(), np.array([0.7])),
+        "pcn": (PcnKernel(), np.array([0.7])),
         "surrogate": (surrogate.SurrogateKernel(), wrong),
         "lipschitz": (lipschitz.LipschitzKernel(1.0), ()),
-        "bayesian": (bayesian.BayesianKernel(), ()),
+        "bayesian": (stl_ess.BayesianKernel(), ()),
     }
     return kernels[name]
 

@@ -29,12 +29,13 @@ from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.pooling import SHARES, pool
 from avrare.base.special_functions import bisect
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Regression, Threshold
 from avrare.testing.problems import linear, walk
+from avrare_estimators.common import health
 
 Draw = Callable[[float, int], Result]
 """(factor on the probability, share of the budget in eighths) -> an estimate."""

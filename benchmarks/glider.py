@@ -29,7 +29,8 @@ from avrare.estimation.loop import Settings
 from avrare.estimation.loop import run as estimate_with
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare_estimators.config import EssConfig
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]
@@ -177,7 +178,7 @@ def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
 def starts(sample: Flights, picture: Path) -> None:
     """Draw Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
     problem = problem_of("start")
-    recorder = RecordedLevels(EssConfig(chains=300, runs=1, second_pass=False))
+    recorder = RecordedLevels(NestedLevelsConfig(chains=300, runs=1, second_pass=False), PcnKernel())
     recorder.tapes = []
     from_levels = _levels_of(problem, recorder)
     figure, axes = _figure(9.0, 4.0, 2)

@@ -77,18 +77,19 @@ tiny:
   ess grow: {plugin: ess, runs: 4}
   ess first pass: {plugin: ess, chains: 20, runs: 4, second_pass: false}
   ess shrink: {plugin: ess, chains: 20, runs: 4, kernel: shrink}
-  ess shrink bracket: {plugin: ess, chains: 20, runs: 4, kernel: shrink, bracket: 3.0}
-  ess lipschitz: {plugin: ess, chains: 10, runs: 2, kernel: lipschitz, lipschitz: 1.0}
+  ess shrink bracket: {plugin: ess, chains: 20, runs: 4, kernel: {name: shrink, bracket: 3.0}}
+  ess lipschitz: {plugin: ess, chains: 10, runs: 2, kernel: {name: lipschitz, bound: 1.0}}
   ess lipschitz_growing: {plugin: ess, chains: 20, runs: 4, kernel: lipschitz_growing}
   ess surrogate: {plugin: ess, chains: 20, runs: 4, kernel: surrogate}
   ess bayesian ucb: {plugin: ess, chains: 10, runs: 2, kernel: bayesian}
-  ess bayesian ei: {plugin: ess, chains: 10, runs: 2, kernel: bayesian, acquisition: ei, xi: 0.1}
-  ess bayesian poi: {plugin: ess, chains: 10, runs: 2, kernel: bayesian, acquisition: poi}
+  ess bayesian ei:
+    {plugin: ess, chains: 10, runs: 2, kernel: {name: bayesian, acquisition: {name: ei, xi: 0.1}}}
+  ess bayesian poi: {plugin: ess, chains: 10, runs: 2, kernel: {name: bayesian, acquisition: poi}}
   ess_linear: {plugin: ess_linear, chains: 20, runs: 4}
   is learned: {plugin: is, rollouts: 6000, pilot: 500, stages: 3}
   is relative_error: {plugin: is, relative_error: 0.1}
   is climb: {plugin: is, rollouts: 6000, pilot: 500, stages: 3, climb: true}
-  is gaussian: {plugin: is, rollouts: 2000, proposal: {gaussian: {mean: 0.4}}}
+  is gaussian: {plugin: is, rollouts: 2000, proposal: {name: gaussian, mean: 0.4}}
   ce gaussian: {plugin: ce, rollouts: 500}
   smc learned: {plugin: smc, particles: 200, pilot: 500, stages: 2, runs: 4}
   smc: {plugin: smc, particles: 200, pilot: 500, stages: 2, runs: 4, proposal: none}
@@ -125,6 +126,15 @@ scenarios/merge_lidar.yaml:
 
 ``chunk`` is that of the scenario, small enough for a kill between two chunks.
 """
+FORMER_SPELLINGS = """\
+ess shrink bracket: {plugin: ess, chains: 20, runs: 4, kernel: shrink, bracket: 3.0}
+ess lipschitz: {plugin: ess, chains: 10, runs: 2, kernel: lipschitz, lipschitz: 1.0}
+ess bayesian ei: {plugin: ess, chains: 10, runs: 2, kernel: bayesian, acquisition: ei, xi: 0.1}
+ess bayesian poi: {plugin: ess, chains: 10, runs: 2, kernel: bayesian, acquisition: poi}
+is gaussian: {plugin: is, rollouts: 2000, proposal: {gaussian: {mean: 0.4}}}
+"""
+"""Blocks of cases in checkouts that have ``OPTIONS_IN_ONE_MODULE``."""
+OPTIONS_IN_ONE_MODULE = "plugins/avrare-estimators/src/avrare_estimators/config.py"
 
 
 @dataclass(frozen=True)
@@ -147,13 +157,14 @@ class Case:
         return f"{self.name}: {Path(self.scenario).name} {' '.join(self.settings)}"
 
 
-def list_cases(folder: Path) -> list[Case]:
-    """Return all cases; the tiny problems are written to ``folder``."""
+def list_cases(folder: Path, checkout: Path) -> list[Case]:
+    """Return all cases as a checkout spells them; the tiny problems are written to ``folder``."""
     paths = {"tiny": folder / "tiny.yaml", "tiny_with_twin": folder / "tiny_with_twin.yaml"}
     paths["tiny"].write_text(TINY)
     paths["tiny_with_twin"].write_text(TINY_WITH_TWIN)
+    former = yaml.safe_load(FORMER_SPELLINGS) if (checkout / OPTIONS_IN_ONE_MODULE).exists() else {}
     return [
-        Case(name, str(paths.get(scenario, scenario)), tuple(_list_settings(block)))
+        Case(name, str(paths.get(scenario, scenario)), tuple(_list_settings(former.get(name, block))))
         for scenario, cases in yaml.safe_load(CASES).items()
         for name, block in cases.items()
     ]
@@ -231,7 +242,7 @@ def measure_all(checkout: Path, pattern: str, processes: int) -> dict[str, dict[
     path = STORED_RESULTS / f"{commit}.json"
     numbers = json.loads(path.read_text()) if clean and path.exists() else {}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(processes) as pool:
-        cases = [case for case in list_cases(Path(folder)) if fnmatch(case.name, pattern)]
+        cases = [case for case in list_cases(Path(folder), checkout) if fnmatch(case.name, pattern)]
         new_cases = [case for case in cases if case.key not in numbers]
         print(f"{commit}: {len(new_cases)} cases to run, {len(cases) - len(new_cases)} stored", flush=True)
         jobs = {

@@ -19,8 +19,8 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.proposal_file import ProposalFile
-from avrare_estimators.importance.tape_mixture import TapeMixture
 from benchmarks.studies import truth
 
 DEFENSIVE = 0.25

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from avrare.protocols import Bools, Floats
-from avrare_estimators.ess.kernels.bayesian import GRID, Acquisition, Posterior
-from avrare_estimators.ess.kernels.lipschitz import free_angle
+from avrare_estimators.ess.kernels.elimination import free_angle
+from avrare_estimators.ess.kernels.stl_ess import GRID, Acquisition, Posterior
 
 _BLUE, _ORANGE, _GREY, _RED, _GREEN = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c", "#2e8b57"
 _CIRCLE = 2.0 * math.pi

@@ -21,7 +21,7 @@ import numpy as np
 
 import avrare
 from avrare.protocols import Floats
-from avrare_estimators.looks import Looks
+from avrare_estimators.common.looks import Looks
 from benchmarks.studies.run_intervals import interval_of_runs
 from benchmarks.studies.untuned_problems import untuned_problems
 

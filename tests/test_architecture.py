@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from avrare.plugin.first_party import FIRST_PARTY
+
 ROOT = Path(__file__).parents[1]
 CORE = sorted((ROOT / "avrare").rglob("*.py"))
 MODULES = [*CORE, *sorted(ROOT.glob("plugins/*/src/**/*.py"))]
@@ -79,10 +81,45 @@ def test_the_core_imports_no_plugin():
         assert not {name for name in imported(path) if name.startswith("avrare_")}, path
 
 
-def test_no_modules_import_each_other_circularly():
+OTHER_MEANINGS = {
+    ("analysis/causes/sensitivity.py", "is"): "the verb",
+    ("report/html/verdict.py", "is"): "the verb",
+    ("cli/main.py", "policy"): "a command, with the distribution to install for it",
+    ("cli/replay.py", "commonroad"): "a file format",
+    ("testing/problems.py", "linear"): "a problem with an exact answer",
+    ("testing/static_problems.py", "linear"): "a problem with an exact answer",
+    ("testing/conformance/description_checks.py", "gymnasium"): "a package that is heavy to import",
+    ("testing/conformance/description_checks.py", "ray"): "a package that is heavy to import",
+}
+"""Strings of the core that equal the name of a plugin's component, and mean something else."""
+
+
+def find_constants(path):
+    """Return the string constants of a module that are not docstrings."""
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    texts = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    constants = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in texts]
+    return {node.value for node in constants if isinstance(node.value, str)}
+
+
+def test_the_core_names_no_component_of_a_plugin():
+    names = {name for _, name in FIRST_PARTY}
+    assert {"ams", "ess_linear", "gp_pem"} <= names
+    modules = {path.relative_to(ROOT / "avrare").as_posix(): path for path in CORE}
+    named = {
+        (module, word)
+        for module, path in modules.items()
+        if module != "plugin/first_party.py"
+        for word in find_constants(path) & names
+    }
+    assert named == set(OTHER_MEANINGS)
+
+
+@pytest.mark.parametrize("package", ["avrare", "avrare_estimators"])
+def test_no_modules_import_each_other_circularly(package):
     import grimp
 
-    graph = grimp.build_graph("avrare", exclude_type_checking_imports=False)
+    graph = grimp.build_graph(package, exclude_type_checking_imports=False)
     for module in graph.modules:
         for imported_module in graph.find_modules_directly_imported_by(module):
             assert not graph.chain_exists(imported_module, module), (module, imported_module)

@@ -89,9 +89,9 @@ OPTIONS: dict[str, Options] = {
         "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
         **_OVERRIDES,
         **_RUN,
-        "--until relative_error=X|threshold=X": "run mc, is, smc, ams or ess until the relative error is at "
-        "most X, or mc until the interval excludes X",
-        "--learned FILE": "run is, smc or ams with FILE, the learned.json of another run, and no pilot",
+        "--until relative_error=X|threshold=X": "run until the relative error is at most X, or until the "
+        "interval excludes X, with an estimator that has this option",
+        "--learned FILE": "run with FILE, the learned.json of another run of the estimator, and no pilot",
         "--cross-check": "check each estimate by a smaller one of another family (as `cross_check: true`)",
         "--out DIR": "results folder (default: a new one under runs/)",
         "--resume DIR": "resume the interrupted run in this folder, or with a SCENARIO begin it there",

@@ -21,6 +21,7 @@ from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint, SaveError
 from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
 from avrare.estimation.result import with_verdict
+from avrare.plugin.registry import default_registry
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run
 from avrare.report.terminal.console import make_console, print_lines, print_table
@@ -39,6 +40,7 @@ from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.json_schema import scenario_schema
 from avrare.scenario.safe_mode import is_safe
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
@@ -48,12 +50,6 @@ _OPTIONS = {
     "estimator.relative_error": "--until relative_error", "estimator.threshold": "--until threshold",
 }  # fmt: skip
 """Keys of a scenario that an option sets, with the option."""
-_HAVE = {
-    "--learned": "add --estimator is, smc or ams: the one that has written the file",
-    "--until relative_error": "choose mc, is, smc, ams or ess with --estimator",
-    "--until threshold": "only mc stops at a threshold: add --estimator mc",
-}
-"""Which estimators have the option."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -111,10 +107,19 @@ def _by_option(text: str, hint: str | None, args: argparse.Namespace) -> tuple[s
     for key, option in _OPTIONS.items():
         if key not in written and text.startswith(f"--set {key}: "):
             reason = text.removeprefix(f"--set {key}: ")
-            if reason.startswith(UNKNOWN_KEY) and option in _HAVE:
-                return f"{option}: the scenario's estimator has no such option", _HAVE[option]
+            if reason.startswith(UNKNOWN_KEY):
+                names = _find_estimators(key.removeprefix("estimator."))
+                text = f"{option}: the scenario's estimator has no such option"
+                return text, f"add --estimator with one of {names}"
             return f"{option}: {reason}", hint
     return text, hint
+
+
+def _find_estimators(option: str) -> str:
+    """Return the names of the installed estimators that have this option."""
+    choices = scenario_schema(default_registry())["properties"]["estimator"]["oneOf"]
+    fields = [choice["properties"] for choice in choices]
+    return ", ".join(each["plugin"]["const"] for each in fields if option in each)
 
 
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval
 from avrare.estimation import health, intervals
 from avrare.estimation.auto_config import AutoConfig
@@ -35,6 +36,7 @@ from avrare.estimation.plan import Estimator, Execute, GaveUp, Plan, Refused
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import add_counts
 from avrare.estimation.stopping_rules import AtFailures, Stopping
+from avrare.plugin.component import AutoRole, Component
 from avrare.plugin.registry import default_registry
 from avrare.protocols import find_ability
 from avrare.rollout.problem import Problem
@@ -43,16 +45,8 @@ _SEED_KEY = 0xA070
 _PHASES = ("pilot", "learning", "trial")
 """Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
 only rows of stages that come later."""
-_STAGES = 20
-"""Most stages of learning: a small pilot climbs slowly. They take at most half of the rollouts anyway."""
-_CHECK = 0.3
-"""Share of the learned estimator's cross-check where no error is asked for that would say what it takes: its
-samples are small, and with less it often falls short."""
 _TRIAL = 2000
 """Most rollouts of a trial."""
-_BY_STEPS = ("smc", "ams")
-_BY_TAPE = ("ess",)
-"""Estimators to try where learning a proposal gave up: with steps to branch at, and without."""
 
 
 def build(config: AutoConfig, scene: object | None = None) -> Auto:
@@ -206,69 +200,58 @@ class _Work:
 
     def _rare(self, problem: Problem, evidence: FreshRows, before: list[_Attempt]) -> Result:
         spent, reason = list(before), self.aim.describe(evidence)
-        # 3. A proposal is learned; where nothing is, it gives up before any rollout counts.
-        result = self._learned(problem, evidence, spent)
-        # 4. A small trial of what climbs or branches decides on the rest by the gain it promises.
-        for name in _BY_STEPS if problem.steps else _BY_TAPE:
-            if result is None and self._trial(name, problem, evidence, spent):
-                result = self._counted(name, problem, evidence, spent)
-        if result is not None:
-            return self.told(self._against_pilot(result, evidence), reason, spent)
-        # 5. Nothing pays.
+        # 3. A candidate that gives up by itself just begins; a small trial decides on any other.
+        for component, role in default_registry().candidates():
+            if not role.fits(problem.steps):
+                continue
+            attempt = self._learn if role.gives_up else self._try
+            result = attempt(self._build(component, role), problem, evidence, spent)
+            if result is not None:
+                return self.told(self._against_pilot(result, evidence), reason, spent)
+        # 4. Nothing pays.
         tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
         (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
         return self.told(result, f"{reason}; tried in vain: {tried}", spent)
 
-    def _learned(self, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> Result | None:
-        options: dict[str, Any] = {
-            "pilot": max(200, self.aim.pilot),
-            "stages": _STAGES,
-            "fall_back": False,
-            "climb": True,
-        }
-        options |= {"check": _CHECK} if self.aim.goal is None else {"relative_error": self.aim.goal}
-        try:
-            estimator = self._build("is", options)
-            if estimator is None:
-                return None
-            settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent), seen=evidence)
-            return self.execute(problem, estimator, settings, f"{problem.names[0]}+is")[0]
-        except GaveUp as end:
-            spent.append(_Attempt.given_up("is", end))
-        except Refused as error:
-            spent.append(_Attempt("is", error.message))
-        return None
-
-    def _trial(self, name: str, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> bool:
-        rollouts = min(_TRIAL, self.aim.pilot)
-        if not self.aim.may_try(rollouts + sum(one.rollouts for one in spent), evidence):
-            return False
-        built = find_ability(self._build(name, {}), ScalesToCost)
-        probability = max(evidence.failures, 0.3) / evidence.rows
-        sized = built.scaled(rollouts, probability) if built is not None else None
-        if sized is None:
-            return False
-        try:
-            settings = self._of_phase("trial")
-            found = self.execute(problem, sized, settings, f"{problem.names[0]}+try-{name}")[0]
-        except Refused as error:
-            spent.append(_Attempt(name, error.message))
-            return False
-        cost = found.simulated_steps / problem.steps if problem.steps else found.rollouts
-        gain = promised_gain(evidence, found.probability, found.relative_error, cost)
-        spent.append(_Attempt.of(found, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
-        return pays(gain)
-
-    def _counted(
-        self, name: str, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
+    def _learn(
+        self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
     ) -> Result | None:
-        options = {} if self.aim.goal is None else {"relative_error": self.aim.goal}
-        settings = replace(self.settings, budget=self._budget(problem, spent), seen=evidence)
+        settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent), seen=evidence)
         try:
-            estimator = self._build(name, options)
-            return self.execute(problem, estimator, settings, f"{problem.names[0]}+{name}")[0]  # type: ignore[arg-type]
+            return self._run(estimator.name, estimator, problem, settings, spent)
+        except GaveUp as end:
+            spent.append(_Attempt.given_up(estimator.name, end))
+            return None
+
+    def _try(
+        self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
+    ) -> Result | None:
+        rollouts = min(_TRIAL, self.aim.pilot)
+        if not self.aim.may_try(rollouts + sum(attempt.rollouts for attempt in spent), evidence):
+            return None
+        scaling = find_ability(estimator, ScalesToCost)
+        probability = max(evidence.failures, 0.3) / evidence.rows
+        sized = scaling.scaled(rollouts, probability) if scaling is not None else None
+        if sized is None:
+            return None
+        trial = self._run(f"try-{estimator.name}", sized, problem, self._of_phase("trial"), spent)
+        if trial is None:
+            return None
+        cost = trial.simulated_steps / problem.steps if problem.steps else trial.rollouts
+        gain = promised_gain(evidence, trial.probability, trial.relative_error, cost)
+        spent.append(_Attempt.of(trial, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
+        if not pays(gain):
+            return None
+        settings = replace(self.settings, budget=self._budget(problem, spent), seen=evidence)
+        return self._run(estimator.name, estimator, problem, settings, spent)
+
+    def _run(
+        self, part: str, estimator: Estimator, problem: Problem, settings: Settings, spent: list[_Attempt]
+    ) -> Result | None:
+        try:
+            return self.execute(problem, estimator, settings, f"{problem.names[0]}+{part}")[0]
         except Refused as error:
-            spent.append(_Attempt(name, error.message))
+            spent.append(_Attempt(estimator.name, error.message))
             return None
 
     def _against_pilot(self, result: Result, evidence: FreshRows) -> Result:
@@ -318,12 +301,12 @@ class _Work:
         seed = np.random.SeedSequence(self.settings.seed, spawn_key=key).generate_state(1, np.uint64)[0]
         return replace(self.settings, seed=int(seed), budget=None)
 
-    def _build(self, name: str, options: dict[str, Any]) -> Estimator | None:
-        if name not in default_registry().names("estimator"):
-            return None
-        component = default_registry().get("estimator", name)
-        model = component.load_config()
-        options |= {"memory": self.config.memory} if "memory" in model.model_fields else {}
+    def _build(self, component: Component, role: AutoRole) -> Estimator:
+        model, goal = component.load_config(), self.aim.goal
+        shared = {"memory": self.config.memory} | ({} if goal is None else {"relative_error": goal})
+        options = {name: value for name, value in shared.items() if name in model.model_fields}
+        if role.options:
+            options |= late_import(role.options)(goal, self.aim.pilot)
         return component.load_factory()(model(**options), None)  # type: ignore[no-any-return]
 
 

@@ -7,9 +7,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from avrare.base.memory import MEMORY_OPTION
 from avrare.plugin.registry import default_registry
 
-CANDIDATES = ("is", "smc", "ams", "ess")
-"""Estimators of rare events that may be chosen, where they are installed."""
-
 
 class AutoConfig(BaseModel):
     """Options of the choice: a Monte Carlo pilot decides, by rules that are fixed before it runs."""
@@ -41,6 +38,5 @@ class AutoConfig(BaseModel):
     @property
     def used_versions(self) -> dict[str, str]:
         """Versions of the installed distributions that a chosen estimator may come from."""
-        known = default_registry().names("estimator")
-        rows = [default_registry().find("estimator", name) for name in CANDIDATES if name in known]
-        return {row.distribution: row.version for row in rows if row.distribution}
+        registry = default_registry()
+        return registry.versions(candidate for candidate, _ in registry.candidates())

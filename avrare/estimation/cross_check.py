@@ -20,11 +20,13 @@ from avrare.base.number_format import format_interval, format_percent, format_pr
 from avrare.estimation import health
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Settings, check_system, planned
+from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.note import Note
 from avrare.estimation.plan import Estimator
 from avrare.estimation.result import CrossCheckResult, Result
+from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
-from avrare.protocols import OffersWeights, find_ability
+from avrare.protocols import NeedsCapabilities, find_ability
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import CrossCheck
 from avrare.scenario.validation import check_options
@@ -41,8 +43,6 @@ _FREQUENT = 1e-2
 """Probability from which on Monte Carlo checks."""
 _NOMINAL = 1e-4
 """Probability that stands for an estimate of 0 where the size of its check is chosen."""
-_CHECKERS = {"ess": "ams", "ess_linear": "ams", "mc": "ams"}
-"""Estimator to its check; ess for all others."""
 _VERBS = {"agree": "agrees", "disagree": "disagrees", "inconclusive": "is inconclusive"}
 _SEED_KEY = 0xC4EC
 
@@ -141,26 +141,38 @@ def shared_by(result: Result, group: int) -> int:
 def _choose(
     check: CrossCheck, problem: Problem, result: Result, settings: Settings
 ) -> tuple[str, ScalesToCost | None]:
-    chosen = check.estimator or _CHECKERS.get(result.estimator, "ess")
-    if check.estimator is None and result.estimator != "mc" and result.probability >= _FREQUENT:
-        chosen = "mc"
-    if chosen == "ams" and not problem.steps:  # nothing to branch from
-        chosen = "ess"
-    for name in dict.fromkeys((chosen, "mc")):
-        component = default_registry().get("estimator", name)
-        built = component.load_factory()(component.load_config()(), None)
-        sizes = find_ability(built, ScalesToCost)
-        if sizes and not result.estimator.startswith(name) and _can_run(built, problem, settings):
-            return name, sizes
-    return chosen, None
+    """Return the name of the estimator that checks, and the estimator itself; None where none can run."""
+    checkers = _rank_checkers(check, result)
+    for checker in checkers:
+        estimator = checker.load_factory()(checker.load_config()(), None)
+        scaling = find_ability(estimator, ScalesToCost)
+        if scaling is not None and _can_run(estimator, problem, settings):
+            return checker.name, scaling
+    return checkers[0].name if checkers else "", None
+
+
+def _rank_checkers(check: CrossCheck, result: Result) -> list[Component]:
+    """Return the estimators of other families that can check, the most suitable first."""
+    registry, frequent = default_registry(), result.probability >= _FREQUENT
+    family = registry.family(result.estimator)
+    ranks = {}
+    for checker in registry.checkers():
+        role = checker.cross_check
+        if role is not None and checker.family != family:
+            chosen, counts = checker.name == check.estimator, frequent and checker.name == MonteCarlo.name
+            ranks[not chosen, not counts, family not in role.first_for, role.order, checker.name] = checker
+    return [ranks[rank] for rank in sorted(ranks)]
 
 
 def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool:
+    needing = find_ability(estimator, NeedsCapabilities)
+    if needing is not None and "branches" in needing.needs and not problem.steps:
+        return False
     try:
         check_system(planned(problem, estimator, settings)[0], estimator)
     except UsageError:
         return False
-    return estimator.name == "ess" or find_ability(problem.system, OffersWeights) is None
+    return True
 
 
 def compare(result: Result, found: Result) -> tuple[str, float]:
@@ -200,5 +212,6 @@ def _add_nothing(result: Result, check: CrossCheck, name: str, reason: str) -> R
 
 
 def _add(result: Result, cross_check: CrossCheckResult, details: str) -> Result:
-    text = f"Cross-check by {cross_check.estimator} {_VERBS[cross_check.outcome]}: {details}."
+    checker = f" by {cross_check.estimator}" if cross_check.estimator else ""
+    text = f"Cross-check{checker} {_VERBS[cross_check.outcome]}: {details}."
     return replace(result, cross_check=cross_check, notes=(*result.notes, Note("cross_check", text)))

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from statistics import median
 
-from avrare.base.health_messages import MESSAGES
-
-FEWEST_ROOTS = 15
-MOST_TIES = 2.0
-"""Ratio of discarded to requested particles, median over the levels."""
-LEAST_EFFECTIVE = 15.0
-LARGEST_SHARE = 0.3
-LARGEST_DEVIATION = 4.0
-LARGEST_MEAN_ERROR = 0.5
+from avrare.base.health_messages import MESSAGES, fill
 
 
 def warn(name: str, **values: object) -> dict[str, str]:
-    """Return one named warning with its message filled in."""
-    return {name: MESSAGES[name].format(**values)}
+    """Return one of the core's warnings with its text filled in."""
+    return fill(MESSAGES, name, **values)
 
 
 def check_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[str]) -> dict[str, str]:
@@ -28,42 +19,3 @@ def check_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[
     return warn(
         "errors", errors=errors, rollouts=rollouts, allowed=allowed, message="; ".join(messages[:2]) or "?"
     )
-
-
-def check_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
-    """Return a warning when most levels, of all runs, discard many more particles than ``discard``."""
-    if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
-        return {}
-    return warn("ties", share=typical / particles, discard=discard)
-
-
-def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
-    """Return the warnings on splitting runs; ``roots``: first particles whose descendants survive."""
-    runs = len(values)
-    found = warn("single_run") if runs == 1 else {}
-    if not any(values):
-        return found | warn("extinct", runs=runs)
-    if extinct:
-        found |= warn("extinct_runs", extinct=extinct, runs=runs)
-    if median(roots) < FEWEST_ROOTS:
-        found |= warn("few_roots", least=FEWEST_ROOTS)
-    return found
-
-
-def check_weights(mean: float, error: float, effective: float, largest: float) -> dict[str, str]:
-    """Return the warnings on importance weights.
-
-    Args:
-        mean: Mean weight.
-        error: Standard error of the mean weight.
-        effective: Effective number of failing contributions; 0 without failures.
-        largest: The largest contribution's share of the estimate.
-    """
-    found: dict[str, str] = {}
-    if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
-        found |= warn("weight_mean", mean=mean, error=error)
-    if effective == 0.0:
-        return found | warn("no_failures")
-    if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
-        found |= warn("weight_degenerate", effective=effective, largest=largest)
-    return found

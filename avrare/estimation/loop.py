@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 from avrare.base.errors import Interrupted, UsageError
-from avrare.base.health_messages import MESSAGES, check_names
+from avrare.base.health_messages import MESSAGES
 from avrare.estimation.budget import Budget
 from avrare.estimation.cost_forecast import CostForecast
 from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
@@ -28,7 +28,15 @@ from avrare.estimation.plan import (
 )
 from avrare.estimation.result import Result
 from avrare.estimation.result_builder import examined
-from avrare.protocols import NeedsCapabilities, PreparesProblem, RebuildsCarries, StopsEarly, find_ability
+from avrare.plugin.registry import default_registry
+from avrare.protocols import (
+    NeedsCapabilities,
+    PreparesProblem,
+    RebuildsCarries,
+    StopsEarly,
+    find_ability,
+    find_notes,
+)
 from avrare.rollout.chunk_size import spread
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces, run_errand
@@ -134,7 +142,8 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
     """Prepare the problem and the plan; run nothing."""
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
-    check_names(settings.suppress)
+    notes = find_notes(problem.system)
+    default_registry().check_suppressed(name for name in settings.suppress if name not in notes)
     if estimator.single and len(problem.names) > 1:
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"

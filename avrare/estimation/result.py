@@ -252,7 +252,7 @@ class Result:
         """Replay the least robust rollout, or the kept failure ``index``; see ``Problem.trace``.
 
         Raises:
-            UsageError: There is no such failure, or the result was not made in this process.
+            UsageError: There is no such failure, or the result does not know its problem.
         """
         return render("trace_result", self, index)
 
@@ -267,7 +267,7 @@ class Result:
             ``avrare.analysis.causes.kinds.Kinds``, a sequence with ``table()`` that prints itself.
 
         Raises:
-            UsageError: There are no failures, or the result was not made in this process.
+            UsageError: There are no failures, or the result does not know its problem.
         """
         return render("find_kinds", self, max_kinds, method)
 
@@ -283,7 +283,7 @@ class Result:
             ``avrare.analysis.causes.attribution.Attribution``, which prints itself.
 
         Raises:
-            UsageError: There are fewer than two failures, or the result was not made in this process.
+            UsageError: There are fewer than two failures, or the result does not know its problem.
         """
         return render("attribute_failures", self, fresh, channels, workers)
 
@@ -291,7 +291,7 @@ class Result:
         """Write the result as one HTML file and return its path.
 
         Raises:
-            UsageError: The file cannot be written, or the result was not made in this process.
+            UsageError: The file cannot be written, or the result does not know its problem.
         """
         return Results([self]).report(path)
 

@@ -6,8 +6,8 @@ A component is described by names and import strings, so listing and validating 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import pluggy
@@ -76,6 +76,45 @@ class RuleCard:
 
 
 @dataclass(frozen=True)
+class CheckRole:
+    """Role of an estimator that can cross-check estimates of other families.
+
+    Attributes:
+        order: Of two estimators that can check, the one with the smaller number does.
+        first_for: Families whose estimates it checks before all others, whatever their numbers.
+    """
+
+    order: int
+    first_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class AutoRole:
+    """Role of an estimator that ``auto`` may choose where failures are too rare for Monte Carlo.
+
+    Attributes:
+        order: Candidates with smaller numbers are tried first.
+        with_steps: True: for problems with steps only; False: for those without; None: for both.
+        gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
+            candidate has ``scaled`` (``avrare.estimation.cross_check.ScalesToCost``), and is chosen where a
+            small trial of it promises a gain.
+        options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
+            to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.
+            ``relative_error`` and ``memory`` are given to estimators that have them. Must import nothing
+            heavy.
+    """
+
+    order: int
+    with_steps: bool | None = None
+    gives_up: bool = False
+    options: str = ""
+
+    def fits(self, steps: int) -> bool:
+        """Return whether it is a candidate for problems with so many steps."""
+        return self.with_steps in (None, steps > 0)
+
+
+@dataclass(frozen=True)
 class Component:
     """Part that a scenario can name with ``plugin:``.
 
@@ -98,6 +137,13 @@ class Component:
             the folder that their paths may be relative to; returns options to add or to put in their place,
             laws among them. Raises a ``UsageError`` where such a file is wrong. Must import nothing heavy.
         driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
+        warnings: Health warnings that the component may raise, name to text; a scenario may suppress them.
+            A text may have {placeholders} (``avrare.base.health_messages.fill``).
+        family: Method of an estimator: estimators of one family do not cross-check each other. Default: its
+            name.
+        cross_check: Role of an estimator in cross-checks; it then has ``scaled``
+            (``avrare.estimation.cross_check.ScalesToCost``). None: it checks no others.
+        auto: Role of an estimator in ``auto``; None: it is never chosen.
     """
 
     kind: str
@@ -111,6 +157,14 @@ class Component:
     check: str = ""
     complete: str = ""
     driving: bool = False
+    warnings: Mapping[str, str] = field(default_factory=dict, hash=False)
+    family: str = ""
+    cross_check: CheckRole | None = None
+    auto: AutoRole | None = None
+
+    def __post_init__(self) -> None:
+        """Take the name for the family where none is given."""
+        object.__setattr__(self, "family", self.family or self.name)
 
     def load_config(self) -> type[BaseModel]:
         """Import the pydantic model of the options."""

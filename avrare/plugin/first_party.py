@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from avrare.plugin.component import Component, hookimpl
+from avrare.plugin.component import CheckRole, Component, hookimpl
 
 
 @hookimpl
@@ -22,6 +22,7 @@ def avrare_components() -> list[Component]:
             config="avrare.estimation.monte_carlo_config:McConfig",
             factory="avrare.estimation.monte_carlo:build",
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
+            cross_check=CheckRole(order=90),
         ),
         Component(
             kind="estimator",

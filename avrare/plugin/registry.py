@@ -8,14 +8,16 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
+from types import NoneType
 from typing import Any, Literal
 
 import pluggy
 
 from avrare.base import version
-from avrare.base.errors import PluginError, did_you_mean
+from avrare.base.errors import PluginError, UsageError, did_you_mean
+from avrare.base.health_messages import MESSAGES
 from avrare.plugin import first_party
-from avrare.plugin.component import API_VERSION, GROUP, KINDS, Component, HookSpecs
+from avrare.plugin.component import API_VERSION, GROUP, KINDS, AutoRole, CheckRole, Component, HookSpecs
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
 
 VARIABLE = "AVRARE_PLUGINS"
@@ -129,6 +131,48 @@ class Registry:
         """Return the names of the components of a kind."""
         return sorted({row.name for row in self._rows if row.kind == kind})
 
+    def usable(self, kind: str) -> list[Component]:
+        """Return the components of a kind that can be built, by name."""
+        rows = [self._checked(row) for row in self._rows if row.kind == kind]
+        components = [row.component for row in rows if row.status == "ok" and row.component is not None]
+        return sorted(components, key=lambda component: component.name)
+
+    def checkers(self) -> list[Component]:
+        """Return the estimators that can cross-check others."""
+        return [component for component in self.usable("estimator") if component.cross_check is not None]
+
+    def candidates(self) -> list[tuple[Component, AutoRole]]:
+        """Return the estimators that ``auto`` may choose, in the order in which it tries them."""
+        estimators = self.usable("estimator")
+        pairs = [(component, component.auto) for component in estimators if component.auto is not None]
+        return sorted(pairs, key=lambda pair: pair[1].order)
+
+    def family(self, estimator: str) -> str:
+        """Return the family of an estimator; its name where it is not installed."""
+        rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", estimator)]
+        return next((row.component.family for row in rows if row.component is not None), estimator)
+
+    def versions(self, components: Iterable[Component]) -> dict[str, str]:
+        """Return the versions of the distributions that these components come from."""
+        rows = [self.find(component.kind, component.name) for component in components]
+        return {row.distribution: row.version for row in rows if row.distribution}
+
+    def warnings(self) -> dict[str, str]:
+        """Return the texts of all health warnings, the core's and those of the components, by name."""
+        declared = [row.component.warnings for row in self._rows if row.component is not None]
+        return {**MESSAGES, **{name: text for texts in declared for name, text in texts.items()}}
+
+    def check_suppressed(self, names: Iterable[str]) -> None:
+        """Raise a ``UsageError`` for a name of no health warning, and for a warning that must be shown."""
+        for name in names:
+            if name == "errors":
+                raise UsageError(
+                    "health warning 'errors' cannot be suppressed", "raise max_error_rate instead"
+                )
+            if name not in MESSAGES and name not in (texts := self.warnings()):
+                hint = did_you_mean(name, texts.keys() - {"errors"})
+                raise UsageError(f"there is no health warning {name!r}", hint)
+
     def find(self, kind: str, name: str) -> Row:
         """Return the row of the component ``name``; its dependencies may be missing.
 
@@ -204,12 +248,17 @@ def _row(item: object, distribution: str, version: str) -> Row:
     if item.kind not in KINDS:
         known = ", ".join(KINDS)
         raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
-    for field in ("name", "summary", "config", "factory", "rules", "check"):
+    for field in ("name", "summary", "config", "factory", "rules", "check", "family"):
         value = getattr(item, field)
         is_reference = field in ("config", "factory") or (field in ("rules", "check") and value)
         if not isinstance(value, str) or (is_reference and ":" not in value):
             text = f"component {item.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)
+    for field, role in (("cross_check", CheckRole), ("auto", AutoRole)):
+        if not isinstance(value := getattr(item, field), (role, NoneType)):
+            raise TypeError(f"component {item.name!r}: {field} is {value!r}, not of type {role.__name__}")
+    if not all(isinstance(word, str) for pair in item.warnings.items() for word in pair):
+        raise TypeError(f"component {item.name!r}: warnings should be texts by name, not {item.warnings!r}")
     fits = item.api == API_VERSION
     detail = "" if fits else f"written for plugin interface {item.api}; this avrare has {API_VERSION}"
     status: Status = "ok" if fits else "incompatible"

@@ -75,7 +75,7 @@ def _check_memoryless(perception: Any) -> None:
         raise UsageError(
             f"the likelihood ratio is unknown: the errors of {type(perception).__name__} last over steps",
             "set its persistence to 0, or give a proposal of the noise: "
-            "{gaussian: {mean: ..., std: ...}}, or an object with sample(rng, n) and log_ratio(noise)",
+            "{name: gaussian, mean: ..., std: ...}, or an object with sample(rng, n) and log_ratio(noise)",
         )
 
 

@@ -22,6 +22,9 @@ def scenario_schema(registry: Registry) -> Schema:
         if kind in _OPTIONAL:
             choices.append({"type": "null"})
         properties[kind] = {"description": properties[kind]["description"], "oneOf": choices}
+    properties["suppress"]["items"]["enum"] = sorted(registry.warnings().keys() - {"errors"})
+    checkers = [checker.name for checker in registry.checkers()]
+    definitions["CrossCheck"]["properties"]["estimator"]["anyOf"][0]["enum"] = checkers
     formula = Formula.model_json_schema()
     choices = [formula, *_choices(registry, "specification", definitions)]
     properties["specifications"]["additionalProperties"] = {"oneOf": choices}

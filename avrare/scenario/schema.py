@@ -18,8 +18,7 @@ from pydantic import (
 )
 
 from avrare.base import version
-from avrare.base.errors import UsageError
-from avrare.base.health_messages import MESSAGES, check_names
+from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.scenario.draws import Draws
@@ -130,13 +129,24 @@ class Regression(_Model):
         return 2.0 * self.ratio if self.exclude is None else self.exclude
 
 
+def _checker(name: str) -> str:
+    try:
+        component = default_registry().get("estimator", name)
+    except PluginError as error:
+        raise error_with_hint(error.message, error.hint) from None
+    if component.cross_check is None:
+        names = ", ".join(checker.name for checker in default_registry().checkers())
+        raise error_with_hint(f"estimator {name!r} checks no others", f"estimators that do: {names}")
+    return name
+
+
 class CrossCheck(_Model):
     """A second, smaller estimate by an estimator of another family, which the first must agree with."""
 
-    estimator: Literal["ams", "ess", "mc"] | None = Field(
+    estimator: Annotated[str, AfterValidator(_checker)] | None = Field(
         default=None,
-        description="estimator that checks; default: ess, or ams for ess and mc; mc where failures are not "
-        "rare, or where the simulator allows no other",
+        description="estimator that checks; default: the first of another family that can run the system; mc "
+        "where failures are not rare",
     )
     share: float = Field(
         default=0.15, gt=0.0, le=1.0, description="cost of the check as a share of the estimate's own"
@@ -145,15 +155,16 @@ class CrossCheck(_Model):
     @property
     def versions(self) -> dict[str, str]:
         """Versions of the installed distributions that the checking estimator may come from."""
-        names = [self.estimator] if self.estimator else ["ams", "ess", "mc"]
-        known = default_registry().names("estimator")
-        rows = [default_registry().find("estimator", name) for name in names if name in known]
-        return {row.distribution: row.version for row in rows if row.distribution}
+        registry = default_registry()
+        checkers = registry.checkers()
+        return registry.versions(each for each in checkers if self.estimator in (None, each.name))
 
     def find_conflict(self, estimator: str) -> str | None:
         """Return why this check cannot be that of ``estimator``, None where it can."""
-        same = self.estimator is not None and estimator.startswith(self.estimator)
-        return f"{self.estimator} is of the same family as {estimator}" if same else None
+        family = default_registry().family
+        if self.estimator is None or family(self.estimator) != family(estimator):
+            return None
+        return f"{self.estimator} is of the same family as {estimator}"
 
 
 def _as_cross_check(value: Any) -> Any:
@@ -164,17 +175,13 @@ def _as_cross_check(value: Any) -> Any:
 
 def _suppressible(name: str) -> str:
     try:
-        check_names((name,))
+        default_registry().check_suppressed((name,))
     except UsageError as error:
         raise error_with_hint(error.message, error.hint) from None
     return name
 
 
-HealthWarning = Annotated[
-    str,
-    AfterValidator(_suppressible),
-    WithJsonSchema({"type": "string", "enum": [name for name in MESSAGES if name != "errors"]}),
-]
+HealthWarning = Annotated[str, AfterValidator(_suppressible)]
 
 
 class Cheap(_Model):

@@ -1,4 +1,4 @@
-"""Features: numbers that tell how a rollout may go on, for potentials that are learnt (``smc``).
+"""Features: numbers that tell how a rollout may go on, for estimators that learn it.
 
 A part declares what it knows best (``HasFeatures``). Where it declares nothing, a closed loop offers what
 every driving stack has: positions and speeds, what the tracker believes against the truth, the plan. A system

@@ -84,7 +84,7 @@ def autocorrelated_size(hit: Bools) -> Floats:
 
     N / (1 + g) with g = 2 sum_k (1 - k/P) r_k, r_k the correlation at lag k over all chains. It covers the
     dependence within a chain, not that of chains with a common seed; ``effective_samples`` of
-    ``avrare_estimators.ess.levels`` uses the scatter of the chains' means.
+    ``avrare_estimators.common.chains.levels`` uses the scatter of the chains' means.
 
     Args:
         hit: (A, P, C) sample p of chain c is a hit.

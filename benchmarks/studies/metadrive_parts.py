@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 import avrare
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.rollout.problem import Problem
+from avrare_estimators.common import health
 
 Part = dict[str, Any]
 Clock = Callable[[], float]

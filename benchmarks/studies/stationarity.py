@@ -17,7 +17,7 @@ from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
-from avrare_estimators.ess.chains import Draw, Kernel, Points
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Points
 
 _BLOCK = 20_000
 """Number of tapes drawn at once in search of starts."""
@@ -63,14 +63,20 @@ def exact_starts(problem: Problem, level: float, chains: int, seed: int = 0) -> 
 
 
 def drift(
-    problem: Problem, kernel: Kernel, known: Any, starts: Points, level: float, steps: int = 10, seed: int = 1
+    problem: Problem,
+    kernel: Kernel,
+    tuning: Any,
+    starts: Points,
+    level: float,
+    steps: int = 10,
+    seed: int = 1,
 ) -> Drift:
     """Move exact starts by some steps of a kernel.
 
     Args:
         problem: Problem with the score of the level.
         kernel: Kernel to be judged.
-        known: What it has learnt, one row, frozen.
+        tuning: What it has learnt, one row, frozen.
         starts: Points from ``exact_starts``.
         level: Level of the starts.
         steps: Steps of every chain.
@@ -78,10 +84,10 @@ def drift(
     """
     many = len(starts.score)
     noise, zeros = NoiseSource(seed, problem.noise_size), np.zeros(many, dtype=np.int64)
-    known, state, asked, accepted = batch.take(known, zeros), starts, 0, 0
+    tuning, state, asked, accepted = batch.take(tuning, zeros), starts, 0, 0
     for step in range(steps):
         draw = Draw(noise, problem.steps, zeros, 1 + step, np.arange(many))
-        move = kernel.start(known, state, np.full(many, level), draw)
+        move = kernel.start(tuning, state, np.full(many, level), draw)
         while len(move.waiting):
             asked += len(move.waiting)
             move = kernel.tell(move, rolled_out(problem, move.proposal))

@@ -13,7 +13,7 @@ from studies.error_analysis import (
 import avrare
 from avrare.base.errors import UsageError
 from avrare.testing.static_problems import conjunction
-from avrare_estimators.ess.levels import effective_samples, r_hat
+from avrare_estimators.common.chains.levels import effective_samples, r_hat
 
 
 def products(levels, samples, share, many=200_000, seed=0):

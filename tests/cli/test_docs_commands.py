@@ -37,9 +37,7 @@ ELSEWHERE = {
 
 NOT_RUN = {
     r"make .*": "sets up or uses the checkout's environment; continuous integration runs the targets",
-    r"(ray/bin/)?pip install .*": "installs; tests/packaging/test_wheels.py installs the wheels",
-    r"python -m venv .*": "installs",
-    r"ray/bin/python -m pytest .*": "the tests of the plugin, in an environment that has ray",
+    r"pip install .*": "installs; tests/packaging/test_wheels.py installs the wheels",
     r"python (benchmarks/|-m benchmarks\.).*": "a study of minutes to hours, whose results the page shows",
     r"export .*": "sets a variable of the reader's shell",
     r"avrare run .* --executor ray .*": "needs a cluster; plugins/avrare-ray has tests of the executor",

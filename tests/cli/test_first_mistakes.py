@@ -61,6 +61,15 @@ def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
 
 
 @pytest.mark.parametrize(
+    ("option", "names"),
+    [(("--learned", "learned.json"), "ams, is, smc"), (("--until", "threshold=1e-3"), "auto, mc")],
+)
+def test_an_option_that_the_estimator_lacks_names_those_that_have_it(said, option, names):
+    hint = said("run", "t.yaml", "--estimator", "ce", *option).splitlines()[1]
+    assert hint == f"hint: add --estimator with one of {names}"
+
+
+@pytest.mark.parametrize(
     "words",
     [
         ("run", "t.yaml", "--budget", "rollouts=0"),

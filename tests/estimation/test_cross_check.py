@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -131,10 +132,30 @@ def test_another_family_checks(name, options, changes, checker):
 def test_one_of_the_same_family_is_refused():
     with pytest.raises(UsageError, match="ams is of the same family as ams"):
         avrare.estimate(problem(), "ams", cross_check={"estimator": "ams"})
+    with pytest.raises(UsageError, match="ess is of the same family as ess_linear"):
+        avrare.estimate(problem(), "ess_linear", cross_check={"estimator": "ess"})
     with pytest.raises(UsageError, match="unknown option 'shares'"):
         avrare.estimate(problem(), "ams", cross_check={"shares": 0.2})
     with pytest.raises(UsageError, match="cross_check must be"):
         avrare.estimate(problem(), "ams", cross_check="ess")
+
+
+def test_only_an_estimator_that_checks_others_is_accepted():
+    with pytest.raises(UsageError, match="estimator 'is' checks no others") as caught:
+        avrare.estimate(problem(), "ams", cross_check={"estimator": "is"})
+    assert caught.value.hint == "estimators that do: ams, ess, mc"
+    with pytest.raises(UsageError, match="unknown estimator 'esss'") as caught:
+        avrare.estimate(problem(), "ams", cross_check={"estimator": "esss"})
+    assert caught.value.hint == "did you mean 'ess'?"
+
+
+def test_a_system_that_cannot_branch_is_checked_by_what_needs_none():
+    class Closed(systems.Walk):
+        lacks = MappingProxyType({"branches": "its states are out of reach"})
+
+    closed = avrare.Problem(Closed(), avrare.stl("always (x < 0.9)"), steps=20)
+    result = avrare.estimate(closed, "mc", seed=1, rollouts=300, cross_check=WHOLE)
+    assert result.cross_check.estimator == "ess"
 
 
 def test_the_estimate_itself_is_not_changed():

@@ -16,13 +16,13 @@ from avrare.estimation.monte_carlo_config import McConfig
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.worlds.determinism import probe
-from avrare_estimators.config import IsConfig
+from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.importance_sampling import ImportanceSampling
 
 OPTIONS = {
     "mc": {"rollouts": 400},
     "ams": {"particles": 60, "discard": 10, "runs": 2},
-    "is": {"rollouts": 300, "proposal": {"gaussian": {"mean": 0.3}}},
+    "is": {"rollouts": 300, "proposal": {"name": "gaussian", "mean": 0.3}},
     "ce": {"rollouts": 120},
     "smc": {"particles": 40, "runs": 2, "pilot": 200, "stages": 1, "times": 3},
 }

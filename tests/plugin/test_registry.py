@@ -3,7 +3,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from avrare.base.errors import PluginError
+from avrare.base.errors import PluginError, UsageError
 from avrare.plugin import Component, hookimpl
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
 from avrare.plugin.registry import Registry
@@ -103,12 +103,26 @@ def test_a_broken_plugin_is_a_row_and_does_not_disturb_others(tmp_path, monkeypa
         (part(config="json"), "config is 'json'"),
         (part(factory=None), "factory is None"),
         (part(name=3), "name is 3"),
+        (part(cross_check=True), "cross_check is True, not of type CheckRole"),
+        (part(auto=10), "auto is 10, not of type AutoRole"),
+        (part(warnings={"worn": 3}), "warnings should be texts by name, not {'worn': 3}"),
     ],
 )
 def test_descriptions_are_verified(bad, words):
     registry = with_plugins(odd=Plugin(part("fine"), bad))
     assert words in the_row(registry, "odd").detail
     assert registry.names("tracker") == []
+
+
+def test_components_declare_warnings_that_can_be_suppressed():
+    registry = with_plugins(a=Plugin(part(warnings={"worn_tyres": "{grip} of the grip is left"})))
+    assert {"errors", "outliers", "worn_tyres"} <= set(registry.warnings())
+    registry.check_suppressed(["worn_tyres", "outliers"])
+    with pytest.raises(UsageError, match="no health warning 'worn_tires'") as caught:
+        registry.check_suppressed(["outliers", "worn_tires"])
+    assert caught.value.hint == "did you mean 'worn_tyres'?"
+    with pytest.raises(UsageError, match="cannot be suppressed"):
+        registry.check_suppressed(["errors"])
 
 
 def test_another_interface_version_is_incompatible():

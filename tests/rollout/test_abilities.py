@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import avrare
 from avrare.protocols import (
     CountsEvents,
     HasScene,
@@ -10,6 +11,7 @@ from avrare.protocols import (
     find_notes,
     forward_abilities,
 )
+from avrare.testing.faulty_systems import Walk
 
 
 class Part:
@@ -66,3 +68,12 @@ def test_notes_are_those_of_the_simulator():
 
     assert find_notes(Loop()) == find_notes(Simulator()) == {"model_error": "the law is fitted"}
     assert find_notes(Part()) == {}
+
+
+def test_a_note_of_a_system_can_be_suppressed():
+    class Noted(Walk):
+        notes = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
+
+    problem = avrare.Problem(Noted(), avrare.stl("always (x < 0.1)"), steps=3)
+    assert avrare.estimate(problem, "mc", rollouts=20).health == Noted.notes
+    assert not avrare.estimate(problem, "mc", rollouts=20, suppress=["worn_tyres"]).health

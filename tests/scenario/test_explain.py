@@ -160,8 +160,13 @@ def test_the_names_of_suppressed_warnings_are_checked_one_by_one(fails, read, go
 
 def test_the_schema_lists_the_warnings_that_can_be_suppressed(registry):
     names = scenario_schema(registry)["properties"]["suppress"]["items"]["enum"]
-    assert {"ties", "extinct", "not_deterministic"} <= set(names)
+    assert {"outliers", "not_deterministic", "stuck"} <= set(names)
     assert "errors" not in names
+
+
+def test_the_schema_lists_the_estimators_that_can_check(registry):
+    options = scenario_schema(registry)["$defs"]["CrossCheck"]["properties"]
+    assert options["estimator"]["anyOf"] == [{"enum": ["mc"], "type": "string"}, {"type": "null"}]
 
 
 class _Normal(BaseModel):

@@ -176,7 +176,7 @@ def reference(limit, samples=300_000):
         ("mc", {"rollouts": 8000}),
         ("ams", {"particles": 100, "discard": 10}),
         ("ess", {"chains": 100}),
-        ("is", {"rollouts": 8000, "proposal": {"gaussian": {"std": 1.3}}}),
+        ("is", {"rollouts": 8000, "proposal": {"name": "gaussian", "std": 1.3}}),
     ],
 )
 def test_estimators_agree_with_the_exact_covariance(estimator, options):

@@ -120,12 +120,24 @@ def check_name(name):
 @cache
 def choices():
     """Return the values that each option of a component may have, where its schema lists them."""
-    values, schemas = {}, [component.load_config().model_json_schema() for component in COMPONENTS]
-    for schema in schemas:
-        schemas += schema.get("$defs", {}).values()
-        for option, description in schema.get("properties", {}).items():
-            values.setdefault(option, set()).update(description.get("enum", ()))
+    values = {}
+    for component in COMPONENTS:
+        schema = component.load_config().model_json_schema()
+        definitions = schema.get("$defs", {})
+        for model in (schema, *definitions.values()):
+            for option, description in model.get("properties", {}).items():
+                values.setdefault(option, set()).update(list_values(description, definitions))
     return values
+
+
+def list_values(description, definitions):
+    """Yield the values of an enumeration, and the tags of the members of a union."""
+    yield from description.get("enum", ())
+    for member in (*description.get("anyOf", ()), *description.get("oneOf", ())):
+        yield from list_values(member, definitions)
+    if reference := description.get("$ref"):
+        fields = definitions[reference.rpartition("/")[2]].get("properties", {}).values()
+        yield from (field["const"] for field in fields if "const" in field)
 
 
 @cache

@@ -28,7 +28,6 @@ from avrare.analysis.causes.noise_groups import (
     list_groups,
     make_perfect,
 )
-from avrare.analysis.causes.origin import require_problem
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.records import Records
@@ -290,8 +289,8 @@ def attribution_of_result(
     result: Result, fresh: int = _FRESH, channels: bool = False, workers: int = 1
 ) -> Attribution:
     """Return the attribution of a result that was made in this process."""
-    problem = require_problem(result)
-    seed = result.origin.seed if result.origin is not None else 0
+    origin = result.require_origin()
+    problem, seed = origin.problem, origin.seed
     return attribute(
         problem, FailureSample.of(result), seed=seed, fresh=fresh,
         groups=list_groups(problem, channels=channels), runner=TapeRunner(workers),

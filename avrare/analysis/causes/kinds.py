@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from avrare.analysis.causes.clusters import find_clusters
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.first_violation import FirstViolation, find_first_violation
-from avrare.analysis.causes.origin import require_problem
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_interval, format_probability
 from avrare.base.records import Records
@@ -321,5 +320,5 @@ def _format_window(begin: int, end: int, dt: float | None) -> str:
 
 def kinds_of_result(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Kinds:
     """Return the kinds of failure of a result that was made in this process."""
-    problem, sample = require_problem(result), FailureSample.of(result)
+    problem, sample = result.require_origin().problem, FailureSample.of(result)
     return find_kinds(problem, sample, result.interval, max_kinds=max_kinds, method=method)

@@ -178,14 +178,13 @@ def trace_problem(problem: Problem, noise: Any = None) -> Trace:
 
 def trace_result(result: Result, index: int | None) -> Trace:
     """Replay the least robust rollout of a result, or one of its kept failures."""
-    if result.origin is None:
-        raise UsageError("this result does not know its problem", "problem.trace(result.worst)")
+    problem = result.require_origin().problem
     if index is None:
         if np.isnan(result.worst.robustness):
             raise UsageError("every rollout ended in an error, so there is none to trace")
-        return trace_problem(result.origin.problem, result.worst)
+        return trace_problem(problem, result.worst)
     kept = len(result.failures.robustness)
     if not 0 <= index < kept:
         hint = f"it keeps {kept} failures, numbered from 0" if kept else "no rollout failed"
         raise UsageError(f"the result has no failure {index}", hint)
-    return trace_problem(result.origin.problem, result.failures.noise[index])
+    return trace_problem(problem, result.failures.noise[index])

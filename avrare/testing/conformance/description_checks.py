@@ -41,7 +41,8 @@ def description_is_light(subject: Subject) -> None:
         for point in entry_points(group=GROUP)
         if point.dist is not None and point.dist.name == subject.row.distribution
     ]
-    references = [*points, part.config, part.rules, part.check]
+    options = part.auto.options if part.auto is not None else ""
+    references = [*points, part.config, part.rules, part.check, options]
     modules = [reference.partition(":")[0] for reference in references if reference]
     program = _PROBE.format(path=sys.path, modules=modules, heavy=HEAVY)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

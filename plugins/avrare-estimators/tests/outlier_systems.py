@@ -39,10 +39,13 @@ class Outliers:
 
     def signals(self, state):
         return {
-            "first": state.first, "second": state.second, "energy": state.energy,
-            "both": np.minimum(state.first, state.second), "digits": 1000.0 * state.total % 1.0,
+            "first": state.first,
+            "second": state.second,
+            "energy": state.energy,
+            "both": np.minimum(state.first, state.second),
+            "digits": 1000.0 * state.total % 1.0,
             "drift": np.abs(state.drift),
-        }  # fmt: skip
+        }
 
 
 def peak(level, steps=STEPS):

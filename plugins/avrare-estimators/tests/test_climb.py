@@ -12,13 +12,15 @@ from scipy.stats import chi2
 
 import avrare
 from avrare.base.errors import UsageError
+from avrare_estimators.common.lessons.lessons import LEAST_ELITE, Lessons
+from avrare_estimators.common.lessons.stored_proposal import FILE
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import Stratum, TapeSource
 from avrare_estimators.importance import climbing_sampling, learned_sampling
-from avrare_estimators.importance.climb import Groups
 from avrare_estimators.importance.entry import LENGTH, Entry, best_entry, start_variance
-from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons
-from avrare_estimators.importance.proposal_file import FILE, ProposalFile
+from avrare_estimators.importance.proposal_file import ProposalFile
 from avrare_estimators.importance.route import Route
-from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
 
 LIMIT = 62.0
 P = float(chi2.sf(LIMIT, 24))

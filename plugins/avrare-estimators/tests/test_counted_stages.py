@@ -7,13 +7,15 @@ import pytest
 from outlier_systems import outliers
 
 import avrare
-from avrare_estimators.config import IsConfig
-from avrare_estimators.importance import dictionary, learned_sampling
+from avrare_estimators.common.lessons import dictionary
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.result import RunOutcome, _pooled_quality
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import Stratum, TapeSource
+from avrare_estimators.common.samples.stages import has_reached, is_worthless
+from avrare_estimators.importance import learned_sampling
+from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.learned_sampling import LearnedSampling, relative_error
-from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.result import RunOutcome, _pooled_quality
-from avrare_estimators.importance.sampling import Sample, Stratum, TapeSource
-from avrare_estimators.importance.stages import has_reached, is_worthless
 
 
 def test_a_gain_that_no_failure_shows_is_worth_nothing():
@@ -30,9 +32,7 @@ def made_sample(violated, log_ratio, target_rows, error=None):
         Stratum(plan, 0, 0, rows, target) for rows, target in ((target_rows, True), (n - target_rows, False))
     )
     zeros, error = np.zeros(n), np.zeros(n, dtype=bool) if error is None else error
-    return Sample(
-        TapeSource(None), strata, np.array(log_ratio), np.array(violated), error, zeros, zeros, ()
-    )  # fmt: skip
+    return Sample(TapeSource(None), strata, np.array(log_ratio), np.array(violated), error, zeros, zeros, ())
 
 
 def made_run():
@@ -92,9 +92,14 @@ def share_of(rows, variance, goal=0.1, gain=4.0, shares=(0.0, 0.0), drawn=4000, 
         floor = sum(shares) * (goal or 0.1) ** 2 or 1.0
     unit = np.sqrt(learned_sampling.variance_of_sum([(shares[-1], before)], 1.0) / floor)
     state = SimpleNamespace(
-        stages=[{"gain_shown": gain}], lessons=SimpleNamespace(shown_variance=variance, probability=unit),
-        shares=shares, left=1.0 - sum(shares), rows=drawn, rollouts=rollouts, samples=(before, before),
-    )  # fmt: skip
+        stages=[{"gain_shown": gain}],
+        lessons=SimpleNamespace(shown_variance=variance, probability=unit),
+        shares=shares,
+        left=1.0 - sum(shares),
+        rows=drawn,
+        rollouts=rollouts,
+        samples=(before, before),
+    )
     return LearnedSampling(IsConfig(relative_error=goal, check=0.2))._share(state, rows)
 
 
@@ -147,10 +152,14 @@ def test_learning_ends_where_an_estimate_is_nearly_done():
     def ends(variance, goal=0.1, reached=True):
         stage = {"rollouts": 3000, "reached": reached, "relative_variance": 9.0, "gain": 5.0}
         state = SimpleNamespace(
-            stages=[stage], left=1.0, rows=4000, rollouts=100_000, shares=(0.0,),
+            stages=[stage],
+            left=1.0,
+            rows=4000,
+            rollouts=100_000,
+            shares=(0.0,),
             samples=(None,),
             lessons=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)]),
-        )  # fmt: skip
+        )
         return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._learnt(state)
 
     assert ends(29.0)  # 2,900 rows are missing, fewer than two stages of 1,500

@@ -10,9 +10,9 @@ import avrare
 from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.testing.problems import reference_problem
-from avrare_estimators.importance.agreement import find_doubts, missed_probability
-from avrare_estimators.importance.cross_check import GROUPS, CrossCheckResult
-from avrare_estimators.importance.result import for_any_weights, is_even
+from avrare_estimators.common.samples.agreement import find_doubts, missed_probability
+from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
+from avrare_estimators.common.samples.result import for_any_weights, is_even
 
 LINE = reference_problem("b_linear_d100_p1e-4")
 OWN = (0.9e-4, 1.1e-4)
@@ -109,7 +109,7 @@ def test_what_may_be_missed_follows_from_the_failures_found():
 @pytest.mark.parametrize("seed", [3, 4])
 def test_cross_entropy_that_loses_a_late_mode_says_so(seed):
     problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
-    result = avrare.estimate(problem, "ce", seed=seed, components=1)
+    result = avrare.estimate(problem, "ce", seed=seed, family={"name": "gaussian", "components": 1})
     low, high = result.interval
     assert result.probability < TwoModes.probability / 3.0
     assert "cross_check" in result.health
@@ -125,7 +125,7 @@ def test_several_components_find_the_late_mode(seed):
 
 def test_a_proposal_that_misses_a_mode_is_contradicted():
     problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
-    result = avrare.estimate(problem, "is", seed=2, proposal={"gaussian": {"mean": [4.0, 0.0]}})
+    result = avrare.estimate(problem, "is", seed=2, proposal={"name": "gaussian", "mean": [4.0, 0.0]})
     assert result.probability < TwoModes.probability / 3.0
     assert {"cross_check", "unchecked"} & set(result.health)
     low, high = result.interval
@@ -140,7 +140,7 @@ def test_the_check_is_a_small_part_of_the_cost(seed):
 
 
 def test_few_rollouts_are_not_vouched_for():
-    result = avrare.estimate(LINE.problem(), "is", proposal={"gaussian": {"mean": 0.37}}, rollouts=1000)
+    result = avrare.estimate(LINE.problem(), "is", proposal={"name": "gaussian", "mean": 0.37}, rollouts=1000)
     assert set(result.health) == {"unchecked"}
     low, high = result.interval
     assert low == pytest.approx(0.025 * result.probability)

@@ -29,7 +29,7 @@ def deviation(values, truth):
     [
         ("d_rw_L2.5", {"runs": 25}),
         ("b_linear_d100_p1e-4", {"runs": 40, "rollouts": 1000}),
-        ("a_beta_-2", {"runs": 60, "components": 2}),
+        ("a_beta_-2", {"runs": 60, "family": {"name": "gaussian", "components": 2}}),
         ("c_fourbranch_k7", {"runs": 60}),
     ],
 )
@@ -141,7 +141,16 @@ def test_a_problem_that_always_fails():
     assert "all_failed" in result.health
 
 
-@pytest.mark.parametrize("wrong", [{"elite": 0.0}, {"components": 0}, {"family": "forest"}, {"elit": 0.1}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"elite": 0.0},
+        {"family": {"name": "gaussian", "components": 0}},
+        {"family": {"name": "network", "components": 2}},
+        {"family": "forest"},
+        {"elit": 0.1},
+    ],
+)
 def test_misuse(wrong):
     with pytest.raises(avrare.UsageError):
         estimate(reference_problem("a_beta_-2").problem(), **wrong)

@@ -16,11 +16,12 @@ from avrare.rollout.problem import Problem
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem, walk
 from avrare.testing.repeated_estimates import deviation
-from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.chains import Kernel, Move
+from avrare_estimators.common.chains.kernel import Kernel, Move
+from avrare_estimators.ess.config import EssConfig
 from avrare_estimators.ess.estimator import NestedLevels
 
 SMALL = {"chains": 20, "level_probability": 0.2}
+LIPSCHITZ = {"name": "lipschitz", "bound": 1.0}
 
 
 def estimate(id, **options):
@@ -47,16 +48,17 @@ def test_mean_over_true_in_a_hundred_dimensions():
 @pytest.mark.slow
 @pytest.mark.parametrize("id", ["a_beta_-2", "b_linear_d100_p1e-4"])
 def test_lipschitz_with_a_true_bound(id):
-    assert abs(off(id, kernel="lipschitz", lipschitz=1.0, runs=60, **SMALL)) < 4.0
+    assert abs(off(id, kernel=LIPSCHITZ, runs=60, **SMALL)) < 4.0
 
 
 @pytest.mark.parametrize("second_pass", [True, False])
 def test_a_false_bound_is_detected(second_pass):
-    options = {"kernel": "lipschitz", "runs": 3, "second_pass": second_pass, **SMALL}
-    assert "lipschitz_exceeded" not in estimate("a_beta_-2", lipschitz=1.0, **options).health
+    options = {"runs": 3, "second_pass": second_pass, **SMALL}
+    assert "lipschitz_exceeded" not in estimate("a_beta_-2", kernel=LIPSCHITZ, **options).health
+    too_low = {"name": "lipschitz", "bound": 0.7}
     found = re.match(
         r"(\d+) of (\d+) pairs .* by up to (1|0\.9\d+) per unit",
-        estimate("a_beta_-2", lipschitz=0.7, **options).health["lipschitz_exceeded"],
+        estimate("a_beta_-2", kernel=too_low, **options).health["lipschitz_exceeded"],
     )
     assert found is not None
     assert 0.05 < int(found[1]) / int(found[2]) < 0.9
@@ -65,13 +67,13 @@ def test_a_false_bound_is_detected(second_pass):
 @pytest.mark.slow
 def test_a_narrower_bracket_is_unbiased_and_cheaper():
     whole, part = (
-        estimate("a_beta_-2.5", kernel="shrink", bracket=bracket, runs=100, **SMALL)
-        for bracket in (None, 3.0)
+        estimate("a_beta_-2.5", kernel=kernel, runs=100, **SMALL)
+        for kernel in ("shrink", {"name": "shrink", "bracket": 3.0})
     )
     assert abs(deviation(part.run_probabilities, reference_problem("a_beta_-2.5").probability)) < 4.0
     assert part.rollouts < 0.8 * whole.rollouts
-    with pytest.raises(avrare.UsageError, match="bracket is no option of kernel pcn"):
-        estimate("a_beta_-2", bracket=3.0)
+    with pytest.raises(avrare.UsageError, match=r"unknown option 'kernel\.bracket'"):
+        estimate("a_beta_-2", kernel={"name": "pcn", "bracket": 3.0})
 
 
 @pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
@@ -191,9 +193,14 @@ def test_breakdowns_near_failure_show_in_the_upper_end():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kernel": "lipschitz"}, "a bound on the score's slope"),
-        ({"kernel": "pcn", "lipschitz": 1.0}, "no option of kernel pcn"),
-        ({"kernel": "metropolis"}, "kernel"),
+        ({"kernel": "lipschitz"}, "'kernel.bound' of estimator 'ess': required, but missing"),
+        ({"kernel": {"name": "pcn", "bound": 1.0}}, "unknown option 'kernel.bound'"),
+        (
+            {"kernel": "metropolis"},
+            "'kernel.name' of .* should be one of pcn, shrink, .* found the string 'metropolis'",
+        ),
+        ({"kernel": {"bound": 1.0}}, "'kernel.name' of estimator 'ess': required, but missing"),
+        ({"kernel": 3}, "should be a mapping"),
         ({"level_probability": 0.7}, "level_probability"),
         ({"budget": "seconds=3"}, "clock"),
         ({"budget": "rollouts=10"}, "does not pay"),
@@ -209,13 +216,10 @@ class ExactHalfSpace(Kernel):
 
     rollouts = 0.0
 
-    problem = None
-
-    def prepare(self, problem):
+    def __init__(self, problem):
         self.problem = problem
-        return self
 
-    def start(self, known, state, level, draw):
+    def start(self, tuning, state, level, draw):
         fresh, size = draw.tapes(), self.problem.noise_size
         total = fresh.sum(axis=(1, 2)) / np.sqrt(size)
         uniforms = draw.uniforms(np.arange(len(level)), 0)
@@ -230,8 +234,7 @@ class ExactHalfSpace(Kernel):
 def test_a_kernel_in_closed_form_needs_no_rollout():
     reference = linear(3.0, 4)
     problem = reference.problem()
-    estimator = NestedLevels(EssConfig(chains=100, runs=100))
-    estimator.kernel = ExactHalfSpace()
+    estimator = NestedLevels(EssConfig(chains=100, runs=100), ExactHalfSpace(problem))
     result = run(problem, estimator, SerialExecutor(), Settings())[0]
     assert abs(deviation(result.run_probabilities, reference.probability)) < 4.0
     assert result.rollouts == 100 * (1000 + 250), "the fresh draws of both passes only"

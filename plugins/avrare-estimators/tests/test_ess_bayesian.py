@@ -6,9 +6,9 @@ from studies.stationarity import drift, exact_starts
 
 import avrare
 from avrare.testing.problems import four_branch
-from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.kernels import make_kernel
-from avrare_estimators.ess.kernels.bayesian import GRID, Acquisition, BayesianKernel, Posterior
+from avrare_estimators.ess.build import build_kernel
+from avrare_estimators.ess.config import EssConfig
+from avrare_estimators.ess.kernels.stl_ess import GRID, Acquisition, BayesianKernel, Posterior
 
 ANGLES = np.array([[0.0, 2.0 * np.pi, 1.0, 4.0, 5.2], [0.0, 2.0 * np.pi, 0.3, 2.0, 3.0]])
 SCORES = np.array([[1.0, 1.0, -0.5, 0.7, 2.0], [0.0, 0.0, 3.0, 1.0, -2.0]])
@@ -74,8 +74,8 @@ def test_certainty_ends_a_round():
 
 
 def test_options_reach_the_kernel():
-    options = {"acquisition": "ei", "xi": 0.1, "points": 9, "uncertainty": 0.2}
-    kernel = make_kernel(EssConfig(kernel="bayesian", **options))
+    options = {"acquisition": {"name": "ei", "xi": 0.1}, "points": 9, "uncertainty": 0.2}
+    kernel = build_kernel(EssConfig(kernel={"name": "bayesian", **options}).kernel)
     assert isinstance(kernel, BayesianKernel)
     assert (kernel.acquisition, kernel.points, kernel.uncertainty) == (Acquisition("ei", xi=0.1), 9, 0.2)
     assert kernel.rollouts == 10.0
@@ -84,9 +84,12 @@ def test_options_reach_the_kernel():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"acquisition": "ei"}, "acquisition is no option of kernel pcn"),
-        ({"kernel": "shrink", "points": 9}, "points is no option of kernel shrink"),
-        ({"kernel": "bayesian", "xi": 0.1}, "xi is no option of acquisition ucb"),
+        ({"kernel": {"name": "pcn", "acquisition": "ei"}}, "unknown option 'kernel.acquisition'"),
+        ({"kernel": {"name": "shrink", "points": 9}}, "unknown option 'kernel.points'"),
+        (
+            {"kernel": {"name": "bayesian", "acquisition": {"name": "ucb", "xi": 0.1}}},
+            "unknown option 'kernel.acquisition.xi'",
+        ),
     ],
 )
 def test_options_of_other_kernels_are_refused(options, text):

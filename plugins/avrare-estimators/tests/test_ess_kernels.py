@@ -10,16 +10,12 @@ from studies.stationarity import drift, exact_starts, rolled_out
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.testing.problems import conjunction, four_branch, linear, walk
-from avrare_estimators.ess.chains import Draw, Move, StepOutcome
-from avrare_estimators.ess.kernels.bayesian import BayesianKernel
-from avrare_estimators.ess.kernels.lipschitz import (
-    GrowingLipschitzKernel,
-    LipschitzKernel,
-    _largest_singular_value,
-    free_angle,
-)
-from avrare_estimators.ess.kernels.pcn import PcnKernel
+from avrare_estimators.common.chains.kernel import Draw, Move, StepOutcome
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.ess.kernels.elimination import free_angle
+from avrare_estimators.ess.kernels.lipschitz import LipschitzKernel, _largest_singular_value
 from avrare_estimators.ess.kernels.shrink import ShrinkKernel
+from avrare_estimators.ess.kernels.stl_ess import BayesianKernel, GrowingLipschitzKernel
 from avrare_estimators.ess.kernels.surrogate import Surface, SurrogateKernel
 
 REGIONS = {"two_corners": conjunction(-1.2), "half_space": linear(1.5, 20), "four_branch": four_branch(4.0)}
@@ -50,9 +46,9 @@ def starts(region):
     return exact_starts(REGIONS[region].problem(), 0.0, MANY, seed=5)
 
 
-def drifted(region, kernel, known, many=MANY, steps=10):
+def drifted(region, kernel, tuning, many=MANY, steps=10):
     problem = REGIONS[region].problem()
-    return drift(problem, kernel, known, batch.take(starts(region), slice(0, many)), 0.0, steps)
+    return drift(problem, kernel, tuning, batch.take(starts(region), slice(0, many)), 0.0, steps)
 
 
 @pytest.mark.parametrize(
@@ -65,8 +61,8 @@ def drifted(region, kernel, known, many=MANY, steps=10):
     ],
 )
 def test_valid_kernels_leave_the_law_as_it_is(region, name):
-    kernel, known = kernels(REGIONS[region].system.noise_size)[name]
-    found = drifted(region, kernel, known)
+    kernel, tuning = kernels(REGIONS[region].system.noise_size)[name]
+    found = drifted(region, kernel, tuning)
     assert found.outside == 0.0
     assert max(abs(found.mean), abs(found.square)) < 3.5, found
     assert found.accepted > 0.1, "it hardly moves: too weak a test"
@@ -88,8 +84,8 @@ def test_bayesian_leaves_the_set():
 class NoRatio(SurrogateKernel):
     """Accepts wherever the true score passes."""
 
-    def start(self, known, state, level, draw):
-        move = super().start(known, state, level, draw)
+    def start(self, tuning, state, level, draw):
+        move = super().start(tuning, state, level, draw)
         return replace(move, work=np.full(len(level), np.inf))
 
 
@@ -112,11 +108,11 @@ def test_mutants_are_detected():
     assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
 
 
-def _stepped(problem, kernel, known, points, rows):
+def _stepped(problem, kernel, tuning, points, rows):
     """Take a whole step of the chains ``rows`` (of ``points``), as a batch of their own."""
     zeros = np.zeros(len(rows), dtype=np.int64)
     draw = Draw(NoiseSource(3, problem.noise_size), problem.steps, zeros, 1, rows)
-    move = kernel.start(batch.take(known, zeros), batch.take(points, rows), np.zeros(len(rows)), draw)
+    move = kernel.start(batch.take(tuning, zeros), batch.take(points, rows), np.zeros(len(rows)), draw)
     while len(move.waiting):
         move = kernel.tell(move, rolled_out(problem, move.proposal))
     return move
@@ -128,10 +124,10 @@ def _stepped(problem, kernel, known, points, rows):
 )
 def test_no_chain_depends_on_its_neighbours(region, name):
     problem = REGIONS[region].problem()
-    kernel, known = kernels(problem.noise_size)[name]
-    together = _stepped(problem, kernel, known, starts(region), np.arange(40))
+    kernel, tuning = kernels(problem.noise_size)[name]
+    together = _stepped(problem, kernel, tuning, starts(region), np.arange(40))
     for rows in ([7], [0, 39], list(range(5, 22))):
-        alone = _stepped(problem, kernel, known, starts(region), np.array(rows))
+        alone = _stepped(problem, kernel, tuning, starts(region), np.array(rows))
         for field in ("tape", "score", "violated", "robustness"):
             np.testing.assert_array_equal(getattr(alone.state, field), getattr(together.state, field)[rows])
         if name == "lipschitz":
@@ -165,11 +161,11 @@ def test_a_broken_rollout_has_no_slope():
 def test_broken_rollouts_are_never_taken():
     problem = walk(1.0, 5).problem()
     tape = np.zeros((3, 6, 1))
-    for name, (kernel, known) in kernels(6).items():
+    for name, (kernel, tuning) in kernels(6).items():
         draw = Draw(NoiseSource(0, 1), 5, np.zeros(3, dtype=np.int64), 1, np.arange(3))
         zeros = np.zeros(3, dtype=np.int64)
         state = rolled_out(problem, tape)
-        move = kernel.start(batch.take(known, zeros), state, np.full(3, -1.5), draw)
+        move = kernel.start(batch.take(tuning, zeros), state, np.full(3, -1.5), draw)
         while len(move.waiting):
             broken = rolled_out(problem, move.proposal)
             broken = replace(broken, score=np.full(len(broken.score), -np.inf))
@@ -184,8 +180,8 @@ def test_pcn_adapts_run_by_run():
     draw = Draw(NoiseSource(0, 2), 0, np.array([0, 0, 2, 2]), 1, np.array([0, 1, 0, 1]))
     move = Move.begin(state, np.zeros(4), draw, state.tape, ())
     move = replace(move, accepted=np.array([True, True, False, False]))
-    known = kernel.init(3)
-    new = kernel.adapt(known, StepOutcome(draw.run, move.accepted, ())) / known
+    tuning = kernel.init(3)
+    new = kernel.adapt(tuning, StepOutcome(draw.run, move.accepted, ())) / tuning
     assert new[0] > 1.0 == new[1] > new[2]
 
 

@@ -1,6 +1,12 @@
 import numpy as np
 
-from avrare_estimators.ess.levels import choose_seeds, effective_samples, lasting_variance, next_levels, r_hat
+from avrare_estimators.common.chains.levels import (
+    choose_seeds,
+    effective_samples,
+    lasting_variance,
+    next_levels,
+    r_hat,
+)
 
 
 def _next(values, survivors):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare_estimators.ess.levels import effective_samples, relative_weights
+from avrare_estimators.common.chains.levels import effective_samples, relative_weights
 
 TRUTH = NormalDist().cdf(-3.5)
 

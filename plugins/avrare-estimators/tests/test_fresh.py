@@ -15,7 +15,7 @@ from avrare.testing.problems import reference_problem
 SIZES = {
     "ams": {"particles": 40, "discard": 8, "runs": 3},
     "ess": {"chains": 6, "runs": 3, "level_probability": 0.2},
-    "is": {"rollouts": 300, "proposal": {"gaussian": {"mean": 0.3}}},
+    "is": {"rollouts": 300, "proposal": {"name": "gaussian", "mean": 0.3}},
     "ce": {"rollouts": 300, "stages": 2},
 }
 LIKELY = reference_problem("d_rw_L2.5").problem()

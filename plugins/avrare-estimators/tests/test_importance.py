@@ -69,7 +69,7 @@ def test_good_proposals_give_no_warning():
 
 
 def test_gaussian_of_a_scenario_is_the_same_law():
-    one = estimate(LINE.problem(), {"gaussian": {"mean": SHIFT}})
+    one = estimate(LINE.problem(), {"name": "gaussian", "mean": SHIFT})
     assert abs(one.probability - LINE.probability) < 4 * one.relative_error * one.probability
     assert one.relative_error < 0.2
 
@@ -86,7 +86,7 @@ def test_failures_replay_bit_for_bit():
 @pytest.mark.slow
 def test_same_bits_for_two_workers_and_any_chunk_boundaries():
     task = avrare.Problem(toy.Coin(), avrare.stl("always (x < 6)"), 9, chunk=50)
-    proposal = {"gaussian": {"mean": 0.8}}
+    proposal = {"name": "gaussian", "mean": 0.8}
     one, two = (
         avrare.estimate(task, "is", proposal=proposal, rollouts=430, runs=2, workers=w) for w in (1, 2)
     )
@@ -118,7 +118,7 @@ def test_cost_is_counted():
 # Where it breaks
 
 
-@pytest.mark.parametrize("proposal", [exact_shift(-1.0), {"gaussian": {"mean": 0.0}}])
+@pytest.mark.parametrize("proposal", [exact_shift(-1.0), {"name": "gaussian", "mean": 0.0}])
 def test_no_failures(proposal):
     result = estimate(LINE.problem(), proposal)
     assert result.probability == 0.0
@@ -180,7 +180,7 @@ def test_wrong_weights_are_detected():
 def test_errors_raise_the_upper_bound():
     task = avrare.Problem(toy.Coin(breaks=0.5), avrare.stl("always (x < 6)"), 9)
     healthy = avrare.Problem(toy.Coin(), avrare.stl("always (x < 6)"), 9)
-    broken, sound = (estimate(t, {"gaussian": {"mean": 0.3}}, rollouts=4000) for t in (task, healthy))
+    broken, sound = (estimate(t, {"name": "gaussian", "mean": 0.3}, rollouts=4000) for t in (task, healthy))
     assert broken.errors > 0.3 * broken.rollouts
     assert "errors" in broken.health
     assert broken.interval[1] > 0.3
@@ -254,13 +254,13 @@ def test_an_unsuitable_model_gives_a_warning():
 
 def test_misuse_is_a_clear_error():
     task = LINE.problem()
-    for wrong in (3, "naive", {}, {"gaussian": {"sigma": 1}}, {"gaussian": {"mean": "x"}}):
+    for wrong in (3, "naive", {}, {"name": "gaussian", "sigma": 1}, {"name": "gaussian", "mean": "x"}):
         with pytest.raises(avrare.UsageError):
             estimate(task, wrong)
     with pytest.raises(avrare.UsageError, match="mean does not fit"):
-        estimate(task, {"gaussian": {"mean": [1.0, 2.0]}})
+        estimate(task, {"name": "gaussian", "mean": [1.0, 2.0]})
     with pytest.raises(avrare.UsageError, match="finite and positive"):
-        estimate(task, {"gaussian": {"std": 0.0}})
+        estimate(task, {"name": "gaussian", "std": 0.0})
     with pytest.raises(avrare.UsageError, match="log_ratio raised ValueError"):
         estimate(task, Shift(np.zeros((3, 2))))
     with pytest.raises(avrare.UsageError, match="has shape"):

@@ -16,7 +16,7 @@ SIZES = {
     "mc": {"rollouts": 3000},
     "ams": {"particles": 300, "discard": 100, "runs": 3},
     "ess": {"chains": 30, "runs": 3},
-    "is": {"rollouts": 3000, "proposal": {"gaussian": {"mean": 0.05, "std": 1.0}}},
+    "is": {"rollouts": 3000, "proposal": {"name": "gaussian", "mean": 0.05, "std": 1.0}},
     "ce": {"rollouts": 600},
     "smc": {"particles": 600, "runs": 3, "pilot": 600},
 }

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare_estimators.importance.tilted_perception import INPUTS, OUTPUTS, Tilt, TiltNetwork, network_inputs
+from avrare_estimators.ce.tilted_perception import INPUTS, OUTPUTS, Tilt, TiltNetwork, network_inputs
 
 sys.path.insert(0, str(Path(__file__).parent))
 import toy_closed_loop as toy
 
 LIMIT = 7.0
-QUICK = {"family": "network", "rollouts": 400, "epochs": 60, "rate": 5e-3, "hidden": 20}
+NETWORK = {"name": "network", "epochs": 60, "rate": 5e-3, "hidden": 20}
+QUICK = {"family": NETWORK, "rollouts": 400}
 
 
 def network(scale=0.1, seed=0):
@@ -91,7 +92,7 @@ def test_it_learns_and_stays_unbiased():
 @pytest.mark.slow
 def test_training_gives_the_same_bits():
     task = toy.final_only(LIMIT, chunk=64)
-    options = {**QUICK, "rollouts": 150, "epochs": 20, "stages": 2}
+    options = {"family": {**NETWORK, "epochs": 20}, "rollouts": 150, "stages": 2}
     one, again, two = (avrare.estimate(task, "ce", workers=w, **options) for w in (1, 1, 2))
     assert one.to_dict() | {"seconds": 0} == again.to_dict() | {"seconds": 0}
     assert one.to_dict() | {"seconds": 0} == two.to_dict() | {"seconds": 0}

@@ -16,8 +16,8 @@ from avrare_estimators.ams import learned_score
 from avrare_estimators.ams.gain import promise_gain
 from avrare_estimators.ams.learned_score import ScoreLearning, committor_scores
 from avrare_estimators.ams.splitting import Splitting
-from avrare_estimators.smc.network import sigmoid
-from avrare_estimators.smc.potentials import Paths
+from avrare_estimators.common.committor.network import sigmoid
+from avrare_estimators.common.committor.potentials import Paths
 
 SMALL = {"particles": 50, "discard": 5, "runs": 4, "pilot": 200, "score": "learned"}
 
@@ -254,9 +254,13 @@ class Odds:
 def test_scores_rise_to_the_largest_odds_and_to_infinity_at_a_failure():
     odds = np.array([[1.0, 3.0, 2.0], [9.0, -2.0, -1.0], [0.0, 5.0, np.nan]])[..., None]
     rollouts = Rollouts(
-        np.zeros((3, 1)), np.array([[False], [True], [False]]), np.zeros(3, bool), np.zeros((3, 7)), 0,
+        np.zeros((3, 1)),
+        np.array([[False], [True], [False]]),
+        np.zeros(3, bool),
+        np.zeros((3, 7)),
+        0,
         features=odds,
-    )  # fmt: skip
+    )
     start, before = np.array([-1, 2, 2]), np.array([-np.inf, 0.5, 0.5])
     scores = committor_scores(Odds([1, 3, 5], 0), rollouts, start, before)
     assert scores[0].tolist() == [-np.inf, 1.0, 1.0, 3.0, 3.0, 3.0, 3.0]

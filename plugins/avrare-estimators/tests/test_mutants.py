@@ -15,9 +15,9 @@ from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, ornstein_uhlenbeck, walk
 from avrare.testing.repeated_estimates import Study, deviation
 from avrare_estimators.ams import splitting
+from avrare_estimators.ams.config import AmsConfig
 from avrare_estimators.ams.levels import Level, first_above
 from avrare_estimators.ams.splitting import Splitting
-from avrare_estimators.config import AmsConfig
 
 
 class NominalWeight(Splitting):

@@ -12,7 +12,7 @@ from avrare.rollout.request import Past, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare.testing.problems import reference_problem
-from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
+from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 
 STEPS, AT = 40, 12
@@ -41,9 +41,16 @@ def second(first, **fields):
     assert np.array_equal(rows, alive)
     zeros = np.zeros(len(alive), dtype=np.int64)
     return alive, Request(
-        zeros, zeros + 1, alive, zeros + AT, ((AT, carry),), tape_law=LAW,
-        evidence=first.evidence[alive], stop_failed=True, **fields,
-    )  # fmt: skip
+        zeros,
+        zeros + 1,
+        alive,
+        zeros + AT,
+        ((AT, carry),),
+        tape_law=LAW,
+        evidence=first.evidence[alive],
+        stop_failed=True,
+        **fields,
+    )
 
 
 def segment(problem, rows):

@@ -16,10 +16,10 @@ from avrare.estimation.loop import Settings, run
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem
-from avrare_estimators.importance.dictionary import dictionary_bytes
+from avrare_estimators.common.committor.potentials import Potentials
+from avrare_estimators.common.lessons.dictionary import dictionary_bytes
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
 from avrare_estimators.smc.particles import Particles
-from avrare_estimators.smc.potentials import Potentials
 from avrare_estimators.smc.summary import Counted
 
 SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}

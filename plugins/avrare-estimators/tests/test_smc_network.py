@@ -6,9 +6,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from avrare_estimators.smc import network as network_module
-from avrare_estimators.smc.network import Examples, fit
-from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.common.committor import network as network_module
+from avrare_estimators.common.committor.network import Examples, fit
+from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
 
 
 def test_the_network_learns_a_known_committor():

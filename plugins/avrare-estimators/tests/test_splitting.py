@@ -96,9 +96,11 @@ def test_interval_joins_t_delta_log_and_cox_where_no_run_is_0():
 
 def test_a_run_of_0_leaves_t_delta_log():
     result = next(
-        one for seed in range(20) for one in [estimate(walk(2.5), seed, particles=10, discard=4)]
+        one
+        for seed in range(20)
+        for one in [estimate(walk(2.5), seed, particles=10, discard=4)]
         if one.probability and not one.run_probabilities.all()
-    )  # fmt: skip
+    )
     values = result.run_probabilities
     relative = values.var(ddof=1) / 4 / values.mean() ** 2
     factor = stats.t.ppf(0.975, 3) * math.sqrt(math.log1p(relative))
@@ -266,9 +268,15 @@ def test_diagnostics_are_json_and_complete():
     result = estimate(walk())
     entry = json.loads(result.to_json())["diagnostics"]
     assert set(entry) == {
-        "stages", "levels", "discarded", "extinct_runs", "roots", "genealogical_variance", "full_rollouts",
+        "stages",
+        "levels",
+        "discarded",
+        "extinct_runs",
+        "roots",
+        "genealogical_variance",
+        "full_rollouts",
         "branched_rollouts",
-    }  # fmt: skip
+    }
     assert all(len(entry[name]) == 4 for name in entry if isinstance(entry[name], list))
     assert all(1 <= roots <= 40 for roots in entry["roots"])
 
@@ -282,8 +290,8 @@ def test_one_specification_at_a_time():
 def test_progress_shows_levels():
     from avrare.estimation.loop import Settings, run
     from avrare.rollout.executors.serial import SerialExecutor
+    from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting
-    from avrare_estimators.config import AmsConfig
 
     seen = []
     estimator = Splitting(AmsConfig(particles=40, discard=8, runs=2))

@@ -12,9 +12,9 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.stack.noise_names import find_noise_names
 from avrare.testing.problems import reference_problem
-from avrare_estimators.config import IsConfig
-from avrare_estimators.importance.dictionary import entries_of_channel, fit
-from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.common.lessons.dictionary import entries_of_channel, fit
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
+from avrare_estimators.importance.config import IsConfig
 
 
 def test_chance_of_entries_is_that_of_target_rows():
@@ -169,7 +169,7 @@ def test_options_that_do_not_fit():
     with pytest.raises(UsageError, match="leave runs at 1"):
         estimate(problem, relative_error=0.1, runs=2)
     with pytest.raises(UsageError, match="belongs to `proposal: learned`"):
-        avrare.estimate(problem, "is", proposal={"gaussian": {}}, stages=3)
+        avrare.estimate(problem, "is", proposal={"name": "gaussian"}, stages=3)
 
 
 def test_noise_names_are_checked():
@@ -228,10 +228,12 @@ def test_stops_at_a_relative_error():
 
 def test_all_options_of_a_given_proposal_are_read_again():
     """Read them from the scenario.yaml of a run folder, from which a run resumes."""
-    given = IsConfig(proposal={"gaussian": {"mean": 0.3}})
-    assert IsConfig.model_validate(given.model_dump()) == given
+    given = IsConfig(proposal={"name": "gaussian", "mean": 0.3})
+    again = IsConfig.model_validate(given.model_dump())
+    assert again.model_dump() == given.model_dump()
+    assert (again.most_rollouts, again.target_share) == (given.most_rollouts, given.target_share)
     with pytest.raises(ValueError, match="stages belongs to"):
-        IsConfig(proposal={"gaussian": {"mean": 0.3}}, stages=3)
+        IsConfig(proposal={"name": "gaussian", "mean": 0.3}, stages=3)
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,10 @@ from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.rollout.tape_law import CHOICES, TapeLaw
-from avrare_estimators.importance.proposal_file import ProposalFile, described
-from avrare_estimators.importance.tape_mixture import TapeMixture, blend
-from avrare_estimators.importance.words import NoiseNames
+from avrare_estimators.common.lessons.stored_proposal import described
+from avrare_estimators.common.lessons.words import NoiseNames
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
+from avrare_estimators.importance.proposal_file import ProposalFile
 
 GROUP = {wide(1, t): 1.0 / 3.0 for t in (1, 2, 3)}
 PAIRED = TapeMixture.frozen(

@@ -12,7 +12,7 @@ from avrare.testing.repeated_estimates import Study
 @pytest.mark.slow
 class TestImportance(EstimatorConformance):
     estimator = "is"
-    options: ClassVar = {"rollouts": 200, "proposal": {"gaussian": {"mean": 0.2}}, "check": 0.0}
+    options: ClassVar = {"rollouts": 200, "proposal": {"name": "gaussian", "mean": 0.2}, "check": 0.0}
     studies = (
         Study(walk(1.0, 20), 200),
         Study(count_down(5, 9, "1/5"), 200),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from avrare_estimators.importance.gaussian_family import default_components, fit_mixture, limit_divergence
-from avrare_estimators.importance.proposals import GaussianMixture, proposal_kind
-from avrare_estimators.weights import (
+from avrare_estimators.ce.gaussian_family import default_components, fit_mixture, limit_divergence
+from avrare_estimators.common.tapes.gaussian_mixture import GaussianMixture
+from avrare_estimators.common.weights import (
     annealed,
     effective_size,
     mixture_log_weights,
@@ -13,6 +13,7 @@ from avrare_estimators.weights import (
     resample,
     stratified_variance,
 )
+from avrare_estimators.importance.config import IsConfig
 
 LOGS = np.array([-800.0, -3.0, 0.0, 2.5, 800.0, np.inf, -np.inf])
 
@@ -132,9 +133,15 @@ def test_few_tapes_are_fitted_by_one_gaussian(rows, components):
     assert default_components(rows) == components
 
 
-@pytest.mark.parametrize("wrong", [3, "x", {}, {"gaussian": 1}, {"gaussian": {"sigma": 1}}, object()])
+@pytest.mark.parametrize(
+    "wrong", [3, "x", {}, {"gaussian": 1}, {"name": "gaussian", "sigma": 1}, {"name": "normal"}, object()]
+)
 def test_invalid_proposals_are_refused(wrong):
-    from avrare import UsageError
+    with pytest.raises(ValueError, match=r"proposal"):
+        IsConfig(proposal=wrong)
 
-    with pytest.raises(UsageError):
-        proposal_kind(wrong)
+
+def test_a_proposal_is_an_array_or_an_object():
+    assert IsConfig(proposal={"name": "gaussian", "mean": np.ones(2)}).proposal.mean == [1.0, 1.0]
+    law = GaussianMixture.single(0.0, 1.0, (1, 2))
+    assert IsConfig(proposal=law).proposal is law

@@ -148,7 +148,7 @@ def test_a_weight_that_is_not_a_number_is_a_fault():
 
 @pytest.mark.parametrize("estimator", ["mc", "ams", "is", "ce"])
 def test_estimators_without_weights_are_refused(estimator):
-    options = {"proposal": {"gaussian": {"std": 2.0}}} if estimator == "is" else {}
+    options = {"proposal": {"name": "gaussian", "std": 2.0}} if estimator == "is" else {}
     problem = avrare.Problem(weighted(Total(3), THREE, THREE.log_density), FORMULA, 0)
     with pytest.raises(UsageError, match="noise has weights"):
         avrare.estimate(problem, estimator, **options)

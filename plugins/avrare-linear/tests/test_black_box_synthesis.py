@@ -53,8 +53,13 @@ def exact_probability(loaded):
 
 def test_numbers_have_names_sizes_and_settings(path):
     numbers = numbers_of(path, GAIN, "simulator.initial.mean", "simulator.dt")
-    assert numbers.names == (f"{GAIN}.0.0.0", f"{GAIN}.0.0.1", "simulator.initial.mean.0",
-                             "simulator.initial.mean.1", "simulator.dt")  # fmt: skip
+    assert numbers.names == (
+        f"{GAIN}.0.0.0",
+        f"{GAIN}.0.0.1",
+        "simulator.initial.mean.0",
+        "simulator.initial.mean.1",
+        "simulator.dt",
+    )
     assert numbers.scale[[0, 1, 2, 3]].tolist() == [0.3, 0.4, 1.0, 1.0]
     moved = numbers.at(numbers.start + np.array([0.0, 0.1, 1e-5, 0.0, 0.05])).definition.resolved["simulator"]
     assert moved["feedback"]["gain"] == [[[0.3, 0.5]]]

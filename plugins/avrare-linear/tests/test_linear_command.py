@@ -163,16 +163,22 @@ def test_one_of_several_specifications_must_be_named(loop, capsys):
 def test_a_descent_stops_where_a_step_is_not_worth_while():
     seen = []
     steps = descend(
-        lambda value, i: DescentStep(value, float(value[0] ** 2), 2.0 * value), np.array([1.0]), rate=0.25,
-        iterations=50, least=0.01, on_step=seen.append,
-    )  # fmt: skip
+        lambda value, i: DescentStep(value, float(value[0] ** 2), 2.0 * value),
+        np.array([1.0]),
+        rate=0.25,
+        iterations=50,
+        least=0.01,
+        on_step=seen.append,
+    )
     assert steps == seen
     assert 0.25 * steps[-1].gradient[0] ** 2 < 0.01 <= 0.25 * steps[-2].gradient[0] ** 2
 
 
 def test_the_first_step_without_a_rate_lowers_the_logarithm_by_one():
     steps = descend(
-        lambda value, i: DescentStep(value, float(np.exp(3.0 * value[0])), np.array([3.0])), np.array([0.0]),
-        rate=None, iterations=2,
-    )  # fmt: skip
+        lambda value, i: DescentStep(value, float(np.exp(3.0 * value[0])), np.array([3.0])),
+        np.array([0.0]),
+        rate=None,
+        iterations=2,
+    )
     assert steps[1].probability == pytest.approx(steps[0].probability / np.e)

@@ -19,10 +19,20 @@ REFERENCE = RNG.standard_normal((STEPS + 1, 2))
 
 def observed():
     return LinearSystem.of(
-        ("x", "v"), A, [0.5, 1.0], covariance=START, inputs=("a",), B=B, outputs=("seen",), C=C,
-        process_noise=W, measurement_noise=V, costs=(np.eye(2), np.eye(1)), observer=True,
+        ("x", "v"),
+        A,
+        [0.5, 1.0],
+        covariance=START,
+        inputs=("a",),
+        B=B,
+        outputs=("seen",),
+        C=C,
+        process_noise=W,
+        measurement_noise=V,
+        costs=(np.eye(2), np.eye(1)),
+        observer=True,
         reference=REFERENCE,
-    )  # fmt: skip
+    )
 
 
 class Squared(Walk):

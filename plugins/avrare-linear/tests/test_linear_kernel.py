@@ -9,7 +9,7 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.testing.problems import conjunction, four_branch, linear, reach, reference_problem, walk
 from avrare.testing.static_problems import Static, row_sum
-from avrare_estimators.ess.chains import Draw, Points
+from avrare_estimators.common.chains.kernel import Draw, Points
 from avrare_linear.kernel import ExactKernel, WholeTrace, to_solvable
 
 

@@ -43,10 +43,21 @@ def four_squares(mean, spread=(1.0, 1.0)):
 
 def observed():
     return LinearSystem.of(
-        ("x", "v"), [[1, 0.3], [0, 0.9]], [0, 0.3], covariance=0.1 * np.eye(2), inputs=("a",),
-        B=[[0.05], [0.3]], outputs=("seen",), C=[[1, 0]], process_noise=np.diag([0.02, 0.05]),
-        measurement_noise=[[0.1]], gain=[[0.8, 1.1]], observer=True, reference=REFERENCE, feedforward=[0.1],
-    )  # fmt: skip
+        ("x", "v"),
+        [[1, 0.3], [0, 0.9]],
+        [0, 0.3],
+        covariance=0.1 * np.eye(2),
+        inputs=("a",),
+        B=[[0.05], [0.3]],
+        outputs=("seen",),
+        C=[[1, 0]],
+        process_noise=np.diag([0.02, 0.05]),
+        measurement_noise=[[0.1]],
+        gain=[[0.8, 1.1]],
+        observer=True,
+        reference=REFERENCE,
+        feedforward=[0.1],
+    )
 
 
 def reaches_limit(system):
@@ -144,7 +155,7 @@ def test_the_four_squares_drive_the_mean_to_the_origin():
     effort = Effort(chains=40, runs=2, moves=20)
     steps = synthesise(
         plane([1.0, 1.0]), avrare.stl(FOUR), 0, "mean", rate=0.1, iterations=12, tolerance=0.02, effort=effort
-    )  # fmt: skip
+    )
     assert len(steps) <= 12
     assert np.abs(steps[-1].parameter).max() < 0.1
     assert four_squares(steps[-1].parameter[0]) == pytest.approx(four_squares((0.0, 0.0)), rel=0.1)

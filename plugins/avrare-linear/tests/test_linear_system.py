@@ -20,10 +20,18 @@ REFERENCE = np.cumsum(RNG.standard_normal((12, 4)), axis=0)
 
 def system(**changes):
     options = {
-        "covariance": START, "inputs": ("ax", "ay"), "B": B, "outputs": ("sx", "sy"), "C": C,
-        "process_noise": W, "measurement_noise": V, "costs": (np.eye(4), np.eye(2)), "observer": True,
-        "reference": REFERENCE, "feedforward": RNG.standard_normal((12, 2)),
-    }  # fmt: skip
+        "covariance": START,
+        "inputs": ("ax", "ay"),
+        "B": B,
+        "outputs": ("sx", "sy"),
+        "C": C,
+        "process_noise": W,
+        "measurement_noise": V,
+        "costs": (np.eye(4), np.eye(2)),
+        "observer": True,
+        "reference": REFERENCE,
+        "feedforward": RNG.standard_normal((12, 2)),
+    }
     return LinearSystem.of(
         ("x", "y", "vx", "vy"), changes.pop("A", A), [0, 0, 1, 0], **{**options, **changes}
     )
@@ -31,9 +39,10 @@ def system(**changes):
 
 def varying():
     return system(
-        A=np.stack([A * (1 + 0.01 * t) for t in range(5)]), process_noise=np.stack([W, 4 * W]),
+        A=np.stack([A * (1 + 0.01 * t) for t in range(5)]),
+        process_noise=np.stack([W, 4 * W]),
         C=np.stack([C, 2 * C, C]),
-    )  # fmt: skip
+    )
 
 
 SYSTEMS = {"constant": system, "varying": varying, "state feedback": lambda: system(observer=False)}

@@ -20,10 +20,18 @@ def point(inputs=("ax", "ay")):
     step, push = np.block([[eye, dt * eye], [0 * eye, eye]]), np.vstack([0 * eye, dt * eye])
     noise = 0.01 * np.eye(4)
     return LinearSystem.of(
-        ("x", "y", "vx", "vy"), step, np.zeros(4), inputs=inputs, B=push[:, : len(inputs)], outputs=("seen",),
-        C=[[1, 0, 0, 0]], process_noise=noise, measurement_noise=[[0.1]], covariance=noise,
+        ("x", "y", "vx", "vy"),
+        step,
+        np.zeros(4),
+        inputs=inputs,
+        B=push[:, : len(inputs)],
+        outputs=("seen",),
+        C=[[1, 0, 0, 0]],
+        process_noise=noise,
+        measurement_noise=[[0.1]],
+        covariance=noise,
         costs=(np.eye(4), np.eye(len(inputs))) if inputs else None,
-    )  # fmt: skip
+    )
 
 
 def test_the_controls_satisfy_the_formula():

@@ -73,8 +73,8 @@ def test_the_same_bits_as_in_one_process():
 
 @pytest.mark.usefixtures("cluster")
 def test_splitting_copies_states_through_ray():
+    from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting
-    from avrare_estimators.config import AmsConfig
 
     results = [
         run(problem(), Splitting(AmsConfig(particles=30, discard=6, runs=2)), executor, Settings())[0]

@@ -124,7 +124,7 @@ def test_without_failures_there_are_no_kinds():
 
 
 def test_a_result_of_another_process_says_so(result):
-    with pytest.raises(UsageError, match="not made in this process"):
+    with pytest.raises(UsageError, match="does not know its problem"):
         dataclasses.replace(result, origin=None).kinds()
 
 

@@ -29,8 +29,8 @@ def test_variants_keep_their_options_and_their_spelling():
 
 
 def test_values_may_hold_commas_and_colons_inside_braces():
-    found = arms("is:proposal={gaussian: {mean: 0.4, std: 1.1}}:runs=2,mc")
-    assert found[0].options == {"proposal": {"gaussian": {"mean": 0.4, "std": 1.1}}, "runs": 2}
+    found = arms("is:proposal={name: gaussian, mean: 0.4, std: 1.1}:runs=2,mc")
+    assert found[0].options == {"proposal": {"name": "gaussian", "mean": 0.4, "std": 1.1}, "runs": 2}
     assert [arm.name for arm in found] == ["is", "mc"]
 
 
@@ -41,10 +41,10 @@ def test_settings_are_for_every_variant_and_the_variant_wins():
 
 
 def test_a_setting_reaches_inside_an_option():
-    found = arms("is:proposal={gaussian: {mean: 0.4}}", ["is.proposal.gaussian.std=2"])
-    assert found[0].options["proposal"] == {"gaussian": {"mean": 0.4}}
-    found = arms("is", ["is.proposal={gaussian: {mean: 0.4}}", "is.proposal.gaussian.std=2"])
-    assert found[0].options["proposal"] == {"gaussian": {"mean": 0.4, "std": 2}}
+    found = arms("is:proposal={name: gaussian, mean: 0.4}", ["is.proposal.std=2"])
+    assert found[0].options["proposal"] == {"name": "gaussian", "mean": 0.4}
+    found = arms("is", ["is.proposal={name: gaussian, mean: 0.4}", "is.proposal.std=2"])
+    assert found[0].options["proposal"] == {"name": "gaussian", "mean": 0.4, "std": 2}
 
 
 def test_the_scenarios_own_options_apply_to_its_estimator_only():

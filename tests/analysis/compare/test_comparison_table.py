@@ -17,7 +17,7 @@ from avrare.report.terminal.comparison_table import comparison_table, headline, 
 from avrare.testing.problems import conjunction, walk
 
 P = 1.165e-4
-LONG = "is:proposal={gaussian: {mean: 0.4, std: 1.1}}"
+LONG = "is:proposal={name: gaussian, mean: 0.4, std: 1.1}"
 
 
 def repetitions(values, health=()):

@@ -55,8 +55,9 @@ class RuleConfig(Options):
     rule: Literal["R_G1", "R_G2"]
 
 
-def _part(kind, name, config, needs=()):
-    return Component(kind, name, f"avrare_fake:{config}", "avrare_fake_heavy:build", f"fake {name}", needs)
+def _part(kind, name, config, needs=(), **fields):
+    factory, summary = "avrare_fake_heavy:build", f"fake {name}"
+    return Component(kind, name, f"avrare_fake:{config}", factory, summary, needs, **fields)
 
 
 @hookimpl
@@ -65,7 +66,7 @@ def avrare_components():
         _part("simulator", "box", "SimulatorConfig"),
         _part("perception", "blind", "TrackerConfig", needs=("no_such_module.inner", "json")),
         _part("tracker", "straight", "TrackerConfig"),
-        _part("controller", "coast", "TrackerConfig"),
+        _part("controller", "coast", "TrackerConfig", warnings={"stuck": "it has not moved"}),
         _part("specification", "book", "RuleConfig"),
         _part("estimator", "toy", "ToyConfig"),
         _part("estimator", "hollow", "NoSuchClass"),

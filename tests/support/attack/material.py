@@ -33,7 +33,7 @@ thresholds:
 ESTIMATORS = {
     "mc": "{plugin: mc, rollouts: 60}",
     "ams": "{plugin: ams, particles: 12, discard: 3, runs: 2}",
-    "is": "{plugin: is, rollouts: 60, proposal: {gaussian: {mean: 0.3}}}",
+    "is": "{plugin: is, rollouts: 60, proposal: {name: gaussian, mean: 0.3}}",
     "ce": "{plugin: ce, rollouts: 60}",
     "ess": "{plugin: ess, chains: 6, runs: 1}",
     "smc": "{plugin: smc, particles: 20, runs: 2, pilot: 200, stages: 1, times: 2}",

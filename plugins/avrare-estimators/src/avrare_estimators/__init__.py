@@ -1,6 +1,7 @@
 """Rare-event estimators: multilevel splitting, slice sampling, importance sampling, cross-entropy."""
 
-from avrare.plugin import Component, hookimpl
+from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
+from avrare_estimators.common.health_messages import WARNINGS
 
 
 @hookimpl
@@ -10,36 +11,49 @@ def avrare_components() -> list[Component]:
         Component(
             kind="estimator",
             name="ams",
-            config="avrare_estimators.config:AmsConfig",
-            factory="avrare_estimators.ams.splitting:build",
+            config="avrare_estimators.ams.config:AmsConfig",
+            factory="avrare_estimators.ams.build:build",
             summary="adaptive multilevel splitting, unbiased for any formula",
+            warnings=WARNINGS,
+            cross_check=CheckRole(order=20, first_for=("ess", "mc")),
+            auto=AutoRole(order=30, with_steps=True),
         ),
         Component(
             kind="estimator",
             name="ess",
-            config="avrare_estimators.config:EssConfig",
-            factory="avrare_estimators.ess.estimator:build",
+            config="avrare_estimators.ess.config:EssConfig",
+            factory="avrare_estimators.ess.build:build",
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
+            warnings=WARNINGS,
+            cross_check=CheckRole(order=10),
+            auto=AutoRole(order=40, with_steps=False),
         ),
         Component(
             kind="estimator",
             name="is",
-            config="avrare_estimators.config:IsConfig",
-            factory="avrare_estimators.importance.importance_sampling:build",
+            config="avrare_estimators.importance.config:IsConfig",
+            factory="avrare_estimators.importance.build:build",
             summary="importance sampling from a law of the noise or another perception model",
+            warnings=WARNINGS,
+            auto=AutoRole(
+                order=10, gives_up=True, options="avrare_estimators.importance.auto_options:choose_options"
+            ),
         ),
         Component(
             kind="estimator",
             name="ce",
-            config="avrare_estimators.config:CeConfig",
-            factory="avrare_estimators.importance.cross_entropy:build",
+            config="avrare_estimators.ce.config:CeConfig",
+            factory="avrare_estimators.ce.cross_entropy:build",
             summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
+            warnings=WARNINGS,
         ),
         Component(
             kind="estimator",
             name="smc",
-            config="avrare_estimators.config:SmcConfig",
+            config="avrare_estimators.smc.config:SmcConfig",
             factory="avrare_estimators.smc.estimator:build",
             summary="sequential Monte Carlo with potentials and a proposal that are learned",
+            warnings=WARNINGS,
+            auto=AutoRole(order=20, with_steps=True),
         ),
     ]

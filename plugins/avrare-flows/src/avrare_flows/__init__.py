@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from avrare.plugin import Component, hookimpl
+from avrare_flows.health_messages import WARNINGS
 
 if TYPE_CHECKING:
     from avrare_flows.system import transformed as transformed
@@ -22,6 +23,7 @@ def avrare_components() -> list[Component]:
             factory="avrare_flows.simulator:build",
             summary="any other simulator, with noise that is not normal",
             needs=("scipy",),
+            warnings=WARNINGS,
         ),
     ]
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import parse_arrays, read_regular, write_arrays
 from avrare.protocols import Floats
+from avrare_flows.health_messages import WARNINGS
 
 KINDS = ("affine_coupling", "spline_autoregressive")
 _FORMAT = 1
@@ -157,10 +158,7 @@ class Flow:
     @property
     def note(self) -> str:
         """Health warning ``model_error`` of every result."""
-        return (
-            f"the noise comes from a flow fitted to {self.samples} samples: the interval does not cover its "
-            "error; a tenth in the scale can be a factor of ten in the probability"
-        )
+        return WARNINGS["model_error"].format(samples=self.samples)
 
     def warp(self, z: Floats) -> Warped:
         """Return physical rows of standard normal rows (N, n), and log |det dx/dz| (N,)."""

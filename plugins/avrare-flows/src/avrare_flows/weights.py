@@ -14,21 +14,15 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.health_messages import fill
 from avrare.protocols import Bools, Floats, ReportsFaults, Signals, System, find_ability
 from avrare_flows.flow import Warped
+from avrare_flows.health_messages import WARNINGS
 from avrare_flows.laws import Law, log_normal_density
 from avrare_flows.system import check_size
 
 Weights = Literal["importance", "paper"]
 WEIGHTS = ("importance", "paper")
-_PAPER = (
-    "weights as in stl-ess, Eq. 20: the determinant of the flow without the ratio of the densities; the "
-    "estimate converges to E[|det|, failure] / E[|det|], which is not the failure probability"
-)
-_TAILS = (
-    "the weights correct the rows that the fitted flow draws; failures that it hardly ever draws are missed "
-    "without a sign: compare with an exact transform, or with another flow"
-)
 
 
 class WarpedLaw(Law, Protocol):
@@ -81,8 +75,8 @@ class WeightedSystem:
     def notes(self) -> dict[str, str]:
         """Health warnings for every result."""
         if self.log_density is None:
-            return {"paper_weights": _PAPER}
-        return {"flow_tails": _TAILS} if self.flow.note else {}
+            return fill(WARNINGS, "paper_weights")
+        return fill(WARNINGS, "flow_tails") if self.flow.note else {}
 
     def with_weights(self) -> WeightedSystem:
         """Return the same system, ready to run."""

@@ -1,6 +1,7 @@
 """Linear systems with Gaussian noise: simulator, exact elliptical slices, and synthesis."""
 
 from avrare.plugin import Component, hookimpl
+from avrare_estimators.common.health_messages import WARNINGS
 
 
 @hookimpl
@@ -21,5 +22,7 @@ def avrare_components() -> list[Component]:
             config="avrare_linear.estimator_config:LinearEssConfig",
             factory="avrare_linear.estimator:build",
             summary="nested levels with exact ellipse slices, for linear systems and predicates",
+            warnings=WARNINGS,
+            family="ess",
         ),
     ]

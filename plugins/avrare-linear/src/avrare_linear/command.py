@@ -15,8 +15,15 @@ if TYPE_CHECKING:
     from avrare_linear.synthesis import DescentStep
 
 _PARAMETERS = (
-    "mean", "covariance", "process_noise", "measurement_noise", "reference", "feedforward", "gain", "observer"
-)  # fmt: skip
+    "mean",
+    "covariance",
+    "process_noise",
+    "measurement_noise",
+    "reference",
+    "feedforward",
+    "gain",
+    "observer",
+)
 _SEED_OFFSET = 1_000_000
 """Distance of the seeds of the final estimates from those of the descent."""
 
@@ -92,10 +99,19 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Desc
         print(f"{number:<6}{step.probability:<11.3g}{slope:<16.3g}{largest:.4g}", flush=True)
 
     return synthesise(
-        system, formula, problem.steps, ATTRIBUTES[args.parameter], rate=args.rate, iterations=args.steps,
-        target=args.target, least=args.least, effort=effort, seed=seed, on_step=print_step,
+        system,
+        formula,
+        problem.steps,
+        ATTRIBUTES[args.parameter],
+        rate=args.rate,
+        iterations=args.steps,
+        target=args.target,
+        least=args.least,
+        effort=effort,
+        seed=seed,
+        on_step=print_step,
         maximise=args.maximise,
-    )  # fmt: skip
+    )
 
 
 def _changed(problem: Problem, parameter: str, step: DescentStep) -> Problem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from avrare.rollout.problem import Problem
+from avrare_estimators.common.chains.kernel import Kernel
 from avrare_estimators.ess.estimator import NestedLevels
 from avrare_linear.estimator_config import LinearEssConfig
 from avrare_linear.kernel import ExactKernel, to_solvable
@@ -19,7 +20,8 @@ class LinearLevels(NestedLevels):
     name = "ess_linear"
 
     def __init__(self, config: LinearEssConfig) -> None:
-        self.config, self.moves = config, config.moves  # prepare makes the kernel
+        super().__init__(config, Kernel())  # prepare makes the kernel, which must know the system
+        self.moves = config.moves
 
     def prepare(self, problem: Problem) -> Problem:
         """Make the kernel, and return the problem with a score that it can solve.

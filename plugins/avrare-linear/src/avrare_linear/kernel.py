@@ -15,7 +15,7 @@ from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.scored_specifications import FormulaScored, FunctionScored, MarginScored
 from avrare.rollout.scores.term_sizes import ScaledMonitor
-from avrare_estimators.ess.chains import TURN, Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import TURN, Draw, Kernel, Move, Points, rotated
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.predicates import AffineFormula
 
@@ -73,7 +73,7 @@ class ExactKernel(Kernel):
         moves: Slice moves of a chain before each rollout.
     """
 
-    rollouts = 1.0
+    name = "exact"
 
     def __init__(self, slicer: Slicer, threshold: RobustnessLevel, moves: int = 1) -> None:
         self.slicer = slicer
@@ -101,7 +101,7 @@ class ExactKernel(Kernel):
         nominal = scored.nominal if isinstance(scored, MarginScored) else None
         return ExactKernel(slicer, RobustnessLevel(nominal), moves)
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         """Move along fresh ellipses, to a uniform angle on the part inside the level set."""
         chains, threshold, tape = np.arange(len(level)), self.threshold(level), state.tape
         along = self.slicer.margins(tape)
@@ -115,9 +115,9 @@ class ExactKernel(Kernel):
             tape, along = rotated(tape, other, angle), rotated(along, across, angle)
         return Move.begin(state, level, draw, tape, ())
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         """Accept the proposal, unless rounding at the end of a segment put it outside the set."""
-        return move.accept(found.above(move.level[move.waiting]), found).stay()
+        return move.accept(points.above(move.level[move.waiting]), points).stay()
 
 
 def to_solvable(problem: Problem) -> Problem:
@@ -165,10 +165,10 @@ def _has_closed_form(problem: Problem) -> bool:
 
 def _sizes(affine: AffineFormula, guide: ScaledMonitor) -> Floats:
     # (T + 1, P); a comparison that the formula negates has its opposite's size.
-    known = {normalize(term, sign): size for term, size in guide.sizes.items() for sign in (True, False)}
-    ones = np.ones(len(next(iter(known.values()))))
+    sizes = {normalize(term, sign): size for term, size in guide.sizes.items() for sign in (True, False)}
+    equal = np.ones(len(next(iter(sizes.values()))))
     return np.stack(
-        [known.get(margin.term, ones) if margin.term else ones for margin in affine.margins], axis=1
+        [sizes.get(margin.term, equal) if margin.term else equal for margin in affine.margins], axis=1
     )
 
 

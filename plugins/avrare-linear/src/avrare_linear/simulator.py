@@ -65,13 +65,22 @@ def from_config(config: LinearConfig) -> LinearSystem:
         costs = feedback.state_cost[0], feedback.input_cost[0]
     given = observer.gain if observer is not None else None
     return LinearSystem.of(
-        config.states, config.A, config.initial.mean, covariance=config.initial.covariance,
-        inputs=config.inputs, B=config.B, outputs=config.outputs, C=config.C,
-        process_noise=config.process_noise, measurement_noise=config.measurement_noise,
-        gain=feedback.gain if feedback is not None else None, costs=costs,
+        config.states,
+        config.A,
+        config.initial.mean,
+        covariance=config.initial.covariance,
+        inputs=config.inputs,
+        B=config.B,
+        outputs=config.outputs,
+        C=config.C,
+        process_noise=config.process_noise,
+        measurement_noise=config.measurement_noise,
+        gain=feedback.gain if feedback is not None else None,
+        costs=costs,
         observer=given if given is not None else observer is not None,
-        reference=config.reference, feedforward=config.feedforward,
-    )  # fmt: skip
+        reference=config.reference,
+        feedforward=config.feedforward,
+    )
 
 
 def system_of(problem: Problem) -> LinearSystem:

@@ -42,10 +42,14 @@ def find_controls(
         raise UsageError("controls need a system with inputs, no more than states, and a positive bandwidth")
     process = np.zeros((len(system.B), states, states))
     process[:, :, :inputs] = bandwidth * system.B
-    driven = _open_loop(replace(
-        system, process=process, spread=np.zeros_like(system.spread),
-        measurement=np.zeros_like(system.measurement),
-    ))  # fmt: skip
+    driven = _open_loop(
+        replace(
+            system,
+            process=process,
+            spread=np.zeros_like(system.spread),
+            measurement=np.zeros_like(system.measurement),
+        )
+    )
     failing = stl(f"not ({formula})", dt=formula.dt, warn=False)
     levels = LinearLevels(LinearEssConfig(chains=chains, runs=1, second_pass=False))
     [result] = run(Problem(driven, failing, steps), levels, SerialExecutor(), Settings(seed))

@@ -22,7 +22,7 @@ from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare_estimators.ess.chains import rotated
+from avrare_estimators.common.chains.kernel import rotated
 from avrare_estimators.ess.state import EssState
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.estimator import LinearLevels
@@ -164,10 +164,17 @@ def _changed(system: LinearSystem, parameter: str, value: Any) -> LinearSystem:
 
 
 def descend(
-    evaluate: Callable[[Floats, int], DescentStep], start: Floats, *, rate: float | None, iterations: int,
-    target: float | None = None, tolerance: float = 0.0, least: float = 0.0,
-    on_step: Callable[[DescentStep], object] | None = None, maximise: bool = False,
-) -> list[DescentStep]:  # fmt: skip
+    evaluate: Callable[[Floats, int], DescentStep],
+    start: Floats,
+    *,
+    rate: float | None,
+    iterations: int,
+    target: float | None = None,
+    tolerance: float = 0.0,
+    least: float = 0.0,
+    on_step: Callable[[DescentStep], object] | None = None,
+    maximise: bool = False,
+) -> list[DescentStep]:
     """Take steps of size ``rate`` against the gradient of log p, or along it (the paper's v_dir).
 
     Stops at the first iteration whose probability has reached ``target``, whose step gains less than
@@ -209,11 +216,21 @@ def descend(
 
 
 def synthesise(
-    system: LinearSystem, formula: Formula, steps: int, parameter: str, *, rate: float | None,
-    iterations: int, target: float | None = None, tolerance: float = 0.0, least: float = 0.0,
-    effort: Effort | None = None, seed: int = 0, on_step: Callable[[DescentStep], object] | None = None,
+    system: LinearSystem,
+    formula: Formula,
+    steps: int,
+    parameter: str,
+    *,
+    rate: float | None,
+    iterations: int,
+    target: float | None = None,
+    tolerance: float = 0.0,
+    least: float = 0.0,
+    effort: Effort | None = None,
+    seed: int = 0,
+    on_step: Callable[[DescentStep], object] | None = None,
     maximise: bool = False,
-) -> list[DescentStep]:  # fmt: skip
+) -> list[DescentStep]:
     """Lower a linear system's failure probability by gradient descent in one of ``PARAMETERS``.
 
     Args:
@@ -243,6 +260,13 @@ def synthesise(
 
     start: Floats = getattr(system, parameter)
     return descend(
-        evaluate, start, rate=rate, iterations=iterations, target=target, tolerance=tolerance, least=least,
-        on_step=on_step, maximise=maximise,
-    )  # fmt: skip
+        evaluate,
+        start,
+        rate=rate,
+        iterations=iterations,
+        target=target,
+        tolerance=tolerance,
+        least=least,
+        on_step=on_step,
+        maximise=maximise,
+    )

@@ -83,13 +83,23 @@ class LinearSystem:
 
     @staticmethod
     def of(
-        states: Sequence[str], A: ArrayLike, mean: ArrayLike, *, covariance: ArrayLike | None = None,
-        inputs: Sequence[str] = (), B: ArrayLike | None = None, outputs: Sequence[str] = (),
-        C: ArrayLike | None = None, process_noise: ArrayLike | None = None,
-        measurement_noise: ArrayLike | None = None, gain: ArrayLike | None = None,
-        costs: tuple[ArrayLike, ArrayLike] | None = None, observer: ArrayLike | bool = False,
-        reference: ArrayLike | None = None, feedforward: ArrayLike | None = None,
-    ) -> LinearSystem:  # fmt: skip
+        states: Sequence[str],
+        A: ArrayLike,
+        mean: ArrayLike,
+        *,
+        covariance: ArrayLike | None = None,
+        inputs: Sequence[str] = (),
+        B: ArrayLike | None = None,
+        outputs: Sequence[str] = (),
+        C: ArrayLike | None = None,
+        process_noise: ArrayLike | None = None,
+        measurement_noise: ArrayLike | None = None,
+        gain: ArrayLike | None = None,
+        costs: tuple[ArrayLike, ArrayLike] | None = None,
+        observer: ArrayLike | bool = False,
+        reference: ArrayLike | None = None,
+        feedforward: ArrayLike | None = None,
+    ) -> LinearSystem:
         """Make a system from matrices, or lists of them, one per step.
 
         Args:
@@ -130,11 +140,18 @@ class LinearSystem:
         else:
             estimator = _stack("observer", observer, n, q)
         return LinearSystem(
-            (tuple(states), tuple(inputs), tuple(outputs)), a, b, c,
+            (tuple(states), tuple(inputs), tuple(outputs)),
+            a,
+            b,
+            c,
             *factors,
-            _stack("mean", mean, n), _factor("covariance", start), k, estimator,
-            _stack("reference", reference, n), _stack("feedforward", feedforward, m),
-        )  # fmt: skip
+            _stack("mean", mean, n),
+            _factor("covariance", start),
+            k,
+            estimator,
+            _stack("reference", reference, n),
+            _stack("feedforward", feedforward, m),
+        )
 
     def __post_init__(self) -> None:
         self.noise_size = len(self.names[0]) + len(self.names[2])

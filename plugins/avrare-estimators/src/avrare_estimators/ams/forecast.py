@@ -1,4 +1,4 @@
-"""Forecast of the cost of splitting: by what the probability may be, then by what the pilot has cost."""
+"""Forecast of the cost of splitting: for two likely probabilities, then by the cost of the pilot."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 
 from avrare.estimation.cost_forecast import CostForecast
 from avrare_estimators.ams.state import AmsState
-from avrare_estimators.looks import LIKELY, RARE, Looks
+from avrare_estimators.common.looks import LIKELY, RARE, Looks
 
 _FALLEN = math.log(0.5)
-"""Log of the share of particles left, below which the levels so far tell what further ones cost."""
+"""Log of the share of particles left below which the levels so far show the cost of further ones."""
 
 
 def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> CostForecast | None:
-    """Return the simulated steps of the whole estimate; None between the end of a run and what comes next.
+    """Return the simulated steps of the whole estimate; None between two batches of runs.
 
     A first stage of f steps and levels down to p cost f (1 + slope log p), with a slope that is measured as
     soon as the levels have come some way. The probability is not known before the pilot has ended: until

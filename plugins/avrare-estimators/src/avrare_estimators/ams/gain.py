@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Bools, Floats
-from avrare_estimators.smc.network import sigmoid
-from avrare_estimators.smc.potentials import HELD_OUT, Paths, Potentials
+from avrare_estimators.common.committor.network import sigmoid
+from avrare_estimators.common.committor.potentials import HELD_OUT, Paths, Potentials
 
 _GROUPS = 10
 """Groups of first ancestors that are left out in turn."""
@@ -71,9 +71,10 @@ def promise_gain(potentials: Potentials, paths: Paths, steps: int) -> Promise:
     odds = potentials.log_odds(times, features.reshape(len(times), -1)).reshape(features.shape[:2])
     learned = np.maximum.accumulate(odds, axis=1)
     common: dict[str, Any] = {
-        "committor": sigmoid(odds), "left": np.append(1.0 - potentials.schedule / steps, 0.0),
+        "committor": sigmoid(odds),
+        "left": np.append(1.0 - potentials.schedule / steps, 0.0),
         "violated": violated,
-    }  # fmt: skip
+    }
     scores = [
         (features[:, :, -1], np.where(violated, np.inf, paths.score[held])),
         (learned, np.where(violated, np.inf, learned[:, -1])),
@@ -115,8 +116,8 @@ def _entrance(ways: _Ways, level: float) -> tuple[float, float, float]:
     above = ways.score[rows] > level
     step = np.where(above.any(axis=1), above.argmax(axis=1), above.shape[1])
     weights, failed = ways.weights[rows], ways.violated[rows]
-    known = np.append(ways.committor[rows], failed[:, None], axis=1)  # at the end it is known
-    committor = known[np.arange(len(rows)), step]
+    committors = np.append(ways.committor[rows], failed[:, None], axis=1)  # at the end it is known
+    committor = committors[np.arange(len(rows)), step]
     hit, joint = float(weights @ failed), float((weights * failed) @ committor)
     square = float(weights @ committor**2)
     share = float(weights.sum())

@@ -1,8 +1,8 @@
 """Leaps: rollouts that come from a low level to a high one in a single step.
 
 Splitting climbs: it copies what has come some way and lets it try again. Where one outlier decides, the way
-begins anew with every try, so that only the first rollouts have a fair chance of such a failure, and runs
-that met none agree with each other. At levels that the first rollouts reach this shows often enough to see.
+begins anew with every try, so that only the first rollouts have a fair chance to fail in this way, and runs
+that met no failure agree with each other. Leaps can be counted at levels that the first rollouts reach.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from avrare.protocols import Floats
 _BELOW, _BETWEEN, _ABOVE = 0.1, 0.05, 0.01
 """Shares of the rollouts that pass the low level, one between, and the high one."""
 _LEAST, _MOST_SHARE = 20, 1.0 / 3.0
-"""Rollouts above the high level from which the share of leaps is judged, and the largest that is no doubt."""
+"""Fewest rollouts above the high level to judge the leaps, and their largest share without a warning."""
 
 
 def _none() -> Floats:
@@ -44,7 +44,7 @@ class Leaps:
 
     @staticmethod
     def of(scores: Floats) -> Leaps:
-        """Return what is kept of a batch of independent rollouts by their running scores (N, T + 1)."""
+        """Return the leaps of a batch of independent rollouts from their running scores (N, T + 1)."""
         if not len(scores):
             return Leaps()
         final = scores[:, -1].copy()
@@ -56,7 +56,7 @@ class Leaps:
 
     def __add__(self, other: Leaps) -> Leaps:
         """Return both together."""
-        pairs = ((getattr(self, one.name), getattr(other, one.name)) for one in fields(self))
+        pairs = ((getattr(self, array.name), getattr(other, array.name)) for array in fields(self))
         return Leaps(*map(np.concatenate, pairs))
 
     @cached_property

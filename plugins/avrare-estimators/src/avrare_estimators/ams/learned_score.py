@@ -22,8 +22,8 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ams.gain import Promise, promise_gain
 from avrare_estimators.ams.population import Branches, Population
-from avrare_estimators.smc.learned_file import FILE, Learned, LearnedFile
-from avrare_estimators.smc.potentials import Paths, Potentials, learn
+from avrare_estimators.common.committor.learned_file import FILE, Learned, LearnedFile
+from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
 
 LEARNING_RUN = 2**31 + 2**16
 """Address of the noise of runs that only teach, far from those that count and from the pilot."""
@@ -80,8 +80,8 @@ class PathTable:
     @property
     def full(self) -> bool:
         """True where no further rollouts should come."""
-        kept = len(self.score) + sum(len(part.score) for part in self._retired)
-        return kept > (MOST_PATHS - 1) * len(self.score)
+        rollouts = len(self.score) + sum(len(paths.score) for paths in self._retired)
+        return rollouts > (MOST_PATHS - 1) * len(self.score)
 
     def _paths(self, slots: Integers, weight: float, population: Population) -> Paths:
         weights = np.full(len(slots), weight / len(self.score))
@@ -91,7 +91,7 @@ class PathTable:
 
 @dataclass(frozen=True)
 class ScoreLearning:
-    """Learned score, or what is there of it while it is learnt.
+    """Learned score, or the state of its learning.
 
     Attributes:
         schedule: (K,) steps at which the committor is looked up.
@@ -152,29 +152,31 @@ class ScoreLearning:
         paths = self.table.finish(weight, population)
         state = replace(self, table=None, spent=spent)
         seed = (plan.noise.seed, LEARNING_RUN)
-        found = learn((paths,), self.schedule, seed, _TRAINING) if len(paths.score) else None
-        if found is None or not found.reached:
+        potentials = learn((paths,), self.schedule, seed, _TRAINING) if len(paths.score) else None
+        if potentials is None or not potentials.reached:
             return replace(state, reason="the learning run met too few failures")
-        if not found.useful:
+        if not potentials.useful:
             return replace(state, reason="the features do not tell failures before they happen")
-        promise = promise_gain(found, paths, plan.steps)
-        told = f"a gain of {promise.gain:.2g} ± {promise.error:.1g}"
+        promise = promise_gain(potentials, paths, plan.steps)
+        gain = f"a gain of {promise.gain:.2g} ± {promise.error:.1g}"
         if promise.sure < _LEAST_GAIN:
-            reason = f"rollouts held out promise {told}, which is not surely {_LEAST_GAIN}"
+            reason = f"rollouts held out promise {gain}, which is not surely {_LEAST_GAIN}"
             return replace(state, promise=promise, reason=reason)
-        return replace(state, potentials=found, promise=promise, reason=f"rollouts held out promise {told}")
+        return replace(
+            state, potentials=potentials, promise=promise, reason=f"rollouts held out promise {gain}"
+        )
 
     def diagnostics(self, plan: Plan) -> dict[str, Any]:
         """Return the score in use and its promise, as JSON."""
         learned = self.potentials is not None
         score: dict[str, Any] = {"used": "learned" if learned else "problem", "reason": self.reason}
-        found: dict[str, Any] = {"score": score, "learning_rollouts": self.spent.rollouts}
+        diagnostics: dict[str, Any] = {"score": score, "learning_rollouts": self.spent.rollouts}
         if self.promise is not None:
             error = self.promise.error
             score |= {"gain": self.promise.gain, "gain_error": error if np.isfinite(error) else None}
         if self.potentials is not None:
-            found["learned"] = _freeze(self.potentials, plan).digest
-        return found
+            diagnostics["learned"] = _freeze(self.potentials, plan).digest
+        return diagnostics
 
     def notes(self) -> tuple[Note, ...]:
         """Return the note on the score in use."""

@@ -69,7 +69,7 @@ class Population:
     def empty(slots: int, particles: int, steps: int) -> Population:
         """Return the slots before the first rollout."""
         shape = (slots, steps + 1)
-        own = np.arange(slots) % particles
+        number = np.arange(slots) % particles
         return Population(
             scores=np.full(shape, -np.inf),
             violated=np.zeros(slots, dtype=bool),
@@ -77,7 +77,7 @@ class Population:
             robustness=np.full(slots, np.inf),
             root=np.arange(slots),
             stage=np.zeros(shape, dtype=np.int32),
-            particle=np.repeat(own[:, None], steps + 1, axis=1).astype(np.int32),
+            particle=np.repeat(number[:, None], steps + 1, axis=1).astype(np.int32),
             since=np.full(slots, _NEVER),
         )
 
@@ -97,9 +97,9 @@ class Population:
         steps = np.arange(self.scores.shape[1])
         size = max(1, _BLOCK // len(steps))
         for begin in range(0, len(slots), size):
-            part = slice(begin, begin + size)
-            old = self.scores[slots[part]]
-            self.scores[slots[part]] = np.where(steps > start[part, None], outcome.scores[part], old)
+            block = slice(begin, begin + size)
+            old = self.scores[slots[block]]
+            self.scores[slots[block]] = np.where(steps > start[block, None], outcome.scores[block], old)
         self.violated[slots] = outcome.violated[:, 0]
         self.error[slots] = outcome.error
         self.robustness[slots] = outcome.robustness[:, 0]
@@ -110,16 +110,21 @@ class Population:
         self.since[slots[~given]] = _NEVER
 
     def inherit(
-        self, children: Integers, parents: Integers, start: Integers, stage: Integers, own: Integers,
+        self,
+        children: Integers,
+        parents: Integers,
+        start: Integers,
+        stage: Integers,
+        number: Integers,
         every: int = 1,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it.
 
         Where only the carries of every so many steps are stored, the newest before ``start`` is handed on.
         """
         past = np.arange(self.scores.shape[1]) <= start[:, None]
         self.root[children] = self.root[parents]
-        for table, fresh in ((self.stage, stage), (self.particle, own)):
+        for table, fresh in ((self.stage, stage), (self.particle, number)):
             table[children] = np.where(past, table[parents], fresh[:, None])
         self.scores[children] = np.where(past, self.scores[parents], -np.inf)
         origin = start - start % every
@@ -144,14 +149,14 @@ class Population:
         without any carries: the steps before do not count, as it would not have needed them.
         """
         origin = start - start % every
-        known = self.since[parents] <= origin
-        rows = np.flatnonzero(~known | (origin < start))
+        stored = self.since[parents] <= origin
+        rows = np.flatnonzero(~stored | (origin < start))
         if not len(rows):
             return None
-        parents, paid, known = parents[rows], (start - origin)[rows], known[rows]
-        origin = np.where(known, origin[rows], FROM_START)
+        parents, paid, stored = parents[rows], (start - origin)[rows], stored[rows]
+        origin = np.where(stored, origin[rows], FROM_START)
         carries = []
-        for t in np.unique(origin[known]):
+        for t in np.unique(origin[stored]):
             entries = np.flatnonzero(origin == t)
             carries.append((int(t), entries, batch.take(self.history[int(t)], parents[entries])))
         return Past(rows, origin, self.stage[parents], self.particle[parents], paid, tuple(carries))

@@ -16,6 +16,7 @@ from avrare.estimation.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
+from avrare_estimators.ams.config import AmsConfig
 from avrare_estimators.ams.forecast import forecast_cost
 from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.ams.learned_score import LEARNING_RUN, MOST_PATHS, ScoreLearning, choose_times
@@ -24,11 +25,11 @@ from avrare_estimators.ams.look_ahead import LookAheadProblem
 from avrare_estimators.ams.population import Branches
 from avrare_estimators.ams.state import AmsState, run_bytes
 from avrare_estimators.ams.summary import summarise
-from avrare_estimators.config import LEARNED, LEAST_PILOT, AmsConfig
-from avrare_estimators.cost import affordable_runs, paid_runs
-from avrare_estimators.feature_count import FEATURES, count_features
-from avrare_estimators.looks import LEAST_RUNS, MOST_GROWTH, Looks, Pilot
-from avrare_estimators.smc.learned_file import LearnedFile
+from avrare_estimators.common.committor.learned_file import LearnedFile
+from avrare_estimators.common.config import LEARNED, LEAST_PILOT
+from avrare_estimators.common.cost import affordable_runs, paid_runs
+from avrare_estimators.common.feature_count import FEATURES, count_features
+from avrare_estimators.common.looks import LEAST_RUNS, MOST_GROWTH, Looks, Pilot
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
@@ -42,11 +43,6 @@ _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
 
-def build(config: AmsConfig, scene: object | None = None) -> Splitting:
-    """Build the estimator of a scenario or a call."""
-    return Splitting(config)
-
-
 class Splitting:
     """Estimator ``ams``: R runs of N particles as one batch."""
 
@@ -57,17 +53,16 @@ class Splitting:
 
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
-        self._published = config.variant == "published"
         self.stops_early = config.early_stop
         self._file = LearnedFile.read(config.learned) if config.learned is not None else None
         self._features: int | None = None
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem with the score of the variant, or that looks ahead."""
+        """Return the problem with its own score, or with one that looks ahead."""
         self._features = count_features(problem) if self.config.scores_by_committor else None
         if self.config.look_ahead is not None:
             return LookAheadProblem(problem, self.config.look_ahead)
-        return problem.rescored("prefix") if self._published else problem
+        return problem
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """Return the state before the first rollout, and what to show."""
@@ -85,7 +80,7 @@ class Splitting:
     def _begin(self, plan: Plan, learning: ScoreLearning | None = None) -> AmsState:
         """Begin the pilot that sizes the runs, or the runs that count where there is none."""
         spent = learning.spent if learning is not None else None
-        if self.config.grow and plan.steps and self._most_runs(plan, 1, spent=spent) >= LEAST_RUNS:
+        if self.config.grows and plan.steps and self._most_runs(plan, 1, spent=spent) >= LEAST_RUNS:
             return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN, learning=learning)
         return self._begin_counting(plan, learning=learning)
 
@@ -109,9 +104,15 @@ class Splitting:
         run, particle = np.divmod(pending.slots, state.particles)
         stage = np.full(len(pending.slots), state.stage)
         request = Request(
-            run + state.first_run, stage, particle, pending.start, keep_carries=True, every=state.every,
-            stop_early=self.config.early_stop, observe=state.learning.observed if state.learning else (),
-        )  # fmt: skip
+            run + state.first_run,
+            stage,
+            particle,
+            pending.start,
+            keep_carries=True,
+            every=state.every,
+            stop_early=self.config.early_stop,
+            observe=state.learning.observed if state.learning else (),
+        )
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
         branch = pending.parents, pending.start, state.every
@@ -121,9 +122,7 @@ class Splitting:
         """Store the rollouts, then do one stage of all active runs (stl-ams, Algorithm 2)."""
         if state.learning is not None:
             rollouts = state.learning.told(rollouts, state.pending, state.population)
-        state.population.store(state.pending.slots, state.pending.start, rollouts)
-        if self._published:  # its failures are robustness <= 0
-            state.population.violated[:] = (state.population.final >= 0.0) & ~state.population.error
+        self._store(state, rollouts)
         if state.stage == 0:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
             first = np.concatenate([state.first, first])
@@ -138,6 +137,9 @@ class Splitting:
         if not len(state.pending.slots):
             state = self._continue(state)
         return state, replace(info, forecast=self._forecast(state))
+
+    def _store(self, state: AmsState, rollouts: Rollouts) -> None:
+        state.population.store(state.pending.slots, state.pending.start, rollouts)
 
     def estimate(self, state: AmsState) -> list[Result]:
         """Return the mean of the runs with its interval."""
@@ -157,11 +159,11 @@ class Splitting:
         return state.next_batch(min(more, self._batch(state.plan, state.particles))) if more else state
 
     def _after_pilot(self, state: AmsState) -> AmsState:
-        found, plan = summarise(self.name, self.config, state), state.plan
-        roots = found.diagnostics["roots"][0] if found.probability else 0
+        result, plan = summarise(self.name, self.config, state), state.plan
+        roots = result.diagnostics["roots"][0] if result.probability else 0
         before = state.learning.spent if state.learning is not None else Info()
         rollouts, steps = (getattr(state.tally, n) - getattr(before, n) for n in ("rollouts", "steps"))
-        pilot = Pilot(rollouts, roots, found.relative_error**2, cost=steps)
+        pilot = Pilot(rollouts, roots, result.relative_error**2, cost=steps)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
         while growth > 1 and not self._affords(plan, growth, before):
@@ -263,9 +265,13 @@ class Splitting:
         """
         particles, most = self.config.particles, self.config.most
         paid = affordable_runs(
-            plan, most, "splitting", _ROLLOUTS_OF_RUN * particles, _STEPS_OF_RUN * particles,
+            plan,
+            most,
+            "splitting",
+            _ROLLOUTS_OF_RUN * particles,
+            _STEPS_OF_RUN * particles,
             f"{particles} particles",
-        )  # fmt: skip
+        )
         if plan.budget is None:
             return most
         if spent is not None:
@@ -279,7 +285,7 @@ class Splitting:
         population = state.population
         shape = (state.runs, state.particles)
         violated, error = population.violated.reshape(shape), population.error.reshape(shape)
-        # 1. The level is the K-th lowest score (the published code discards one more).
+        # 1. The level is the K-th lowest score.
         discard = self._discard(state)
         level = next_level(population.final.reshape(shape), violated, discard)
         # 2. A run ends at a level of failures, without a parent to branch from, or below the floor.
@@ -304,7 +310,7 @@ class Splitting:
     def _discard(self, state: AmsState) -> int:
         if state.learns:
             return state.particles // 10
-        return self.config.discard * state.growth + self._published
+        return self.config.discard * state.growth
 
     def _retire(self, state: AmsState, failures: Bools) -> None:
         state.retired[:] += state.weight * failures.mean(axis=1)
@@ -325,14 +331,16 @@ class Splitting:
 
     def _branch(self, state: AmsState, discarded: Bools, eligible: Bools, level: Floats) -> Branches:
         children = np.flatnonzero(discarded)
-        run, own = np.divmod(children, state.particles)
+        run, number = np.divmod(children, state.particles)
         stage = np.full(len(children), state.stage)
-        parents = choose_parents(eligible, run, state.plan.noise.choices(run + state.first_run, stage, own))
+        parents = choose_parents(
+            eligible, run, state.plan.noise.choices(run + state.first_run, stage, number)
+        )
         start = first_above(state.population.scores[parents], level[run])
         order = np.argsort(start, kind="stable")
         branches = Branches(children[order], parents[order], start[order])
         state.population.inherit(
-            branches.slots, branches.parents, branches.start, stage, own[order], state.every
+            branches.slots, branches.parents, branches.start, stage, number[order], state.every
         )
         if table := state.table:
             table.inherit(branches)

@@ -18,8 +18,8 @@ from avrare.rollout.request import FROM_START, Integers
 from avrare_estimators.ams.leaps import Leaps
 from avrare_estimators.ams.learned_score import PathTable, ScoreLearning
 from avrare_estimators.ams.population import Branches, Population, TapeAddresses
-from avrare_estimators.in_turn import take_in_turn
-from avrare_estimators.looks import Looks, Pilot
+from avrare_estimators.common.in_turn import take_in_turn
+from avrare_estimators.common.looks import Looks, Pilot
 
 _SLOT, _ENTRY = 200, 34
 """Bytes of a slot at the peak, and of each of its steps: tables, and the scores of a first stage twice."""
@@ -66,9 +66,12 @@ class EndedRuns:
             for name in ("failing", "retired_failures", "worst")
         )
         return EndedRuns(
-            **arrays, levels=self.levels + other.levels, failing=thin(failing, most),
-            retired_failures=thin(retired, most), worst=_least_robust(worst),
-        )  # fmt: skip
+            **arrays,
+            levels=self.levels + other.levels,
+            failing=thin(failing, most),
+            retired_failures=thin(retired, most),
+            worst=_least_robust(worst),
+        )
 
     @property
     def runs(self) -> int:
@@ -152,28 +155,47 @@ class AmsState:
         """Return the state before the first rollout."""
         slots = np.arange(runs * particles)
         return AmsState(
-            plan, runs, Population.empty(len(slots), particles, plan.steps),
-            weight=np.ones(runs), pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
-            retired=np.zeros(runs), error_weight=np.zeros(runs), active=np.ones(runs, dtype=bool),
+            plan,
+            runs,
+            Population.empty(len(slots), particles, plan.steps),
+            weight=np.ones(runs),
+            pairs=np.full(runs, 1.0 / (particles * (particles - 1))),
+            retired=np.zeros(runs),
+            error_weight=np.zeros(runs),
+            active=np.ones(runs, dtype=bool),
             pending=Branches(slots, slots, np.full(len(slots), FROM_START)),
-            levels=tuple([] for _ in range(runs)), **fields,
-        )  # fmt: skip
+            levels=tuple([] for _ in range(runs)),
+            **fields,
+        )
 
     def next_batch(self, runs: int) -> AmsState:
         """Begin further runs; what these have found stays."""
         ended = self.finished()
         return AmsState.begin(
-            self.plan, runs, self.particles, first=self.first, fresh=self.fresh, tally=self.tally,
-            first_run=ended.runs, growth=self.growth, looks=self.looks, pilot=self.pilot, ended=ended,
-            saved=self.saved, leaps=self.leaps, learning=self.learning,
-        )  # fmt: skip
+            self.plan,
+            runs,
+            self.particles,
+            first=self.first,
+            fresh=self.fresh,
+            tally=self.tally,
+            first_run=ended.runs,
+            growth=self.growth,
+            looks=self.looks,
+            pilot=self.pilot,
+            ended=ended,
+            saved=self.saved,
+            leaps=self.leaps,
+            learning=self.learning,
+        )
 
     @property
     def probabilities(self) -> Floats:
         """Estimates of all runs so far; unbiased at every stage."""
         share = self.population.violated.reshape(self.runs, -1).mean(axis=1)
-        own = np.asarray(self.retired + self.weight * share)
-        return own if self.ended is None else np.concatenate([self.ended.probabilities, own])
+        probabilities = np.asarray(self.retired + self.weight * share)
+        return (
+            probabilities if self.ended is None else np.concatenate([self.ended.probabilities, probabilities])
+        )
 
     def finished(self) -> EndedRuns:
         """Return all runs so far, these included, as they would be if they ended now."""
@@ -182,17 +204,23 @@ class AmsState:
         retired = batch.concatenate([none, *self.discarded_failures])
         alive = np.flatnonzero(~population.error)
         best = alive[np.argsort(population.robustness[alive], kind="stable")[:1]]
-        own = population.addresses(best, self.particles, self.first_run)
+        least_robust = population.addresses(best, self.particles, self.first_run)
         failing = np.flatnonzero(population.violated)
         failing = failing[take_in_turn(failing // self.particles, most)]
-        found = EndedRuns(
-            self.weight, self.pairs, self.retired, self.error_weight, self.levels,
-            population.violated.reshape(shape), population.error.reshape(shape),
+        runs = EndedRuns(
+            self.weight,
+            self.pairs,
+            self.retired,
+            self.error_weight,
+            self.levels,
+            population.violated.reshape(shape),
+            population.error.reshape(shape),
             population.root.reshape(shape),
-            population.addresses(failing, self.particles, self.first_run), retired,
-            _least_robust(batch.concatenate([own, retired])),
-        )  # fmt: skip
-        return found if self.ended is None else self.ended.joined(found, most)
+            population.addresses(failing, self.particles, self.first_run),
+            retired,
+            _least_robust(batch.concatenate([least_robust, retired])),
+        )
+        return runs if self.ended is None else self.ended.joined(runs, most)
 
     @property
     def table(self) -> PathTable | None:

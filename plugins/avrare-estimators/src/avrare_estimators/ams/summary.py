@@ -9,17 +9,18 @@ from functools import partial
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result, Worst
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
+from avrare_estimators.ams.config import AmsConfig
 from avrare_estimators.ams.population import TapeAddresses
 from avrare_estimators.ams.state import AmsState, EndedRuns
-from avrare_estimators.config import AmsConfig
-from avrare_estimators.in_turn import take_in_turn
-from avrare_estimators.looks import Looks
+from avrare_estimators.common import health
+from avrare_estimators.common.in_turn import take_in_turn
+from avrare_estimators.common.looks import Looks
 
 _STATIC = (
     "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "
@@ -161,8 +162,8 @@ def _failures(state: AmsState, ended: EndedRuns) -> Failures:
 
 def _divide(mass: Floats, run: Integers) -> Floats:
     """Divide the mass (R,) of each run among its kept tapes, whose runs are ``run`` (F,)."""
-    kept = np.bincount(run, minlength=len(mass))
-    return np.asarray(mass[run] / kept[run])
+    count = np.bincount(run, minlength=len(mass))
+    return np.asarray(mass[run] / count[run])
 
 
 def _worst(state: AmsState, ended: EndedRuns) -> Worst:

@@ -24,14 +24,14 @@ from avrare.protocols import OffersWeights, find_ability, find_notes
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare_estimators.config import EssConfig
-from avrare_estimators.cost import affordable_runs, paid_runs
-from avrare_estimators.ess.chains import Kernel
-from avrare_estimators.ess.kernels import make_kernel
-from avrare_estimators.ess.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.kernel import Kernel
+from avrare_estimators.common.chains.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.common.cost import affordable_runs, paid_runs
+from avrare_estimators.common.looks import LIKELY, MOST_GROWTH, RARE, Looks, Pilot
+from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_estimators.ess.state import EssState
 from avrare_estimators.ess.summary import summarise
-from avrare_estimators.looks import LIKELY, MOST_GROWTH, RARE, Looks, Pilot
 
 _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
@@ -44,13 +44,12 @@ _TAPES, _SAMPLE = 4.0, 400
 """Tapes of each sample of a run at its peak (old, new and the chains'), and other bytes."""
 
 
-def build(config: EssConfig, scene: object | None = None) -> NestedLevels:
-    """Build the estimator of a scenario or a call."""
-    return NestedLevels(config)
-
-
 class NestedLevels:
     """Estimator ``ess``.
+
+    Args:
+        config: Options.
+        kernel: Moves the chains.
 
     Attributes:
         notes: Health warnings that the system wants on every result.
@@ -62,15 +61,13 @@ class NestedLevels:
     needs = ("noise",)
     notes: Mapping[str, str] = {}
 
-    def __init__(self, config: EssConfig) -> None:
-        self.config = config
-        self.kernel: Kernel = make_kernel(config)
+    def __init__(self, config: NestedLevelsConfig, kernel: Kernel) -> None:
+        self.config, self.kernel = config, kernel
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem, with its weights if it has any; make the kernel if it must know the system."""
-        self.notes, problem = find_notes(problem.system), _with_weights(problem)
-        self.kernel = self.kernel.prepare(problem)
-        return problem
+        """Return the problem, with its weights if it has any."""
+        self.notes = find_notes(problem.system)
+        return _with_weights(problem)
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
         """Return the state before the first rollout, and what to show."""
@@ -108,12 +105,13 @@ class NestedLevels:
 
         Its error comes from its chains: several smaller runs would say less, with few degrees of freedom.
         """
-        config = EssConfig(runs=1, second_pass=False)
+        config = NestedLevelsConfig(runs=1, second_pass=False)
         moves = math.log(probability) / math.log(config.level_probability)
         chains = int(rollouts / (config.length + moves * (config.length - 1)))
         if chains < _LEAST_CHAINS:
             return None
-        return NestedLevels(config.model_copy(update={"chains": min(chains, _MOST_CHAINS)}))
+        sized = config.model_copy(update={"chains": min(chains, _MOST_CHAINS)})
+        return NestedLevels(sized, PcnKernel())
 
     def _forecast(self, state: EssState) -> CostForecast:
         """Return the rollouts of the whole estimate: for two probabilities, then by the pilot's levels."""
@@ -129,7 +127,7 @@ class NestedLevels:
         return CostForecast("rollouts", least, most, f"p {LIKELY:g} .. {RARE:g}")
 
     def _summary(self, state: EssState) -> Result:
-        return summarise(self.name, self.config, self.kernel, state, self.notes)
+        return summarise(self.name, self.kernel, state, self.notes, self.config.grows)
 
     def _pilot(self, plan: Plan, runs: int) -> LevelPass:
         return LevelPass.begin(plan, self._shape(runs, second=False), self.kernel, None)
@@ -145,20 +143,22 @@ class NestedLevels:
         return replace(state, counting=True, level_pass=second, pilot=spent)
 
     def _plan_runs(self, state: EssState) -> EssState:
-        config, told, runs = self.config, self._summary(state), state.level_pass.shape.runs
+        config, result, runs = self.config, self._summary(state), state.level_pass.shape.runs
         larger = config.chains / state.level_pass.shape.chains
         # A run keeps one root at least, so that few of them promise fewer still among more chains.
-        roots = (statistics.median(told.diagnostics["roots"]) - 0.5) * larger if told.probability else 0.0
+        roots = (statistics.median(result.diagnostics["roots"]) - 0.5) * larger if result.probability else 0.0
         rollouts = state.tally.rollouts
-        found = Pilot(rollouts, roots, told.relative_error**2 * runs / larger, cost=rollouts * larger / runs)
+        pilot = Pilot(
+            rollouts, roots, result.relative_error**2 * runs / larger, cost=rollouts * larger / runs
+        )
         # With a budget, larger runs are fewer.
         wanted = self._first_runs(state.plan)
-        growth = min(found.wanted_growth, self._most_growth(state.plan))
+        growth = min(pilot.wanted_growth, self._most_growth(state.plan))
         while growth > 1 and self._most_runs(state.plan, growth) < wanted:
             growth -= 1
-        found, most = replace(found, growth=growth), self._most_runs(state.plan, growth)
-        first = found.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
-        return replace(state, found=found, looks=Looks.until(config.relative_error, first, most))
+        pilot, most = replace(pilot, growth=growth), self._most_runs(state.plan, growth)
+        first = pilot.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
+        return replace(state, found=pilot, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
         """Begin a batch of further runs where they are wanted."""
@@ -177,11 +177,11 @@ class NestedLevels:
     def _first_runs(self, plan: Plan) -> int:
         """Return the runs before the first decision on more."""
         config, most = self.config, self._most_runs(plan, 1)
-        return min(config.runs, most) if config.relative_error or config.grow else most
+        return min(config.runs, most) if config.relative_error or config.grows else most
 
     def _most_growth(self, plan: Plan) -> int:
-        fits = [one for one in range(2, MOST_GROWTH + 1) if self._batch(plan, one, least=0)]
-        return max(fits, default=1) if self.config.grow else 1
+        fits = [growth for growth in range(2, MOST_GROWTH + 1) if self._batch(plan, growth, least=0)]
+        return max(fits, default=1) if self.config.grows else 1
 
     def _batch(self, plan: Plan, growth: int, least: int = 1) -> int:
         """Return the number of runs that may advance together."""

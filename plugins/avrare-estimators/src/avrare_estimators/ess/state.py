@@ -1,4 +1,4 @@
-"""State of an estimate by nested levels: pilots, the passes that count, and what they have found."""
+"""State of an estimate by nested levels: pilots, the passes that count, and their findings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from avrare.estimation.result import Failures, Worst
 from avrare.estimation.result_builder import missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Rollouts
-from avrare_estimators.ess.level_pass import LevelPass
-from avrare_estimators.in_turn import far_apart, take_in_turn
-from avrare_estimators.looks import Looks, Pilot
+from avrare_estimators.common.chains.level_pass import LevelPass
+from avrare_estimators.common.in_turn import far_apart, take_in_turn
+from avrare_estimators.common.looks import Looks, Pilot
 
 
 @dataclass(frozen=True)
@@ -79,16 +79,20 @@ class EssState:
         run = whole["ancestors"][:, 0]
         rows = take_in_turn(run, most)
         thinned = {name: values[rows] for name, values in whole.items()}
-        kept = _weighted_anew(Failures(**{**thinned, "weights": whole["weights"]}, count=0), run, rows)
+        failures = _weighted_anew(Failures(**{**thinned, "weights": whole["weights"]}, count=0), run, rows)
         joined = self.ended.joined(self.level_pass.without_tapes())
-        return replace(self, level_pass=joined, ended=None, kept=kept)
+        return replace(self, level_pass=joined, ended=None, kept=failures)
 
     def next_batch(self, level_pass: LevelPass, counting: bool) -> EssState:
         """Set the ended runs aside and begin further ones."""
         return replace(
-            self, level_pass=level_pass, counting=counting, begun=self.tally.rollouts,
-            ended=self.level_pass.without_tapes(), kept=self.failures,
-        )  # fmt: skip
+            self,
+            level_pass=level_pass,
+            counting=counting,
+            begun=self.tally.rollouts,
+            ended=self.level_pass.without_tapes(),
+            kept=self.failures,
+        )
 
     def tell(self, rollouts: Rollouts) -> EssState:
         """Return the state after the rollouts asked for."""
@@ -97,15 +101,19 @@ class EssState:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
         fresh = self.fresh.plus(rollouts) if self.level_pass.fresh is not None else self.fresh
         return replace(
-            self, tally=self.tally.plus(rollouts), worst=self._worst(rollouts), first=first,
-            fresh=fresh, level_pass=self.level_pass.tell(rollouts),
-        )  # fmt: skip
+            self,
+            tally=self.tally.plus(rollouts),
+            worst=self._worst(rollouts),
+            first=first,
+            fresh=fresh,
+            level_pass=self.level_pass.tell(rollouts),
+        )
 
     def _worst(self, rollouts: Rollouts) -> Worst:
         robustness = np.where(rollouts.error, np.inf, rollouts.robustness[:, 0])
         row = int(np.argmin(robustness))
-        known, tapes = self.worst.robustness, self.level_pass.proposal
-        if tapes is None or rollouts.error[row] or known <= robustness[row]:
+        least, tapes = self.worst.robustness, self.level_pass.proposal
+        if tapes is None or rollouts.error[row] or least <= robustness[row]:
             return self.worst
         return Worst(tapes[row].copy(), float(robustness[row]))
 
@@ -114,33 +122,35 @@ def _distinct_failures(last: LevelPass, count: int, first_run: int = 0) -> Failu
     # A chain that stays repeats its tape, which then weighs as often. A run's failures share its estimate.
     different: dict[bytes, int] = {}
     points, samples = last.points, last.shape.samples
-    parts = (last.weights * last.failed).reshape(-1)
-    mass = np.zeros(len(parts))
+    hit_weights = (last.weights * last.failed).reshape(-1)
+    mass = np.zeros(len(hit_weights))
     for row in np.flatnonzero(points.violated):
         key = blake2b(points.tape[row].tobytes(), digest_size=16).digest()
-        mass[different.setdefault(key, int(row))] += parts[row]
+        mass[different.setdefault(key, int(row))] += hit_weights[row]
     rows = np.array(list(different.values()), dtype=np.int64)
     # Neighbours are samples of one chain: the first of a run to be kept are far apart.
     run = rows // samples
-    order = [np.flatnonzero(run == one) for one in np.unique(run)]
-    rows = np.concatenate([rows[part][far_apart(len(part))] for part in order] + [rows[:0]])
+    order = [np.flatnonzero(run == r) for r in np.unique(run)]
+    rows = np.concatenate([rows[place][far_apart(len(place))] for place in order] + [rows[:0]])
     run = rows // samples
     total = np.bincount(run, mass[rows], minlength=last.shape.runs)
     weights = mass[rows] * (last.probabilities[run] / np.maximum(total[run], 1e-300))
-    kept = take_in_turn(run, last.plan.kept_failures)
+    chosen = take_in_turn(run, last.plan.kept_failures)
     ancestors = np.stack([first_run + run, points.root[rows]], axis=1)
-    found = Failures(points.tape[rows[kept]], points.robustness[rows[kept]], count, weights, ancestors[kept])
-    return _weighted_anew(found, run, kept)
+    failures = Failures(
+        points.tape[rows[chosen]], points.robustness[rows[chosen]], count, weights, ancestors[chosen]
+    )
+    return _weighted_anew(failures, run, chosen)
 
 
-def _weighted_anew(failures: Failures, run: Integers, kept: Integers) -> Failures:
-    # The kept ones of a run stand for all of it, whose weights ``failures`` still has.
+def _weighted_anew(failures: Failures, run: Integers, chosen: Integers) -> Failures:
+    # The chosen ones of a run stand for all of it, whose weights ``failures`` still has.
     weights = failures.weights
     assert weights is not None
     runs = run.max(initial=0) + 1
-    before, after = np.bincount(run, weights), np.bincount(run[kept], weights[kept], minlength=runs)
+    before, after = np.bincount(run, weights), np.bincount(run[chosen], weights[chosen], minlength=runs)
     factor = before / np.maximum(after, 1e-300)
-    return replace(failures, weights=weights[kept] * factor[run[kept]])
+    return replace(failures, weights=weights[chosen] * factor[run[chosen]])
 
 
 _ARRAYS = ("noise", "robustness", "weights", "ancestors")

@@ -9,27 +9,25 @@ from functools import partial
 
 import numpy as np
 
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.result import Failures, Interval, Result
 from avrare.estimation.result_builder import build_result
 from avrare.protocols import Floats
-from avrare_estimators.config import EssConfig
-from avrare_estimators.ess.chains import Kernel
-from avrare_estimators.ess.level_pass import LevelPass
-from avrare_estimators.ess.levels import r_hat
+from avrare_estimators.common import health
+from avrare_estimators.common.chains.kernel import Kernel
+from avrare_estimators.common.chains.level_pass import LevelPass
+from avrare_estimators.common.chains.levels import r_hat
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.weights import effective_size
 from avrare_estimators.ess.state import EssState
-from avrare_estimators.looks import Looks
-from avrare_estimators.weights import effective_size
 
 
-def summarise(
-    name: str, config: EssConfig, kernel: Kernel, state: EssState, notes: Mapping[str, str]
-) -> Result:
+def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, str], grows: bool) -> Result:
     """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
     plan, last, tally = state.plan, state.level_pass, state.tally
-    own = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
-    fresh = plan.seen + own
+    drawn = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
+    fresh = plan.seen + drawn
     values = last.probabilities
     looks = state.looks or Looks((len(values),))
     probability = float(values.mean())
@@ -41,7 +39,7 @@ def summarise(
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
-    warnings |= {**kernel.warnings(last.known), **_weight_warnings(last), **notes}
+    warnings |= {**kernel.warnings(last.tuning), **_weight_warnings(last), **notes}
     interval_at = looks.interval(len(values), _interval(last, fresh, values, relative_variance))
     if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
         warnings.pop("few_roots", None)
@@ -58,7 +56,7 @@ def summarise(
         robustness=state.first,
         blind_bound=looks.interval(len(values), fresh.interval)(plan.confidence)[1],
         diagnostics={
-            "kernel": config.kernel,
+            "kernel": kernel.name,
             "levels": _values_per_run(last, "level"),
             "shares": _values_per_run(last, "share"),
             "effective_sizes": _values_per_run(last, "effective"),
@@ -77,11 +75,11 @@ def summarise(
             if last.weighted
             else {}
         )
-        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and config.grow else {})
+        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and grows else {})
         | looks.diagnostics(math.sqrt(relative_variance)),
         notes=(
             *looks.notes(tally.rollouts, probability, math.sqrt(relative_variance)),
-            *(state.found.notes(last.shape.chains, "chains") if state.found and config.grow else ()),
+            *(state.found.notes(last.shape.chains, "chains") if state.found and grows else ()),
         ),
     )
 
@@ -116,9 +114,9 @@ def _variance_over_levels(last: LevelPass) -> Floats:
     shares = [(record.share, record.effective) for record in last.levels]
     total = np.zeros(last.shape.runs)
     for share, effective in [*shares, _share_of_failures(last)]:
-        known = np.isfinite(share) & (share > 0.0)
-        part = (1.0 - share) / np.where(known, share * effective, 1.0)
-        total += np.where(known, part, 0.0)
+        passed = np.isfinite(share) & (share > 0.0)
+        variance = (1.0 - share) / np.where(passed, share * effective, 1.0)
+        total += np.where(passed, variance, 0.0)
     return total
 
 
@@ -162,9 +160,13 @@ def _interval(
         failed, trials = int(last.points.violated.sum()), len(last.points.score)
         return partial(intervals.clopper_pearson, failed, trials, errors=round(error_weight * trials))
     return partial(
-        intervals.log_normal, float(values.mean()), relative_variance, freedom=len(values) - 1,
-        errors=error_weight, logs=intervals.cox(values),
-    )  # fmt: skip
+        intervals.log_normal,
+        float(values.mean()),
+        relative_variance,
+        freedom=len(values) - 1,
+        errors=error_weight,
+        logs=intervals.cox(values),
+    )
 
 
 def _values_per_run(last: LevelPass, name: str) -> list[list[float]]:

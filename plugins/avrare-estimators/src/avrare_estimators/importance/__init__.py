@@ -1,1 +1,1 @@
-"""Importance sampling and the cross-entropy method."""
+"""Importance sampling."""

@@ -20,14 +20,16 @@ from avrare.estimation.result import Failures, spread
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
-from avrare_estimators.ess.chains import Points
-from avrare_estimators.ess.kernels.pcn import PcnKernel
-from avrare_estimators.ess.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.kernel import Points
+from avrare_estimators.common.chains.level_pass import LevelPass, PassShape
+from avrare_estimators.common.chains.pcn import PcnKernel
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, failing_weights
+from avrare_estimators.common.samples.sources import Stratum, TapeSource
+from avrare_estimators.common.weights import mixture_log_weights, resample
 from avrare_estimators.importance.entry import LENGTH, Entry
-from avrare_estimators.importance.lessons import Lessons
 from avrare_estimators.importance.route import GroupSize, Route
-from avrare_estimators.importance.sampling import PartialSample, Sample, Stratum, TapeSource, failing_weights
-from avrare_estimators.weights import mixture_log_weights, resample
 
 _FLOOR = 1e-18
 _DOUBT, _FLATTERED = 1.5, 3.0
@@ -91,47 +93,6 @@ class ClimbPilot:
 
 
 @dataclass(frozen=True)
-class Groups:
-    """Groups that are done.
-
-    Attributes:
-        values: (R,) estimate of each.
-        entered: (R,) probability to enter of each.
-        roots: Rows of the sample that each group's failures descend from.
-        errors: (R,) weight of the rollouts that broke down.
-        rollouts: Rollouts of the chains.
-        failures: Some failures of each group that has any.
-    """
-
-    values: Floats = field(default_factory=lambda: np.zeros(0))
-    entered: Floats = field(default_factory=lambda: np.zeros(0))
-    roots: tuple[int, ...] = ()
-    errors: Floats = field(default_factory=lambda: np.zeros(0))
-    rollouts: int = 0
-    failures: tuple[Failures, ...] = ()
-
-    def __add__(self, other: Groups) -> Groups:
-        """Pool the groups of two batches."""
-        return Groups(
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.entered, other.entered]),
-            (*self.roots, *other.roots),
-            np.concatenate([self.errors, other.errors]),
-            self.rollouts + other.rollouts,
-            (*self.failures, *other.failures),
-        )
-
-    @property
-    def mean(self) -> float:
-        """Estimate of the failure probability."""
-        return float(self.values.mean())
-
-    def variance(self, unit: float) -> float:
-        """Return the variance of the mean in units of ``unit``."""
-        return float((self.values / unit).var(ddof=1)) / len(self.values)
-
-
-@dataclass(frozen=True)
 class ClimbBatch:
     """Groups under way together: first their samples, then their chains.
 
@@ -163,9 +124,16 @@ class ClimbBatch:
 
     @staticmethod
     def begin(
-        plan: Plan, route: Route, size: GroupSize, groups: int, first: int, run: int, stage: int,
-        defensive: float, wave: int,
-    ) -> ClimbBatch:  # fmt: skip
+        plan: Plan,
+        route: Route,
+        size: GroupSize,
+        groups: int,
+        first: int,
+        run: int,
+        stage: int,
+        defensive: float,
+        wave: int,
+    ) -> ClimbBatch:
         """Begin with the samples. Their addresses, (run, stage) and (run, stage + 1), know of no batch."""
         source, target = TapeSource(route.entry.mixture), size.rows
         if source.mixture is not None:
@@ -211,9 +179,13 @@ class ClimbBatch:
         points = points_of([sample], chosen.ravel())
         points = replace(points, root=self._place_in_group(sample)[chosen.ravel()])
         chains = LevelPass.begin_from(
-            replace(self.plan, noise=noise), shape, PcnKernel(), points, entered,
+            replace(self.plan, noise=noise),
+            shape,
+            PcnKernel(),
+            points,
+            entered,
             self.route.schedule(self.groups),
-        )  # fmt: skip
+        )
         broken = np.where(sample.error, np.exp(sample.log_weights), 0.0)
         errors = np.bincount(group, broken, minlength=self.groups) / self.size.rows
         return replace(self, starts=None, sample=sample, entered=entered, errors=errors, level_pass=chains)
@@ -239,10 +211,13 @@ class ClimbBatch:
         roots = [len(np.unique(root[g, failed[g]])) if values[g] else 0 for g in range(self.groups)]
         passed = sum(int(record.passed.sum()) for record in last.levels)
         return Groups(
-            values, self.entered, tuple(roots), self.errors + last.error_weight,
+            values,
+            self.entered,
+            tuple(roots),
+            self.errors + last.error_weight,
             passed * self.size.chains * (LENGTH - 1),
             tuple(self._failures(int(g)) for g in np.flatnonzero(values)),
-        )  # fmt: skip
+        )
 
     def _failures(self, group: int) -> Failures:
         """Return some failures of a group, far apart in its chains, which share its estimate."""
@@ -271,9 +246,13 @@ def points_of(samples: Sequence[Sample], rows: Integers) -> Points:
         return np.asarray(np.concatenate([getattr(sample, name) for sample in samples])[rows])
 
     return Points(
-        np.concatenate(tapes)[place], pooled("score"), pooled("violated"), pooled("robustness"), rows,
+        np.concatenate(tapes)[place],
+        pooled("score"),
+        pooled("violated"),
+        pooled("robustness"),
+        rows,
         np.zeros(len(rows)),
-    )  # fmt: skip
+    )
 
 
 def _shape(runs: int, chains: int, stage: int) -> PassShape:

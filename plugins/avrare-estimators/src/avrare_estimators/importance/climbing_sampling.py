@@ -13,17 +13,18 @@ from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
 from avrare.estimation.note import Note
 from avrare.estimation.result import Result
-from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot, Groups
-from avrare_estimators.importance.coverage import find_coverage_doubts
-from avrare_estimators.importance.cross_check import CrossCheck, rollouts_to_vouch
+from avrare_estimators.common.lessons.coverage import find_coverage_doubts
+from avrare_estimators.common.lessons.stored_proposal import FILE
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.cross_check import CrossCheck, rollouts_to_vouch
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.sampling import Sample, wave_rows
+from avrare_estimators.common.samples.weighted_sampler import SamplingState
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
+from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot
 from avrare_estimators.importance.entry import Entry, best_entry
-from avrare_estimators.importance.importance_sampling import SamplingState
 from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
-from avrare_estimators.importance.proposal_file import FILE
 from avrare_estimators.importance.route import FEWEST_CHAINS, PILOT_CHAINS, GroupSize, Route, chain_bytes
-from avrare_estimators.importance.sampling import Sample, wave_rows
-from avrare_estimators.importance.tape_mixture import TapeMixture
-from avrare_estimators.looks import Looks
 
 _ROLLOUTS_OF_CHAIN = 100
 """Affordable rollouts for each chain of a pilot: it takes a tenth of them at a level."""
@@ -59,9 +60,11 @@ class ClimbingState(LearnedState):
         return super().rows + self.groups.rollouts + self.pilot_rollouts
 
     @property
-    def climbed(self) -> tuple[Entry, Groups] | None:
+    def climbed(self) -> tuple[float, Groups] | None:
         """Entry level and groups of a climb that counts."""
-        return (self.route.entry, self.groups) if self.route is not None and self.size is not None else None
+        if self.route is None or self.size is None:
+            return None
+        return self.route.entry.level, self.groups
 
 
 class ClimbingSampling(LearnedSampling):
@@ -155,7 +158,7 @@ class ClimbingSampling(LearnedSampling):
         state = replace(
             state, route=route, pilot_rollouts=rollouts, pilots=state.pilots + rollouts, task=None
         )
-        if not pilot.pays(self.config.defensive):
+        if not pilot.pays(self.config.target_share):
             return super()._after_stage(state)
         return self._begin_groups(state, route)
 
@@ -173,7 +176,7 @@ class ClimbingSampling(LearnedSampling):
         stage = len(state.stages)
         wave = wave_rows(state.plan, self.config.memory)
         task = ClimbBatch.begin(
-            state.plan, route, size, groups, done, state.run, stage, self.config.defensive, wave
+            state.plan, route, size, groups, done, state.run, stage, self.config.target_share, wave
         )
         return replace(state, task=task)
 
@@ -195,8 +198,8 @@ class ClimbingSampling(LearnedSampling):
         assert isinstance(state, ClimbingState)
         if state.climbed is None:
             return super()._cross_check(state, most)
-        entry, groups = state.climbed
-        return CrossCheck.begin(state.samples, self._check_rollouts(state), most, groups.mean, entry.level)
+        level, groups = state.climbed
+        return CrossCheck.begin(state.samples, self._check_rollouts(state), most, groups.mean, level)
 
     def _rollouts_to_vouch(self, state: LearnedState) -> int:
         assert isinstance(state, ClimbingState)
@@ -204,7 +207,7 @@ class ClimbingSampling(LearnedSampling):
             return super()._rollouts_to_vouch(state)
         return rollouts_to_vouch(state.samples, state.groups.mean)
 
-    def _climbed(self, state: SamplingState) -> tuple[Entry, Groups] | None:
+    def _climbed(self, state: SamplingState) -> tuple[float, Groups] | None:
         assert isinstance(state, ClimbingState)
         return state.climbed
 
@@ -213,7 +216,7 @@ class ClimbingSampling(LearnedSampling):
         if state.climbed is None:
             return super()._doubts(state)
         # What the sample has to cover are the rows that enter.
-        level = state.climbed[0].level
+        level = state.climbed[0]
         samples = tuple(one.reaching(level) for one in state.lessons.samples)
         return find_coverage_doubts(
             replace(state.lessons, samples=samples), state.samples[-1].reaching(level)

@@ -14,8 +14,8 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.importance.lessons import LEAST_ELITE, Lessons, ratios_of
-from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.common.lessons.lessons import LEAST_ELITE, Lessons, ratios_of
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 
 LENGTH = 10
 """Samples of a chain at a level, of which a tenth lies above the next level."""

@@ -16,22 +16,22 @@ from avrare.estimation.note import Note, describe_missed_goal, describe_precisio
 from avrare.estimation.plan import GaveUp, Info, Plan
 from avrare.estimation.result import Result
 from avrare.rollout.problem import Problem
-from avrare_estimators.config import IsConfig
-from avrare_estimators.cost import affordable_rollouts
-from avrare_estimators.importance.coverage import find_coverage_doubts
-from avrare_estimators.importance.cross_check import rollouts_to_vouch
-from avrare_estimators.importance.importance_sampling import SamplingState, WeightedSampler
-from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.proposal_file import FILE, ProposalFile, described
-from avrare_estimators.importance.sampling import (
+from avrare_estimators.common.cost import affordable_rollouts
+from avrare_estimators.common.lessons.coverage import find_coverage_doubts
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.lessons.stored_proposal import FILE, described
+from avrare_estimators.common.lessons.words import NoiseNames, describe_failures
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
+from avrare_estimators.common.samples.sampling import (
     PartialSample,
     Sample,
-    TapeSource,
     failing_weights,
     variance_of_sum,
     wave_rows,
 )
-from avrare_estimators.importance.stages import (
+from avrare_estimators.common.samples.sources import TapeSource
+from avrare_estimators.common.samples.stages import (
     LEAST_GAIN,
     gain_nothing,
     has_reached,
@@ -39,9 +39,10 @@ from avrare_estimators.importance.stages import (
     is_stuck,
     is_worthless,
 )
-from avrare_estimators.importance.tape_mixture import TapeMixture, blend
-from avrare_estimators.importance.words import NoiseNames, describe_failures
-from avrare_estimators.looks import Looks
+from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
+from avrare_estimators.importance.config import IsConfig
+from avrare_estimators.importance.proposal_file import ProposalFile
 
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
@@ -115,7 +116,7 @@ class LearnedSampling(WeightedSampler):
         return self._begin_run(LearnedState(plan, rollouts, TapeSource(None), tally=info)), info
 
     def _rows(self, plan: Plan) -> int:
-        return affordable_rollouts(plan, self.config.rollouts, self.config.runs, stages=1)
+        return affordable_rollouts(plan, self.config.most_rollouts, self.config.runs, stages=1)
 
     def estimate(self, state: LearnedState) -> list[Result]:  # type: ignore[override]
         """Return the estimate from the final samples, what was learnt, and the file of the proposal."""
@@ -165,7 +166,7 @@ class LearnedSampling(WeightedSampler):
 
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
-        state = replace(state, lessons=Lessons(self.config.defensive), looks=None, final=(), shares=())
+        state = replace(state, lessons=Lessons(self.config.target_share), looks=None, final=(), shares=())
         if self.file is not None:
             return self._begin_final(state, self.file.find(state.plan))
         return self._learn(state)
@@ -174,7 +175,7 @@ class LearnedSampling(WeightedSampler):
         # 1. A pilot from the target, then stages from what the stages before have taught.
         stage, mixtures = len(state.stages), state.lessons.mixtures
         rows = self._stage_rows(state, stage)
-        target_rows = round(self.config.defensive * rows) if stage else rows
+        target_rows = round(self.config.target_share * rows) if stage else rows
         source = TapeSource(mixtures[-1] if mixtures else None)
         wave = wave_rows(state.plan, self.config.memory)
         task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows, wave)
@@ -270,7 +271,7 @@ class LearnedSampling(WeightedSampler):
     def _draw(self, state: LearnedState, rows: int) -> LearnedState:
         assert isinstance(state.source, TapeSource)
         plain = state.source.mixture is None
-        target_rows = rows if plain else round(self.config.defensive * rows)
+        target_rows = rows if plain else round(self.config.target_share * rows)
         stage = len(state.stages) + len(state.final)
         wave = wave_rows(state.plan, self.config.memory)
         task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)

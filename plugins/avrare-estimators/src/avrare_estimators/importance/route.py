@@ -14,9 +14,9 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation.plan import Plan
-from avrare_estimators.ess.level_pass import LevelPass, LevelRecord
+from avrare_estimators.common.chains.level_pass import LevelPass, LevelRecord
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_variance
-from avrare_estimators.importance.tape_mixture import TapeMixture
 
 PILOT_CHAINS = 100
 """Chains of a pilot where they are affordable: a few starts have offspring two factors of ten away."""
@@ -60,7 +60,7 @@ class Route:
                 lasting *= 1.0 + float(own)
                 chance += pilot.shape.chains * float((1.0 - share) / (share * effective))
         levels = tuple(float(record.level[0]) for record in pilot.levels)
-        angles = tuple(float(record.known[0]) for record in pilot.levels)
+        angles = tuple(float(record.tuning[0]) for record in pilot.levels)
         return Route(entry, levels, angles, lasting - 1.0, chance, float(pilot.probabilities[0]))
 
     @property

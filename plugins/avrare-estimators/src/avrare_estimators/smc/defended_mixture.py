@@ -10,8 +10,8 @@ import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.importance.tape_mixture import NONE, TapeMixture
-from avrare_estimators.weights import mixture_log_weights
+from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture
+from avrare_estimators.common.weights import mixture_log_weights
 
 
 @dataclass(frozen=True)

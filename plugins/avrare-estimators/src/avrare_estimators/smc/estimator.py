@@ -17,13 +17,14 @@ from avrare.protocols import Floats
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare_estimators.config import LEAST_PILOT, SmcConfig
-from avrare_estimators.feature_count import FEATURES, count_features
-from avrare_estimators.importance.dictionary import dictionary_bytes
-from avrare_estimators.importance.sampling import PartialSample, wave_bytes
-from avrare_estimators.importance.words import NoiseNames
-from avrare_estimators.looks import Looks
-from avrare_estimators.smc.learned_file import Learned, LearnedFile
+from avrare_estimators.common.committor.learned_file import Learned, LearnedFile
+from avrare_estimators.common.config import LEAST_PILOT
+from avrare_estimators.common.feature_count import FEATURES, count_features
+from avrare_estimators.common.lessons.dictionary import dictionary_bytes
+from avrare_estimators.common.lessons.words import NoiseNames
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.sampling import PartialSample, wave_bytes
+from avrare_estimators.smc.config import SmcConfig
 from avrare_estimators.smc.learning import Learning, law_of
 from avrare_estimators.smc.particles import Course, Particles
 from avrare_estimators.smc.summary import Counted, summarise
@@ -114,9 +115,12 @@ class SequentialMonteCarlo:
         if pilot < LEAST_PILOT:
             return None
         sized = SmcConfig(
-            runs=1, particles=max(_LEAST_PARTICLES, int(rollouts) - learning), pilot=pilot,
-            stages=_SCALED_STAGES, memory=self.config.memory,
-        )  # fmt: skip
+            runs=1,
+            particles=max(_LEAST_PARTICLES, int(rollouts) - learning),
+            pilot=pilot,
+            stages=_SCALED_STAGES,
+            memory=self.config.memory,
+        )
         return SequentialMonteCarlo(sized)
 
     def ask(self, state: SmcState) -> Request | None:
@@ -141,9 +145,17 @@ class SequentialMonteCarlo:
         assert state.looks is not None
         assert self.problem is not None
         result = summarise(
-            self.name, state.plan, state.learned, state.counted, state.looks, state.learning,
-            state.tally, state.first, state.plan.seen + state.fresh, self.names,
-        )  # fmt: skip
+            self.name,
+            state.plan,
+            state.learned,
+            state.counted,
+            state.looks,
+            state.learning,
+            state.tally,
+            state.first,
+            state.plan.seen + state.fresh,
+            self.names,
+        )
         kept, worst = result.failures, result.worst
         robustness = _complete(self.problem, kept.noise, kept.robustness)
         (least,) = _complete(self.problem, worst.noise[None], np.array([worst.robustness])).tolist()

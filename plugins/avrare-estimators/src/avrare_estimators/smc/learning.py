@@ -15,16 +15,17 @@ from avrare.estimation.plan import Plan
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
-from avrare_estimators.config import SmcConfig
-from avrare_estimators.importance.lessons import Lessons
-from avrare_estimators.importance.sampling import PartialSample, Sample, TapeSource, wave_rows
-from avrare_estimators.importance.stages import gain_nothing, is_learnt, is_worthless
-from avrare_estimators.importance.tape_mixture import TapeMixture
+from avrare_estimators.common.committor.learned_file import Learned
+from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
+from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_rows
+from avrare_estimators.common.samples.sources import TapeSource
+from avrare_estimators.common.samples.stages import gain_nothing, is_learnt, is_worthless
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture
+from avrare_estimators.common.weights import effective_size
+from avrare_estimators.smc.config import SmcConfig
 from avrare_estimators.smc.defended_mixture import DefendedMixture
-from avrare_estimators.smc.learned_file import Learned
 from avrare_estimators.smc.particles import Course, Particles
-from avrare_estimators.smc.potentials import Paths, Potentials, learn
-from avrare_estimators.weights import effective_size
 
 LEARNING_RUN = 2**31
 """Address of the noise of particles that only teach, far from those that count."""
@@ -134,8 +135,9 @@ class Learning:
             "failures": int(found.violated.sum()),
             "probability": float(own.mean()) if len(own) else 0.0,
             "level_probability": float(self.potentials.chances[-1]) if self.potentials is not None else None,
-            "reached": effective_size(own) > 1.0, "level": None,
-        }  # fmt: skip
+            "reached": effective_size(own) > 1.0,
+            "level": None,
+        }
         state = replace(self, stages=(*self.stages, entry), paths=(*self.paths, found))
         return state._learn_potentials()
 

@@ -20,8 +20,8 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widened
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
-from avrare_estimators.smc.potentials import Paths, Potentials
-from avrare_estimators.weights import effective_size, resample
+from avrare_estimators.common.committor.potentials import Paths, Potentials
+from avrare_estimators.common.weights import effective_size, resample
 
 _LEAST_EFFECTIVE = 0.7
 """Share of a run's particles below whose effective number they are resampled."""
@@ -141,10 +141,13 @@ class Particles:
         """Return the particles before the first segment."""
         n, scheduled = runs * course.particles, len(course.schedule)
         rows = Rows(
-            np.repeat(np.arange(runs), course.particles), np.full(n, 1.0 / course.particles), np.arange(n),
+            np.repeat(np.arange(runs), course.particles),
+            np.full(n, 1.0 / course.particles),
+            np.arange(n),
             np.full((n, len(course.ends)), -1, dtype=np.int32),
-            np.full((n, scheduled if course.learning else 0, 0), np.nan), np.full((n, scheduled), np.nan),
-        )  # fmt: skip
+            np.full((n, scheduled if course.learning else 0, 0), np.nan),
+            np.full((n, scheduled), np.nan),
+        )
         none = np.zeros(n, dtype=bool)
         return Particles(course, first_run, runs, 0, rows, None, none, None, np.zeros(n))
 
@@ -172,9 +175,14 @@ class Particles:
             end = course.ends[self.segment]
             fields |= {"until": end, "observe": (end,), "keep_carries": True}
         return Request(
-            self.rows.run + self.first_run, np.full(n, course.stage + self.segment), self._own(), start,
-            tape_law=course.law, stop_failed=True, **fields,
-        )  # fmt: skip
+            self.rows.run + self.first_run,
+            np.full(n, course.stage + self.segment),
+            self._own(),
+            start,
+            tape_law=course.law,
+            stop_failed=True,
+            **fields,
+        )
 
     def _own(self) -> Integers:
         """Return the particle of each row: its place in its run."""
@@ -202,19 +210,26 @@ class Particles:
         features = outcome.features[:, 0] if outcome.features.shape[1] else None
         rows = self._observed(rows, features)
         ended = Ends(
-            batch.take(rows, end), outcome.violated[end, 0], outcome.error[end], outcome.robustness[end, 0],
+            batch.take(rows, end),
+            outcome.violated[end, 0],
+            outcome.error[end],
+            outcome.robustness[end, 0],
             outcome.scores[end, -1] if outcome.scores.shape[1] else -outcome.robustness[end, 0],
-        )  # fmt: skip
+        )
         going = np.flatnonzero(~end)
         place = np.full(len(end), -1)
         carries = [(found, carry) for _, found, carry in outcome.carries]
         carried = np.concatenate([found for found, _ in carries]) if carries else np.zeros(0, np.int64)
         place[carried] = np.arange(len(carried))
         state = replace(
-            self, segment=self.segment + 1, rows=batch.take(rows, going), ends=(*self.ends, ended),
+            self,
+            segment=self.segment + 1,
+            rows=batch.take(rows, going),
+            ends=(*self.ends, ended),
             carry=batch.concatenate([carry for _, carry in carries]) if carries else None,
-            evidence=outcome.evidence[going], log_ratio=ratio[going],
-        )  # fmt: skip
+            evidence=outcome.evidence[going],
+            log_ratio=ratio[going],
+        )
         if state.done:
             return replace(state, carry=None, carried=np.zeros(len(going), dtype=bool))
         assert features is not None
@@ -252,10 +267,15 @@ class Particles:
         carry = batch.take(self.carry, place[carried]) if self.carry is not None and carried.any() else None
         assert self.evidence is not None
         return replace(
-            self, rows=chosen_rows, carry=carry, carried=carried, evidence=self.evidence[index],
-            log_ratio=self.log_ratio[index], copies=self.copies + len(index) - len(np.unique(index)),
+            self,
+            rows=chosen_rows,
+            carry=carry,
+            carried=carried,
+            evidence=self.evidence[index],
+            log_ratio=self.log_ratio[index],
+            copies=self.copies + len(index) - len(np.unique(index)),
             resampled=(*self.resampled, resampled),
-        )  # fmt: skip
+        )
 
     def _choose(self, run: int, weight: Floats, h: Floats) -> tuple[Integers, Floats, bool]:
         """Return parents and weights of a run's particles, and whether it was resampled."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import health, intervals
+from avrare.estimation import intervals
 from avrare.estimation.fresh_rows import FreshRows
 from avrare.estimation.note import Note
 from avrare.estimation.plan import Info, Plan
@@ -19,18 +19,19 @@ from avrare.estimation.result import Failures, Interval, Result, Worst, spread
 from avrare.estimation.result_builder import build_result, missing_worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.importance.agreement import find_doubts
-from avrare_estimators.importance.coverage import find_differing
-from avrare_estimators.importance.proposal_file import FILE
-from avrare_estimators.importance.result import DISTRUST, for_any_weights, is_even
-from avrare_estimators.importance.words import Cause, NoiseNames, describe_tapes
-from avrare_estimators.looks import Looks
+from avrare_estimators.common import health
+from avrare_estimators.common.committor.learned_file import Learned
+from avrare_estimators.common.committor.potentials import Potentials
+from avrare_estimators.common.lessons.coverage import find_differing
+from avrare_estimators.common.lessons.stored_proposal import FILE
+from avrare_estimators.common.lessons.words import Cause, NoiseNames, describe_tapes
+from avrare_estimators.common.looks import Looks
+from avrare_estimators.common.samples.agreement import find_doubts
+from avrare_estimators.common.samples.result import DISTRUST, for_any_weights, is_even
+from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.defended_mixture import DefendedMixture
-from avrare_estimators.smc.learned_file import Learned
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
-from avrare_estimators.smc.potentials import Potentials
-from avrare_estimators.weights import effective_size, resample
 
 _KEPT, _MOST_TOLD = 40, 300
 """Failures of each run that are kept, and of all runs together that the words are about."""
@@ -96,11 +97,18 @@ class Counted:
         least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
         below = [by_run(~ends.error & (ends.violated | (ends.robustness <= level))) for level in curve]
         return Counted(
-            course, particles.first_run, np.minimum(1.0, by_run(ends.violated)), np.stack(below, axis=1),
-            by_run(ends.error), (by_root > 0.0).sum(axis=1), by_root[by_root > 0.0],
-            course.law is None and not any(particles.resampled), runs * size,
-            _some_failures(ends, runs), batch.take(ends, least),
-        )  # fmt: skip
+            course,
+            particles.first_run,
+            np.minimum(1.0, by_run(ends.violated)),
+            np.stack(below, axis=1),
+            by_run(ends.error),
+            (by_root > 0.0).sum(axis=1),
+            by_root[by_root > 0.0],
+            course.law is None and not any(particles.resampled),
+            runs * size,
+            _some_failures(ends, runs),
+            batch.take(ends, least),
+        )
 
 
 def _some_failures(ends: Ends, runs: int) -> Ends:
@@ -119,9 +127,17 @@ def _some_failures(ends: Ends, runs: int) -> Ends:
 
 
 def summarise(
-    name: str, plan: Plan, learned: Learned, counted: Sequence[Counted], looks: Looks,
-    learning: Learning | None, tally: Info, first: Floats, fresh: FreshRows, names: NoiseNames,
-) -> Result:  # fmt: skip
+    name: str,
+    plan: Plan,
+    learned: Learned,
+    counted: Sequence[Counted],
+    looks: Looks,
+    learning: Learning | None,
+    tally: Info,
+    first: Floats,
+    fresh: FreshRows,
+    names: NoiseNames,
+) -> Result:
     """Return the result of runs that have ended.
 
     Args:
@@ -159,12 +175,21 @@ def summarise(
     diagnostics = _diagnostics(counted, learned, learning, causes) | looks.diagnostics(math.sqrt(relative))
     notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
     return build_result(
-        plan, name, tally, values, interval_at=interval_at, relative_error=math.sqrt(relative),
-        health=warnings, failures=_failures(plan, counted, mean, plain, tally), worst=_worst(plan, counted),
-        robustness=first, blind_bound=fresh.blind_bound(plan.confidence),
+        plan,
+        name,
+        tally,
+        values,
+        interval_at=interval_at,
+        relative_error=math.sqrt(relative),
+        health=warnings,
+        failures=_failures(plan, counted, mean, plain, tally),
+        worst=_worst(plan, counted),
+        robustness=first,
+        blind_bound=fresh.blind_bound(plan.confidence),
         notes=(*notes, *(cause.note for cause in causes)),
-        diagnostics=diagnostics, artifacts={FILE: learned.to_dict(names)},
-    )  # fmt: skip
+        diagnostics=diagnostics,
+        artifacts={FILE: learned.to_dict(names)},
+    )
 
 
 def _diagnostics(
@@ -208,9 +233,13 @@ def _interval(
     if not values.any():
         return fresh.interval_of_zero() if fresh.rows else intervals.unknown
     return partial(
-        intervals.log_normal, float(values.mean()), relative, freedom=len(values) - 1,
-        errors=float(_joined(counted, "errors").mean()), logs=intervals.cox(values),
-    )  # fmt: skip
+        intervals.log_normal,
+        float(values.mean()),
+        relative,
+        freedom=len(values) - 1,
+        errors=float(_joined(counted, "errors").mean()),
+        logs=intervals.cox(values),
+    )
 
 
 def _health(

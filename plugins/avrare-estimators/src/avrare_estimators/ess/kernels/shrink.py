@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
 
 _MOST_TURNS = 100
 """By then a bracket is 2^-100 of the ellipse: the proposal is the chain's own tape."""
@@ -45,12 +45,13 @@ class ShrinkKernel(Kernel):
             around the chain's own tape (Neal 2003), which saves rollouts where the set is narrow.
     """
 
+    name = "shrink"
     rollouts = 4.0
 
     def __init__(self, width: float = 2.0 * np.pi) -> None:
         self.width = width
 
-    def start(self, known: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         # 1. The second axis of the ellipse.
         other, rows = draw.tapes(), np.arange(len(level))
         # 2. A bracket of the given width that holds angle 0, and an angle uniform on it.
@@ -62,11 +63,11 @@ class ShrinkKernel(Kernel):
         bracket = _Bracket(other, angle, high - self.width, high)
         return Move.begin(state, level, draw, rotated(state.tape, other, angle), bracket)
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         # 3. Accept a proposal inside the level's set.
         rows = move.waiting
-        good = found.above(move.level[rows])
-        move, rows = move.accept(good, found), rows[~good]
+        good = points.above(move.level[rows])
+        move, rows = move.accept(good, points), rows[~good]
         if move.turn >= _MOST_TURNS:
             return move.stay()
         # 4. Otherwise the rejected angle becomes the end of the bracket on its side of 0.

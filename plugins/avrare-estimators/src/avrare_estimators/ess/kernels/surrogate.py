@@ -19,7 +19,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.ess.chains import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
 
 _FLOOR = 0.02
 """Least likelihood: no tape is excluded."""
@@ -57,41 +57,43 @@ class Surface:
 class SurrogateKernel(Kernel):
     """Valid: the surface is frozen, and the acceptance corrects for it."""
 
+    name = "surrogate"
+
     def init(self, runs: int) -> Surface | None:
         return None  # the surface of a level is fitted when it begins
 
-    def learn(self, known: Surface | None, runs: Integers, points: Points, level: Floats) -> Surface:
+    def learn(self, tuning: Surface | None, runs: Integers, points: Points, level: Floats) -> Surface:
         x = points.tape.reshape(len(level), -1, points.tape[0].size)
         score = points.score.reshape(len(level), -1)
         fits = [_fit_surface(x[a], score[a], level[a]) for a in range(len(level))]
         new = batch.concatenate(fits)
-        total = max(int(runs[-1]) + 1, 0 if known is None else len(known.level))
+        total = max(int(runs[-1]) + 1, 0 if tuning is None else len(tuning.level))
         place = np.zeros(total, dtype=np.int64)
         place[runs] = np.arange(len(runs))
         return batch.take(new, place)  # ended runs get any surface, and never use it
 
-    def start(self, known: Surface, state: Points, level: Floats, draw: Draw) -> Move:
-        proposal = _slice_under_surrogate(known, state.tape, draw)
+    def start(self, tuning: Surface, state: Points, level: Floats, draw: Draw) -> Move:
+        proposal = _slice_under_surrogate(tuning, state.tape, draw)
         # The acceptance ratio (M,) l(x) / l(x') of the step's ends.
-        ratio = known.likelihood(state.tape) / known.likelihood(proposal)
+        ratio = tuning.likelihood(state.tape) / tuning.likelihood(proposal)
         return Move.begin(state, level, draw, proposal, ratio)
 
-    def tell(self, move: Move, found: Points) -> Move:
+    def tell(self, move: Move, points: Points) -> Move:
         rows = move.waiting
         chance = move.work[rows] > move.draw.uniforms(rows, _MOST_TURNS + 2)
-        return move.accept(chance & found.above(move.level[rows]), found).stay()
+        return move.accept(chance & points.above(move.level[rows]), points).stay()
 
 
-def _slice_under_surrogate(known: Surface, tape: Floats, draw: Draw) -> Floats:
+def _slice_under_surrogate(surface: Surface, tape: Floats, draw: Draw) -> Floats:
     # See ``shrink``, whose bracket this is.
     rows = np.arange(len(tape))
     other, end = draw.tapes(), tape.copy()
-    height = known.likelihood(tape) * draw.uniforms(rows, 0)
+    height = surface.likelihood(tape) * draw.uniforms(rows, 0)
     angle = 2.0 * np.pi * draw.uniforms(rows, 1)
     low, high = angle - 2.0 * np.pi, angle.copy()
     for turn in range(2, _MOST_TURNS + 2):
         moved = rotated(tape[rows], other[rows], angle[rows])
-        inside = batch.take(known, rows).likelihood(moved) > height[rows]
+        inside = batch.take(surface, rows).likelihood(moved) > height[rows]
         end[rows[inside]] = moved[inside]
         rows = rows[~inside]
         if not len(rows):

@@ -1,0 +1,1 @@
+"""Parts that more than one estimator stands on; nothing here knows an estimator."""

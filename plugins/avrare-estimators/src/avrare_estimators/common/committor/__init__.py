@@ -1,0 +1,1 @@
+"""Learned probability of a failure from the features of a state."""

@@ -1,0 +1,64 @@
+"""Checks that raise the health warnings of these estimators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from statistics import median
+
+from avrare.base.health_messages import MESSAGES, fill
+from avrare.estimation.health import check_errors
+from avrare_estimators.common.health_messages import WARNINGS
+
+__all__ = ["check_errors", "check_runs", "check_ties", "check_weights", "warn"]
+
+FEWEST_ROOTS = 15
+MOST_TIES = 2.0
+"""Ratio of discarded to requested particles, median over the levels."""
+LEAST_EFFECTIVE = 15.0
+LARGEST_SHARE = 0.3
+LARGEST_DEVIATION = 4.0
+LARGEST_MEAN_ERROR = 0.5
+
+
+def warn(name: str, **values: object) -> dict[str, str]:
+    """Return one of these warnings, or of the core's, with its text filled in."""
+    return fill(MESSAGES | WARNINGS, name, **values)
+
+
+def check_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
+    """Return a warning when most levels, of all runs, discard many more particles than ``discard``."""
+    if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
+        return {}
+    return warn("ties", share=typical / particles, discard=discard)
+
+
+def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
+    """Return the warnings on splitting runs; ``roots``: first particles whose descendants survive."""
+    runs = len(values)
+    found = warn("single_run") if runs == 1 else {}
+    if not any(values):
+        return found | warn("extinct", runs=runs)
+    if extinct:
+        found |= warn("extinct_runs", extinct=extinct, runs=runs)
+    if median(roots) < FEWEST_ROOTS:
+        found |= warn("few_roots", least=FEWEST_ROOTS)
+    return found
+
+
+def check_weights(mean: float, error: float, effective: float, largest: float) -> dict[str, str]:
+    """Return the warnings on importance weights.
+
+    Args:
+        mean: Mean weight.
+        error: Standard error of the mean weight.
+        effective: Effective number of failing contributions; 0 without failures.
+        largest: The largest contribution's share of the estimate.
+    """
+    found: dict[str, str] = {}
+    if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
+        found |= warn("weight_mean", mean=mean, error=error)
+    if effective == 0.0:
+        return found | warn("no_failures")
+    if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
+        found |= warn("weight_degenerate", effective=effective, largest=largest)
+    return found

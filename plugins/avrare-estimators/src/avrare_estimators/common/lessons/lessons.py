@@ -1,0 +1,219 @@
+"""Lessons: the samples from which a proposal on the noise tape is learnt, weighed together.
+
+Stage 0 is drawn from the target, stage k + 1 in part from the proposal that stage k has taught. All rows of
+all stages are pooled with the weights of the balance heuristic (Veach and Guibas 1995): p over the density of
+the pool, whichever stage a row came from.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare.rollout.request import Integers
+from avrare_estimators.common.lessons.dictionary import fit
+from avrare_estimators.common.samples.sampling import Sample, failing_weights
+from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
+from avrare_estimators.common.weights import effective_size, resample, stratified_variance
+
+LEAST_ELITE = 80.0
+"""Effective number of rows to learn from."""
+_MOST_ELITE = 500
+_BLOCK = 2**21
+"""Noise numbers that are drawn again at once."""
+_FEW = 10.0
+"""Effective number of failures from which the gain is that for failures, not for the elite."""
+_PAST = 0.2
+"""Share of the proposals of earlier stages in the final one: they are wider."""
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Samples and proposals of the stages so far.
+
+    Attributes:
+        defensive: Share of the target in all samples but the first.
+        samples: Samples, one a stage.
+        mixtures: Proposals; number k has drawn sample k + 1.
+        log_ratios: (n, K) log p/q of the rows of each sample under each proposal.
+    """
+
+    defensive: float
+    samples: tuple[Sample, ...] = ()
+    mixtures: tuple[TapeMixture, ...] = ()
+    log_ratios: tuple[Floats, ...] = ()
+
+    def add(self, sample: Sample) -> Lessons:
+        """Add the sample of the present proposal."""
+        columns = [ratios_of(sample, mixture) for mixture in self.mixtures]
+        ratios = np.stack(columns, axis=1) if columns else np.zeros((len(sample.error), 0))
+        return replace(self, samples=(*self.samples, sample), log_ratios=(*self.log_ratios, ratios))
+
+    def learn(self) -> Lessons:
+        """Fit the next proposal to the elite."""
+        rows, weights = self.elite
+        if len(rows) > _MOST_ELITE:
+            rows = np.sort(rows[resample(weights, _MOST_ELITE, 0.5)])
+            weights = np.ones(len(rows))
+        mixture = fit(self._tapes(rows), weights, self.defensive)
+        ratios = tuple(
+            np.column_stack([old, ratios_of(sample, mixture)])
+            for old, sample in zip(self.log_ratios, self.samples, strict=True)
+        )
+        return replace(self, mixtures=(*self.mixtures, mixture), log_ratios=ratios)
+
+    @property
+    def weights(self) -> Floats:
+        """(N,) weights of all rows; their mean over a set estimates its probability."""
+        counts = np.array([len(sample.error) for sample in self.samples])
+        shares = counts / counts.sum()
+        pooled = np.concatenate(self.log_ratios)
+        density = np.full(len(pooled), shares[0] + self.defensive * shares[1:].sum())
+        for k, share in enumerate(shares[1:]):
+            density += share * (1.0 - self.defensive) * np.exp(np.minimum(-pooled[:, k], 700.0))
+        return np.asarray(1.0 / density)
+
+    @property
+    def violated(self) -> Any:
+        """(N,) failures."""
+        return np.concatenate([sample.violated for sample in self.samples])
+
+    @property
+    def key(self) -> Floats:
+        """(N,) order of the rows: by score, all failures on top; what broke down has -inf."""
+        score = np.concatenate([sample.score for sample in self.samples])
+        error = np.concatenate([sample.error for sample in self.samples])
+        return np.where(self.violated, np.inf, np.where(error, -np.inf, score))
+
+    @property
+    def elite(self) -> tuple[Integers, Floats]:
+        """Rows nearest to failure and their weights: all failures, or the fewest that are effective."""
+        error = np.concatenate([sample.error for sample in self.samples])
+        score = np.concatenate([sample.score for sample in self.samples])
+        weights, violated = self.weights, self.violated
+        if effective_size(weights[violated]) >= LEAST_ELITE:
+            rows = np.flatnonzero(violated)
+            return rows, weights[rows]
+        key = np.where(violated, np.inf, score)
+        order = np.argsort(-key, kind="stable")
+        order = order[~error[order]]
+        if not len(order):  # every rollout broke down
+            return order, weights[order]
+        total, squares = np.cumsum(weights[order]), np.cumsum(weights[order] ** 2)
+        enough = np.flatnonzero(total**2 >= LEAST_ELITE * squares)
+        last = order[enough[0]] if len(enough) else order[-1]
+        rows = np.flatnonzero((key >= key[last]) & ~error)
+        return rows, weights[rows]
+
+    @property
+    def probability(self) -> float:
+        """Estimate of the failure probability from all stages."""
+        return float(np.where(self.violated, self.weights, 0.0).mean())
+
+    @property
+    def guessed_probability(self) -> float:
+        """Failure probability, or a guess where too few failures are known: a tenth of the elite's."""
+        if effective_size(self.weights[self.violated]) >= _FEW:
+            return self.probability
+        return float(self.elite[1].sum()) / len(self.violated) / 10.0
+
+    def report(self) -> dict[str, Any]:
+        """Return the entry of the newest stage."""
+        rows, elite = self.elite
+        weights, violated = self.weights, self.violated
+        newest = self.samples[-1]
+        score = np.concatenate([sample.score for sample in self.samples])
+        reached = bool(len(rows) and violated[rows].all())
+        ratio = np.concatenate(self.log_ratios)[:, -1] if self.mixtures else None
+        variance = self._variance(rows, ratio[rows]) if ratio is not None else None
+        chance, variance_there = float(elite.sum() / len(weights)), variance
+        if ratio is not None and effective_size(weights[violated]) >= _FEW:
+            # A level near the pilot's bulk leaves little to gain; failures are what is to be drawn.
+            chance, variance_there = (
+                self.probability,
+                self._variance(np.flatnonzero(violated), ratio[violated]),
+            )
+        return {
+            "level": None if reached or not len(rows) else float(score[rows][~violated[rows]].min()),
+            "reached": reached,
+            "rollouts": len(newest.error),
+            "failures": int(newest.violated.sum()),
+            "probability": float(failing_weights(newest).mean()),
+            "level_probability": float(elite.sum() / len(weights)),
+            "elite_effective": effective_size(elite),
+            "failures_effective": effective_size(weights[violated]),
+            "relative_variance": variance,
+            "gain": _gain(chance, variance_there),
+            "gain_shown": _gain(self.probability, self.shown_variance),
+            "components": len(self.mixtures[-1].share) if self.mixtures else 0,
+        }
+
+    @property
+    def shown_variance(self) -> float | None:
+        """Relative variance of one row of the newest sample, by its failures alone; None where they are few.
+
+        No row of it has taught the proposal that it was drawn from.
+        """
+        values = failing_weights(self.samples[-1])
+        if effective_size(values) < _FEW:
+            return None
+        own = values / values.mean()
+        return len(own) * stratified_variance(own, self.samples[-1].target_rows)
+
+    def expected_variance(self, mixture: TapeMixture | None) -> float | None:
+        """Return the relative variance of one row drawn from ``mixture`` (None: the target), for failures."""
+        if not self.samples or not self.violated.any():
+            return None
+        if mixture is None:
+            return 1.0 / self.probability - 1.0
+        rows = np.flatnonzero(self.violated)
+        return self._variance(rows, mixture.log_ratio_of(self._tapes(rows)))
+
+    def _variance(self, rows: Integers, log_ratio: Floats) -> float | None:
+        """Return the relative variance of one row of a proposal, for the event that holds these rows.
+
+        Args:
+            rows: Places of the rows.
+            log_ratio: Their log p/q under the proposal.
+        """
+        weights = self.weights[rows]
+        mean = weights.sum() / len(self.violated)
+        second = (weights * self.bounded(log_ratio)).sum() / len(self.violated)
+        return float(second / mean**2 - 1.0) if mean else None
+
+    def bounded(self, log_ratio: Floats) -> Floats:
+        """Return p over the proposal with its share of the target."""
+        density = self.defensive + (1.0 - self.defensive) * np.exp(np.minimum(-log_ratio, 700.0))
+        return np.asarray(1.0 / density)
+
+    def final(self) -> TapeMixture:
+        """Return the proposal to estimate with: the newest, and a little of those before it."""
+        before = self.mixtures[:-1]
+        shares = [*(_PAST / len(before) for _ in before), 1.0 - _PAST] if before else [1.0]
+        return blend(self.mixtures, shares)
+
+    def _tapes(self, rows: Integers) -> Floats:
+        begin, tapes = 0, []
+        for sample in self.samples:
+            end = begin + len(sample.error)
+            tapes.append(sample.tapes(rows[(rows >= begin) & (rows < end)] - begin))
+            begin = end
+        return np.concatenate(tapes)
+
+
+def _gain(chance: float, variance: float | None) -> float | None:
+    return (1.0 / chance - 1.0) / max(variance, 1e-9) if variance is not None and chance else None
+
+
+def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:
+    """Return log p/q (n,) of all rows of a sample under a proposal."""
+    rows, found = len(sample.error), []
+    size = max(1, _BLOCK // math.prod(mixture.shape))
+    for begin in range(0, rows, size):
+        tapes = sample.tapes(np.arange(begin, min(begin + size, rows)))
+        found.append(mixture.log_ratio_of(tapes))
+    return np.concatenate(found)

@@ -1,0 +1,1 @@
+"""Weighted samples: drawn, cross-checked, summed up; the sampler that `is` and `ce` extend."""

@@ -1,0 +1,345 @@
+"""Result of weighted samples: mean, interval, diagnostics and health."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from avrare.estimation import intervals
+from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Failures, Interval, Result, Worst, spread
+from avrare.estimation.result_builder import build_result, missing_worst
+from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Integers
+from avrare_estimators.common import health
+from avrare_estimators.common.in_turn import take_in_turn
+from avrare_estimators.common.samples.agreement import find_doubts, missed_probability
+from avrare_estimators.common.samples.cross_check import CrossCheckResult
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.sampling import Sample, failing_weights, variance_of_sum
+from avrare_estimators.common.samples.stages import has_reached
+from avrare_estimators.common.weights import Quality, effective_size, quality
+
+DISTRUST = {
+    "no_failures",
+    "weight_degenerate",
+    "cross_check",
+    "unchecked",
+    "unreached",
+    "uncovered",
+    "stages_disagree",
+    "extinct",
+}
+"""Warnings under which the interval does not rest on the weights."""
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Outcome of one run.
+
+    Attributes:
+        sample: The final sample.
+        checked: A cross-check was asked for.
+        cross_check: Its result; None where there was none, or it did not reach failure.
+        stages: Learning stages, one entry each.
+        doubts: Health warnings of the run.
+        counted: Shares of the estimate that stages of learning have, and their samples. Each share was fixed
+            before its sample was drawn, and so was the proposal: every sample alone is unbiased given those
+            before it, and with the rest for the final sample so is their sum.
+        climbed: Level at which the sample hands over to chains, and their groups; None: it goes to failure.
+    """
+
+    sample: Sample
+    checked: bool
+    cross_check: CrossCheckResult | None
+    stages: tuple[dict[str, Any], ...]
+    doubts: dict[str, str] = field(default_factory=dict)
+    counted: tuple[tuple[float, Sample], ...] = ()
+    climbed: tuple[float, Groups] | None = None
+
+    @cached_property
+    def weights(self) -> Floats:
+        """(n,) weights of the rows."""
+        return np.asarray(np.exp(self.sample.log_weights))
+
+    @cached_property
+    def contributions(self) -> Floats:
+        """(n,) weight of the rows that fail, or from which chains may start; 0 for the others."""
+        if self.climbed is None:
+            return failing_weights(self.sample)
+        return failing_weights(self.sample.reaching(self.climbed[0]))
+
+    @cached_property
+    def parts(self) -> list[tuple[float, Sample]]:
+        """Shares of the estimate and their samples, the final one first."""
+        own = 1.0 - sum(share for share, _ in self.counted)
+        return [(own, self.sample), *self.counted]
+
+    @property
+    def probability(self) -> float:
+        """Estimate of the run, unbiased but for the cut at 1."""
+        if self.climbed is not None:
+            return min(1.0, self.climbed[1].mean)
+        return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
+
+    @property
+    def error_weight(self) -> float:
+        """Weight of the rows that broke down."""
+        if self.climbed is not None:
+            return float(self.climbed[1].errors.mean())
+        return float(
+            sum(share * np.where(p.error, np.exp(p.log_weights), 0.0).mean() for share, p in self.parts)
+        )
+
+    @property
+    def plain(self) -> bool:
+        """All rows were drawn from the target, and no chains follow: Monte Carlo."""
+        return self.sample.share == 1.0 and self.climbed is None
+
+    @property
+    def unreached(self) -> bool:
+        """Learning ended short of failure."""
+        reached = self.plain or self.climbed is not None
+        return bool(self.stages) and not has_reached(self.stages[-1]) and not reached
+
+    def variance(self, unit: float) -> float:
+        """Return the variance of ``probability`` in units of ``unit``."""
+        if self.climbed is not None:
+            return self.climbed[1].variance(unit)
+        return variance_of_sum(self.parts, unit)
+
+
+def summarise(
+    name: str,
+    plan: Plan,
+    runs: Sequence[RunOutcome],
+    tally: Info,
+    first: Floats | None,
+    fresh: FreshRows,
+    noise_size: int | None,
+) -> Result:
+    """Return the result of finished runs.
+
+    Args:
+        name: Name of the estimator.
+        plan: The task.
+        runs: Outcomes of the runs.
+        tally: Cost of all rollouts.
+        first: Robustness of the first sample.
+        fresh: Counts of all rows drawn from the target.
+        noise_size: Numbers a step that the user's problem reads, where they are fewer.
+    """
+    values = np.array([run.probability for run in runs])
+    marks = _pooled_quality(runs)
+    mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
+    missed = missed_probability(mean, checks, plan.confidence)
+    warnings = _health(plan, runs, marks, tally)
+    if mean > 0.0:
+        own = _interval_of_weights(runs, values, marks)(plan.confidence)
+        warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
+    interval_at = _interval_of_weights(runs, values, marks, missed)
+    if all(run.plain for run in runs):
+        interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
+    elif DISTRUST & warnings.keys():
+        interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
+    return build_result(
+        plan,
+        name,
+        tally,
+        values,
+        interval_at=interval_at,
+        relative_error=math.sqrt(_relative_variance(runs, values)),
+        health=warnings,
+        failures=_failures(plan, runs, tally, noise_size),
+        worst=_worst(plan, runs, noise_size),
+        robustness=first if first is not None else np.zeros(0),
+        blind_bound=fresh.blind_bound(plan.confidence),
+        diagnostics=_diagnostics(runs, marks),
+    )
+
+
+def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
+    """Return the quality of the weights of all runs together; the target's rows first, as in each run."""
+
+    def target_first(values: Callable[[RunOutcome], Floats]) -> Floats:
+        target = [values(run)[: run.sample.target_rows] for run in runs]
+        return np.concatenate([*target, *(values(run)[run.sample.target_rows :] for run in runs)])
+
+    weights = target_first(lambda run: run.weights)
+    failing = target_first(lambda run: run.contributions) > 0.0
+    marks = quality(weights, failing, sum(run.sample.target_rows for run in runs))
+    if not any(run.counted for run in runs):
+        return marks
+    terms = np.concatenate(
+        [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
+    )
+    total = float(terms.sum())
+    largest = float(terms.max()) / total if total > 0.0 else 0.0
+    return replace(marks, effective_failures=effective_size(terms), largest_share=largest)
+
+
+def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
+    found: dict[str, str] = {}
+    if not all(run.plain for run in runs):
+        found = health.check_weights(
+            marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
+        )
+    for run in runs:
+        if run.climbed is not None:
+            values = run.climbed[1].values
+            found |= health.check_runs(
+                values.tolist(), int((values == 0.0).sum()), [sum(run.climbed[1].roots)]
+            )
+    if any(run.unreached for run in runs):
+        found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
+    for run in runs:
+        found |= run.doubts
+    if all(run.sample.violated.all() for run in runs):
+        found |= health.warn("all_failed")
+    return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+
+
+def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
+    mean = float(values.mean())
+    if mean == 0.0:
+        return math.nan
+    # Divided first: the square of a tiny estimate is 0.
+    within = sum(run.variance(mean) for run in runs) / len(runs) ** 2
+    spread = float((values / mean).var(ddof=1)) / len(runs) if len(runs) > 1 else within
+    return spread or within
+
+
+def _interval_of_weights(
+    runs: Sequence[RunOutcome], values: Floats, marks: Quality, missed: float = 0.0
+) -> Callable[[float], Interval]:
+    mean, errors = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
+    freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
+    relative, logs = _relative_variance(runs, values), None
+    if len(runs) == 1 and runs[0].climbed is not None:
+        groups = runs[0].climbed[1].values
+        freedom, logs = len(groups) - 1, intervals.cox(groups)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
+
+
+def is_even(mean: float, warnings: Container[str]) -> bool:
+    """Return whether the scatter of the weights says something of the error of their ``mean``."""
+    return mean > 0.0 and "weight_degenerate" not in warnings
+
+
+def for_any_weights(
+    mean: float, fresh: FreshRows, by_weights: Callable[[float], Interval] | None, confidence: float
+) -> Interval:
+    """Return an interval that holds for any weights.
+
+    The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with
+    probability at most a. The upper end is plain Monte Carlo on all rows drawn from the target; where few of
+    them have failed by chance, that of the weights is higher, and taken.
+
+    Args:
+        mean: Weighted estimate.
+        fresh: All rows drawn from the target.
+        by_weights: Interval by the weights; None where it says nothing.
+        confidence: Level.
+    """
+    tail = (1.0 - confidence) / 2.0
+    own = by_weights(confidence)[1] if by_weights is not None else mean
+    return tail * mean, max(fresh.interval(confidence)[1], own)
+
+
+def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "mean_weight": marks.mean,
+        "mean_weight_error": marks.standard_error,
+        "effective_size": marks.effective,
+        "effective_failures": marks.effective_failures,
+        "largest_share": marks.largest_share,
+        "second_look": [None if run.cross_check is None else vars(run.cross_check) for run in runs],
+        "target_rows": [run.sample.target_rows for run in runs],
+        "rows": [len(run.sample.error) for run in runs],
+        "check_rollouts": sum(run.cross_check.rollouts for run in runs if run.cross_check is not None),
+    }
+    if any(run.counted for run in runs):
+        found["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
+    if any(run.climbed for run in runs):
+        found["climb"] = [_describe_climb(*run.climbed) for run in runs if run.climbed is not None]
+    if any(run.stages for run in runs):
+        found["stages"] = [list(run.stages) for run in runs]
+    return found
+
+
+def _describe_climb(level: float, groups: Groups) -> dict[str, Any]:
+    return {
+        "level": level,
+        "entered": float(groups.entered.mean()),
+        "groups": len(groups.values),
+        "roots": list(groups.roots),
+        "rollouts": groups.rollouts,
+    }
+
+
+def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
+    rows = np.flatnonzero(chosen)
+    return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
+
+
+def _climbed_failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info) -> Failures:
+    """Return failures at which chains have arrived, of all groups alike."""
+    found = [part for run in runs if run.climbed is not None for part in run.climbed[1].failures]
+    if not found:
+        shape = (0, plan.steps + 1, plan.noise.noise_size)
+        return Failures(np.zeros(shape), np.zeros(0), tally.failures, np.zeros(0))
+    noise, robustness, weights, ancestors = (
+        np.concatenate([getattr(part, name) for part in found])
+        for name in ("noise", "robustness", "weights", "ancestors")
+    )
+    kept = take_in_turn(ancestors[:, 0], plan.kept_failures)
+    weights = weights[kept]
+    if weights.any():
+        weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
+    return Failures(noise[kept], robustness[kept], tally.failures, weights, ancestors[kept])
+
+
+def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
+    if any(run.climbed for run in runs):
+        return _climbed_failures(plan, runs, tally)
+    found = [_replayable(run, run.sample.violated) for run in runs]
+    run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in found])
+    chosen = spread(np.arange(len(run_of)), plan.kept_failures)
+    kept = [np.concatenate(found)[chosen[run_of[chosen] == r]] for r in range(len(runs))]
+    pairs = list(zip(runs, kept, strict=True))
+    # Where only the target's rows can be drawn again, those alone are a sample of failures: of equal weights.
+    weighted = all(run.sample.source.replayable for run in runs)
+    weights = np.concatenate(
+        [run.contributions[rows] if weighted else np.ones(len(rows)) for run, rows in pairs]
+    )
+    if weights.any():
+        weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
+    return Failures(
+        np.concatenate([run.sample.tapes(rows)[..., :noise_size] for run, rows in pairs]),
+        np.concatenate([run.sample.robustness[rows] for run, rows in pairs]),
+        tally.failures,
+        None if all(run.plain for run in runs) else weights,
+    )
+
+
+def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Worst:
+    missing = missing_worst(plan)
+    worst = Worst(missing.noise[:, :noise_size], missing.robustness)
+    for run in runs:
+        rows = _replayable(run, ~run.sample.error)
+        if not len(rows):
+            continue
+        row = rows[[int(np.argmin(run.sample.robustness[rows]))]]
+        least = float(run.sample.robustness[row[0]])
+        if not least >= worst.robustness:
+            worst = Worst(run.sample.tapes(row)[0][:, :noise_size], least)
+        for part in run.climbed[1].failures if run.climbed is not None else ():
+            if len(part.robustness) and part.robustness.min() < worst.robustness:
+                worst = Worst(part.noise[int(part.robustness.argmin())], float(part.robustness.min()))
+    return worst

@@ -1,0 +1,207 @@
+"""Weighted samples: rows of the target and of a proposal, drawn in waves.
+
+A sample has an address (run, stage) and two strata: rows drawn from the target itself, and rows drawn from
+the proposal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from avrare.base.memory import allowance
+from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.plan import Plan
+from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Carry, Integers, Request, Rollouts
+from avrare_estimators.common.samples.sources import BLOCK, Source, Stratum
+from avrare_estimators.common.weights import mixture_log_weights, stratified_variance
+
+_WAVE = 8
+"""Number of chunks in flight at a time."""
+_TAPES = 3
+"""Tapes of each row of a wave at the peak: drawn, asked for, and weighed."""
+
+
+def wave_rows(plan: Plan, memory: float | None) -> int:
+    """Return the rows of a wave: some chunks, or fewer where their tapes would take half of the memory."""
+    room = allowance(memory) // (2 * _TAPES * plan.tape_bytes)
+    return min(_WAVE * plan.chunk, max(BLOCK, room))
+
+
+def wave_bytes(plan: Plan, memory: float | None) -> int:
+    """Return the bytes of a wave at its peak."""
+    return wave_rows(plan, memory) * _TAPES * plan.tape_bytes
+
+
+@dataclass(frozen=True)
+class PartialSample:
+    """A sample under way: first the target's rows, then the proposal's.
+
+    Attributes:
+        source: The proposal.
+        strata: The target's rows and the proposal's.
+        outcomes: Rollouts of the waves so far.
+        ratios: Their log p/q.
+        wave: Rows of a wave.
+        pending: The present wave; None when all rows are in.
+    """
+
+    source: Source
+    strata: tuple[Stratum, Stratum]
+    wave: int
+    outcomes: tuple[Rollouts, ...] = ()
+    ratios: tuple[Floats, ...] = ()
+    pending: Request | None = None
+
+    @staticmethod
+    def begin(
+        source: Source, plan: Plan, run: int, stage: int, rows: int, target_rows: int, wave: int
+    ) -> PartialSample:
+        """Begin a sample of ``rows`` rows, ``target_rows`` of them from the target, in waves."""
+        target = Stratum(plan, run, stage, target_rows, from_target=True)
+        proposal = Stratum(plan, run, stage, rows - target_rows, from_target=False, first=target_rows)
+        return PartialSample.of(source, (target, proposal), wave)
+
+    @staticmethod
+    def of(source: Source, strata: tuple[Stratum, Stratum], wave: int) -> PartialSample:
+        """Begin a sample of given strata, those of the target first, in waves."""
+        return PartialSample(source, strata, wave)._next_wave()
+
+    def tell(self, rollouts: Rollouts) -> PartialSample:
+        """Store a wave and ask for the next."""
+        assert self.pending is not None
+        ratio = self.source.log_ratio(self.pending, rollouts)
+        rollouts = replace(rollouts, features=rollouts.features.astype(np.float32))
+        stored = replace(
+            self, outcomes=(*self.outcomes, rollouts), ratios=(*self.ratios, ratio), pending=None
+        )
+        return stored._next_wave()
+
+    def _next_wave(self) -> PartialSample:
+        done = sum(map(len, self.ratios))
+        for stratum in self.strata:
+            if done < stratum.rows:
+                index = np.arange(done, min(done + self.wave, stratum.rows))
+                return replace(self, pending=self.source.request(stratum, index))
+            done -= stratum.rows
+        return self
+
+    def sample(self) -> Sample:
+        """Return the sample, once all rows are in."""
+        outcome = Rollouts.join(list(self.outcomes))
+        score = outcome.scores[:, -1] if outcome.scores.shape[1] else -outcome.robustness[:, 0]
+        return Sample(
+            self.source,
+            self.strata,
+            np.concatenate(self.ratios),
+            outcome.violated[:, 0],
+            outcome.error,
+            outcome.robustness[:, 0],
+            score,
+            outcome.carries,
+            outcome.features,
+        )
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Rows with their weights; the target's rows come first.
+
+    Attributes:
+        source: The proposal.
+        strata: Those of the target's rows, then those of the proposal's.
+        log_ratio: (n,) log p/q.
+        violated: (n,) the row fails.
+        error: (n,) the row broke down.
+        robustness: (n,).
+        score: (n,) importance score; higher is nearer to failure.
+        carries: (t, rows, carry) of every step, where the source asks for them.
+        features: (n, K, F) at the steps that the source observes.
+    """
+
+    source: Source
+    strata: tuple[Stratum, ...]
+    log_ratio: Floats
+    violated: Bools
+    error: Bools
+    robustness: Floats
+    score: Floats
+    carries: tuple[tuple[int, Integers, Carry], ...]
+    features: Any = field(default_factory=lambda: np.zeros((0, 0, 0), np.float32))
+
+    @property
+    def target_rows(self) -> int:
+        """Number of rows drawn from the target."""
+        return sum(stratum.rows for stratum in self.strata if stratum.from_target)
+
+    @property
+    def share(self) -> float:
+        """Share of the target's rows."""
+        return self.target_rows / len(self.error)
+
+    @property
+    def log_weights(self) -> Floats:
+        """(n,) log of the deterministic-mixture weights."""
+        return mixture_log_weights(self.log_ratio, self.share)
+
+    @property
+    def fresh(self) -> FreshRows:
+        """Counts of the target's rows."""
+        rows = slice(self.target_rows)
+        return FreshRows(self.target_rows, int(self.violated[rows].sum()), int(self.error[rows].sum()))
+
+    def tapes(self, index: Integers) -> Floats:
+        """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` again."""
+        tapes = np.empty((len(index), self.strata[0].plan.steps + 1, self.strata[0].plan.noise.noise_size))
+        begin = 0
+        for stratum in self.strata:
+            own = (index >= begin) & (index < begin + stratum.rows)
+            tapes[own] = self.source.tapes(stratum, index[own] - begin)
+            begin += stratum.rows
+        return tapes
+
+    @staticmethod
+    def join(samples: Sequence[Sample]) -> Sample:
+        """Join samples of one source and the same shares of target rows."""
+        if len(samples) == 1:
+            return samples[0]
+
+        def target_first(name: str) -> Any:
+            arrays = [(getattr(one, name), one.target_rows) for one in samples]
+            return np.concatenate([a[:n] for a, n in arrays] + [a[n:] for a, n in arrays])
+
+        strata = sorted((s for one in samples for s in one.strata), key=lambda s: not s.from_target)
+        names = ("log_ratio", "violated", "error", "robustness", "score")
+        joined = {name: target_first(name) for name in names}
+        return Sample(samples[0].source, tuple(strata), carries=(), **joined)
+
+    def reaching(self, level: float) -> Sample:
+        """Return the sample with all rows above a level of the score in place of failures."""
+        reached = self.violated | (self.score > level) & ~self.error
+        return replace(self, violated=reached)
+
+    def without_carries(self) -> Sample:
+        """Return the sample without the carries, which only the fit of a proposal needs."""
+        return replace(self, carries=())
+
+
+def failing_weights(sample: Sample) -> Floats:
+    """Return the weight (n,) of the failing rows, 0 for the others."""
+    return np.where(sample.violated, np.exp(sample.log_weights), 0.0)
+
+
+def variance_of_sum(parts: Sequence[tuple[float, Sample]], unit: float) -> float:
+    """Return the variance of the sum of estimates, each times its share, in units of ``unit``.
+
+    Args:
+        parts: Shares and samples.
+        unit: What the estimates are divided by, such as their sum.
+    """
+    return sum(
+        share**2 * stratified_variance(failing_weights(sample) / unit, sample.target_rows)
+        for share, sample in parts
+    )

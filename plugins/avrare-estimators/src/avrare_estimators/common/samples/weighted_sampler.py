@@ -1,0 +1,197 @@
+"""Sampler of weighted rows: a final sample, its cross-check, the next run; ``is`` and ``ce`` extend it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from avrare.base.memory import allowance
+from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.memory import Demand
+from avrare.estimation.plan import Info, Plan
+from avrare.estimation.result import Result
+from avrare.protocols import Floats
+from avrare.rollout.request import Request, Rollouts
+from avrare_estimators.common.config import WeightedConfig
+from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
+from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.result import RunOutcome, summarise
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes, wave_rows
+from avrare_estimators.common.samples.sources import Source
+
+_ROW = 150
+"""Bytes of a row that is kept, at the peak."""
+_LEVELS = 2
+"""Levels that the cross-check's chains climb at least where they are most."""
+
+
+class Task(Protocol):
+    """Sample, cross-check or climb under way.
+
+    Attributes:
+        pending: The rollouts asked for; None at the end.
+    """
+
+    @property
+    def pending(self) -> Request | None: ...  # noqa: D102
+
+    def tell(self, rollouts: Rollouts) -> Task:
+        """Continue with the rollouts asked for."""
+
+
+@dataclass(frozen=True)
+class SamplingState:
+    """State of runs that follow one another.
+
+    Attributes:
+        plan: The task.
+        rollouts: Rollouts of a sample, its cross-check included where the estimator counts it.
+        source: The proposal in use.
+        task: What is under way; None when all is done.
+        samples: Samples of the present run so far; the last is the final one, once learning has ended.
+        stages: Learning stages of the present run, one entry each.
+        finished: Runs done.
+        tally: Cost so far.
+        first: Robustness of the first sample, NaN for errors.
+        fresh: Counts of all rows drawn from the target.
+    """
+
+    plan: Plan
+    rollouts: int
+    source: Source
+    task: Task | None = None
+    samples: tuple[Sample, ...] = ()
+    stages: tuple[dict[str, Any], ...] = ()
+    finished: tuple[RunOutcome, ...] = ()
+    tally: Info = field(default_factory=Info)
+    first: Floats | None = None
+    fresh: FreshRows = field(default_factory=FreshRows)
+
+    @property
+    def run(self) -> int:
+        """Index of the present run."""
+        return len(self.finished)
+
+
+class WeightedSampler:
+    """Base of estimators by weighted samples: a final sample, its cross-check, the next run.
+
+    Attributes:
+        noise_size: Noise size of the problem that the user gave, where it was replaced.
+    """
+
+    name: str
+    single = True
+    final_scores = True
+    needs = ("noise",)
+    config: WeightedConfig
+    noise_size: int | None = None
+
+    def ask(self, state: SamplingState) -> Request | None:
+        """Ask for the next wave."""
+        return state.task.pending if state.task is not None else None
+
+    def tell(self, state: SamplingState, rollouts: Rollouts) -> tuple[SamplingState, Info]:
+        """Store the wave; when a sample or a cross-check is complete, begin what comes next."""
+        assert state.task is not None
+        task = state.task.tell(rollouts)
+        state = replace(state, tally=state.tally.plus(rollouts), task=task)
+        if task.pending is None:
+            state = self._task_complete(state)
+        return state, self._info(state)
+
+    def _task_complete(self, state: SamplingState) -> SamplingState:
+        """Begin what comes after the task."""
+        task = state.task
+        if isinstance(task, CrossCheck):
+            return self._finish_run(state, task.result())
+        assert isinstance(task, PartialSample)
+        sample = task.sample()
+        return self._sample_complete(self._stored(state, sample), sample)
+
+    def _stored(self, state: SamplingState, sample: Sample) -> SamplingState:
+        samples = (*state.samples, sample.without_carries())
+        first = np.where(sample.error, np.nan, sample.robustness) if state.first is None else state.first
+        return replace(state, samples=samples, fresh=state.fresh + sample.fresh, first=first)
+
+    def estimate(self, state: SamplingState) -> list[Result]:
+        """Return the weighted mean, its interval, and the health of the weights."""
+        plan, fresh = state.plan, state.plan.seen + state.fresh
+        return [summarise(self.name, plan, state.finished, state.tally, state.first, fresh, self.noise_size)]
+
+    def demand(self, plan: Plan, carry: int) -> Demand:
+        """Return the memory of all samples' rows, and of a wave or of the cross-check's chains."""
+        rows = self._rows(plan)
+        tape, room = plan.tape_bytes, allowance(self.config.memory)
+        share = self.config.check / (1.0 - self.config.check) / _LEVELS
+        climb = min(int(share * rows) * CLIMB_TAPES * tape, room) if self.config.check else 0
+        held = _ROW * rows * self.config.runs + max(wave_bytes(plan, self.config.memory), climb)
+        return Demand(held, self.config.memory, "rollouts")
+
+    def _rows(self, plan: Plan) -> int:
+        """Return the rows of all samples of a run that are kept."""
+        raise NotImplementedError
+
+    def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
+        return self._check(state, sample)
+
+    def _check(self, state: SamplingState, sample: Sample) -> SamplingState:
+        """Begin the cross-check of the final sample, or end the run without."""
+        plain = sample.share == 1.0  # Monte Carlo needs none
+        most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
+        check = None if plain else self._cross_check(state, most)
+        state = replace(state, task=check)
+        if check is not None and check.pending is not None:
+            return state
+        return self._finish_run(state, check.result() if check is not None else None)
+
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | None:
+        return CrossCheck.begin(state.samples, self._check_rollouts(state), most)
+
+    def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
+        sample, doubts = state.samples[-1], self._doubts(state)
+        checked = self.config.check > 0.0 and sample.share < 1.0
+        outcome = RunOutcome(
+            sample, checked, result, state.stages, doubts, self._counted(state), self._climbed(state)
+        )
+        state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
+        return state if state.run == self.config.runs else self._begin_run(state)
+
+    def _begin_run(self, state: SamplingState) -> SamplingState:
+        rows = self._sample_rows(state)
+        target_rows = round(self.config.target_share * rows)
+        stage = len(state.stages)
+        wave = wave_rows(state.plan, self.config.memory)
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)
+        return replace(state, task=task)
+
+    def _sample_rows(self, state: SamplingState) -> int:
+        """Return the rows of the final sample."""
+        raise NotImplementedError
+
+    def _doubts(self, state: SamplingState) -> dict[str, str]:
+        """Return the health warnings of a run whose samples are complete."""
+        return {}
+
+    def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+        """Return the samples of learning that count in the estimate, and their shares."""
+        return ()
+
+    def _climbed(self, state: SamplingState) -> tuple[float, Groups] | None:
+        """Return the level at which the final sample hands over to chains, and their groups."""
+        return None
+
+    def _check_rollouts(self, state: SamplingState) -> int:
+        share = self.config.check
+        return int(share / (1.0 - share) * sum(len(one.error) for one in state.samples))
+
+    def _info(self, state: SamplingState) -> Info:
+        estimates = [outcome.probability for outcome in state.finished]
+        return replace(
+            state.tally,
+            stage=len(state.stages),
+            level=state.stages[-1]["level"] if state.stages else None,
+            probability=float(np.mean(estimates)) if estimates else None,
+        )

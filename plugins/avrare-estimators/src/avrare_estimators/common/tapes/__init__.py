@@ -1,0 +1,1 @@
+"""Laws of noise tapes to draw from."""
