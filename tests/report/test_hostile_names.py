@@ -20,7 +20,8 @@ from avrare.analysis.compare.case import ComparisonCase, GroundTruth
 from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
 from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
-from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
+from avrare.analysis.monitor.cause_finder import DecisiveSample
+from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.driving import Road

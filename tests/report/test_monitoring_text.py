@@ -6,14 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from avrare.analysis.monitor.monitoring import DecisiveSample, MonitoringResult
+from avrare.analysis.monitor.cause_finder import DecisiveSample
+from avrare.analysis.monitor.monitoring import MonitoringResult, format_sample_time, summarise
 from avrare.driving import Road
 from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
 from avrare.report.terminal.monitoring_text import (
     draw_chart,
-    format_sample_time,
     headline,
-    summarise,
 )
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 

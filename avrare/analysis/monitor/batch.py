@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from avrare.analysis.monitor.monitoring import DecisiveSample, describe_body, monitor_recording
+from avrare.analysis.monitor.cause_finder import DecisiveSample
+from avrare.analysis.monitor.monitoring import describe_body, monitor_recording
 from avrare.base.errors import AvrareError
 from avrare.driving import Road
 from avrare.protocols import Specification

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.analysis.monitor.monitoring import MonitoringResult
-from avrare.analysis.monitor.summary import summarise
+from avrare.analysis.monitor.monitoring import MonitoringResult, summarise
 from avrare.analysis.page.drive_charts import DriveCharts, make_time_axis
 from avrare.analysis.page.model import Player
 from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.analysis.monitor.monitoring import MonitoringResult
-from avrare.analysis.monitor.summary import format_sample_time, summarise
+from avrare.analysis.monitor.monitoring import MonitoringResult, format_sample_time, summarise
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.report.plots.rollout_plot import draw_frame, draw_road
 from avrare.rollout.frames import Frame

@@ -10,8 +10,12 @@ import textwrap
 import numpy as np
 from rich.text import Text
 
-from avrare.analysis.monitor.monitoring import MonitoringResult
-from avrare.analysis.monitor.summary import format_sample_time, list_excluded, summarise
+from avrare.analysis.monitor.monitoring import (
+    MonitoringResult,
+    format_sample_time,
+    list_excluded,
+    summarise,
+)
 from avrare.base.number_format import format_robustness
 from avrare.protocols import Floats
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.monitor.monitoring import monitor_recording
-from avrare.analysis.monitor.summary import summarise
+from avrare.analysis.monitor.monitoring import monitor_recording, summarise
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Verdict
