@@ -63,8 +63,8 @@ class Scale:
 
 def make_linear_scale(values: Iterable[float], *, zero: bool = False, margin: float = 0.05) -> Scale:
     """Return a linear axis around the finite values (and 0), with margins that are a share of the range."""
-    known = [float(value) for value in values if math.isfinite(value)] + ([0.0] if zero else [])
-    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    finite = [float(value) for value in values if math.isfinite(value)] + ([0.0] if zero else [])
+    low, high = (min(finite), max(finite)) if finite else (0.0, 1.0)
     if not high - low > 1e-12 * max(abs(low), abs(high)):
         low, high = low - max(abs(low), 1.0) * 0.5, high + max(abs(high), 1.0) * 0.5
     room = margin * (high - low)
@@ -73,9 +73,9 @@ def make_linear_scale(values: Iterable[float], *, zero: bool = False, margin: fl
 
 def make_log_scale(values: Iterable[float], most: float = math.inf) -> Scale:
     """Return a logarithmic axis of whole decades, up to ``most``, around the positive values."""
-    known = [value for value in values if 0.0 < value < math.inf]
-    low = 10.0 ** math.floor(math.log10(min(known, default=1e-3)) - 1e-9)
-    high = min(most, 10.0 ** math.ceil(math.log10(max(known, default=1.0)) + 1e-9))
+    finite = [value for value in values if 0.0 < value < math.inf]
+    low = 10.0 ** math.floor(math.log10(min(finite, default=1e-3)) - 1e-9)
+    high = min(most, 10.0 ** math.ceil(math.log10(max(finite, default=1.0)) + 1e-9))
     return Scale(low, high if high > low else 10.0 * low, log=True)
 
 
@@ -126,9 +126,9 @@ class Chart:
 
     def line(self, x: Numbers, y: Floats, style: str = "") -> Chart:
         """Add a line through the finite points, with gaps at the others."""
-        known = np.isfinite(y)
-        pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(known)) + 1)
-        lines = [_pair(x[piece], y[piece]) for piece in pieces if len(piece) and known[piece[0]]]
+        finite = np.isfinite(y)
+        pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(finite)) + 1)
+        lines = [_pair(x[piece], y[piece]) for piece in pieces if len(piece) and finite[piece[0]]]
         return self._add("line", f"line {style}", lines)
 
     def steps(self, x: Numbers, y: Floats, style: str = "") -> Chart:
@@ -154,8 +154,8 @@ class Chart:
 
     def dots(self, x: Numbers, y: Floats, style: str = "") -> Chart:
         """Add a dot at each finite point."""
-        known = np.isfinite(x) & np.isfinite(y)
-        return self._add("dots", f"dot {style}", [(point,) for point in _pair(x[known], y[known])])
+        finite = np.isfinite(x) & np.isfinite(y)
+        return self._add("dots", f"dot {style}", [(point,) for point in _pair(x[finite], y[finite])])
 
     def zero(self, vertical: bool = False) -> Chart:
         """Add the line y = 0, or x = 0, if it lies on the axis."""

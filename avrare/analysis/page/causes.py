@@ -109,7 +109,7 @@ def _format_share(low: float, high: float) -> str:
     return f"{100 * low:.0f} – {100 * high:.0f} %"
 
 
-def _describe_new(one: StoredSaving) -> str:
-    if one.new_high >= 1.0:  # without fresh tapes
+def _describe_new(saving: StoredSaving) -> str:
+    if saving.new_high >= 1.0:  # without fresh tapes
         return _UNKNOWN
-    return f"{format_typeset(one.new, 2)} (up to {format_typeset(one.new_high, 2)})"
+    return f"{format_typeset(saving.new, 2)} (up to {format_typeset(saving.new_high, 2)})"

@@ -57,8 +57,8 @@ class DriveCharts:
 
     @property
     def _lost(self) -> int | None:
-        found = self.rollout.continuations
-        return None if found is None else found.lost
+        continuations = self.rollout.continuations
+        return None if continuations is None else continuations.lost
 
     def _start(self, caption: str, y: Scale, title: str = "", *legend: tuple[str, str]) -> Chart:
         return Chart(
@@ -72,11 +72,11 @@ class DriveCharts:
         return chart
 
     def _draw_continuations(self) -> Chart | None:
-        found = self.rollout.continuations
-        if found is None:
+        continuations = self.rollout.continuations
+        if continuations is None:
             return None
-        at = found.steps >= 0
-        steps, values = found.steps[at], found.robustness[at]
+        at = continuations.steps >= 0
+        steps, values = continuations.steps[at], continuations.robustness[at]
         chart = self._start(
             "Robustness if the noise ended here", make_linear_scale(values.tolist(), zero=True),
             "Robustness of the drive if the noise ended at each time",
@@ -85,19 +85,21 @@ class DriveCharts:
         return self._finish(chart.below_zero(at_times, values).zero().line(at_times, values, "accent"))
 
     def _draw_errors(self, v: int, name: str) -> Chart | None:
-        seen = [one.observation for one in self.rollout.frames]
-        if not any(one is not None for one in seen):
+        seen = [frame.observation for frame in self.rollout.frames]
+        if not any(observation is not None for observation in seen):
             return None
-        others = [one.world.others for one in self.rollout.frames]
+        others = [frame.world.others for frame in self.rollout.frames]
         along, across = (
             np.array([
-                np.nan if one is None else getattr(one, key)[0, v] - getattr(true, key)[0, v]
-                for one, true in zip(seen, others, strict=True)
+                np.nan if observation is None else getattr(observation, key)[0, v] - getattr(true, key)[0, v]
+                for observation, true in zip(seen, others, strict=True)
             ])
             for key in ("x", "y")
         )  # fmt: skip
-        missed = np.array([one is not None and not one.detected[0, v] for one in seen])
-        finite = np.concatenate([part[np.isfinite(part)] for part in (along, across)])
+        missed = np.array(
+            [observation is not None and not observation.detected[0, v] for observation in seen]
+        )
+        finite = np.concatenate([errors[np.isfinite(errors)] for errors in (along, across)])
         key = [("line accent", "ahead"), ("line second", "left")]
         key += [("box missed", "missed")] if missed.any() else []
         chart = self._start(
@@ -128,21 +130,21 @@ class DriveCharts:
     def _distance(self, v: int) -> Floats:
         scene = self.result.recording.scene
         assert scene is not None
-        found = [
-            signed_distance(ego_rectangle(one.world.ego, scene), other_rectangles(one.world.others, scene))[
-                0, v
-            ]
-            for one in self.rollout.frames
+        distances = [
+            signed_distance(
+                ego_rectangle(frame.world.ego, scene), other_rectangles(frame.world.others, scene)
+            )[0, v]
+            for frame in self.rollout.frames
         ]
-        return np.array(found, dtype=np.float64)
+        return np.array(distances, dtype=np.float64)
 
     def _draw_speed(self) -> Chart:
-        ego = np.array([float(one.world.ego.speed[0]) for one in self.rollout.frames])
+        ego = np.array([float(frame.world.ego.speed[0]) for frame in self.rollout.frames])
         lines, key = [(ego, "accent")], [("line accent", "ego")]
         if self.vehicles:
             v, name = self.vehicles[0]
             lines.append(
-                (np.array([float(one.world.others.speed[0, v]) for one in self.rollout.frames]), "second")
+                (np.array([float(frame.world.others.speed[0, v]) for frame in self.rollout.frames]), "second")
             )
             key.append(("line second", name))
         y = make_linear_scale(np.concatenate([speeds for speeds, _ in lines]).tolist())
@@ -153,7 +155,7 @@ class DriveCharts:
 
     def _draw_acceleration(self) -> Chart:
         signals = self.result.recording.signals
-        ego = np.array([float(one.world.ego.acceleration[0]) for one in self.rollout.frames])
+        ego = np.array([float(frame.world.ego.acceleration[0]) for frame in self.rollout.frames])
         lines, key = [(ego, "accent")], [("line accent", "forward")]
         if "lateral_acceleration" in signals:
             lines.append((np.asarray(signals["lateral_acceleration"], dtype=np.float64), "second"))

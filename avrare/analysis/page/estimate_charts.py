@@ -20,18 +20,18 @@ _CONVERGENCE_POINTS = 60
 
 def draw_histogram(robustness: Floats, splitting: bool) -> Chart | None:
     """Return the histogram of robustness; bars below zero are violations."""
-    known = robustness[np.isfinite(robustness)]
-    if not len(known):
+    finite = robustness[np.isfinite(robustness)]
+    if not len(finite):
         return None
-    edges = _choose_bin_edges(known)
-    counts, _ = np.histogram(known, edges)
+    edges = _choose_bin_edges(finite)
+    counts, _ = np.histogram(finite, edges)
     tallest = float(counts.max())
     of = "the rollouts of the first stage" if splitting else "the rollouts"
-    left = len(robustness) - len(known)
+    left = len(robustness) - len(finite)
     beyond = f"; {left:,} without a finite value are not shown" if left else ""
     chart = Chart(
         Scale(float(edges[0]), float(edges[-1])), Scale(0.0, 1.08 * math.sqrt(tallest)),
-        f"Histogram of the robustness of {len(known)} rollouts, {int((known < 0).sum())} below zero",
+        f"Histogram of the robustness of {len(finite)} rollouts, {int((finite < 0).sum())} below zero",
         caption=f"Robustness of {of}", x_label="robustness",
         legend=(("box", "satisfied"), ("box marked", "violated")),
         note=f"heights: square root of the count{beyond}",
@@ -105,17 +105,20 @@ def _draw_run_convergence(result: Result, values: Floats) -> Chart:
     bounds = [_compute_run_interval(values[:k], result.confidence) for k in at]
     low, high = np.array(bounds).T
     low[-1], high[-1] = result.interval
-    shown = [x for x in (*values, *mean, *result.interval) if x > 0.0]  # of two runs it may span everything
-    scale = make_log_scale([*shown, min(1.0, 2.0 * max(shown, default=1.0))], 1.0)
+    # the interval of two runs may span everything
+    positive = [x for x in (*values, *mean, *result.interval) if x > 0.0]
+    scale = make_log_scale([*positive, min(1.0, 2.0 * max(positive, default=1.0))], 1.0)
     title = f"Estimates of {many} independent runs and their running mean, ending at {mean[-1]:.3g}"
-    zeros, known = int((values == 0).sum()), np.isfinite(low)
+    zeros, defined = int((values == 0).sum()), np.isfinite(low)
     interval = f"{format_percent(result.confidence)} interval"
     chart = Chart(
         make_linear_scale(at, margin=0.04), scale, title, caption="Convergence", x_label="runs",
         y_label="probability", legend=(("dot", "a run"), ("line accent", "mean"), ("box soft", interval)),
         note=f"{zeros} died out, drawn at the lower edge" if zeros else "",
     )  # fmt: skip
-    chart = chart.band(at[known], np.maximum(low[known], scale.low), np.minimum(high[known], scale.high))
+    chart = chart.band(
+        at[defined], np.maximum(low[defined], scale.low), np.minimum(high[defined], scale.high)
+    )
     chart = chart.line(at, np.where(mean > 0, mean, np.nan), "accent")
     return chart.dots(at, np.where(values > 0, values, scale.low), "quiet")
 
@@ -175,14 +178,14 @@ def _list_surviving_shares(diagnostics: dict[str, Any]) -> list[list[float]]:
 
 def _read_stage_values(runs: Any) -> list[list[float]]:
     try:
-        found = [np.array(run, dtype=np.float64) for run in runs]
+        stages = [np.array(run, dtype=np.float64) for run in runs]
     except (TypeError, ValueError):
         return []
-    return [run.tolist() for run in found] if all(run.ndim == 1 for run in found) else []
+    return [run.tolist() for run in stages] if all(run.ndim == 1 for run in stages) else []
 
 
-def _choose_bin_edges(known: Floats) -> Floats:
-    low, high = float(known.min()), float(known.max())
+def _choose_bin_edges(values: Floats) -> Floats:
+    low, high = float(values.min()), float(values.max())
     if low == high:
         low, high = low - 0.5, high + 0.5
     width = (high - low) / _BINS

@@ -39,7 +39,7 @@ def draw_moment(rollout: MonitoredRollout) -> Picture | None:
     view = _View(scene.road, float(rollout.frames[at].world.ego.x[0]))
     lanes, lines, low, high = _draw_road(view, scene.road)
     first = max(at - round(_TRAIL / result.recording.dt), 0)
-    trail = [view.place(one.world) for one in rollout.frames[first : at + 1]]
+    trail = [view.place(frame.world) for frame in rollout.frames[first : at + 1]]
     names = set(decisive.vehicles.values())
     cars = []
     for v, name in enumerate(scene.names):
@@ -71,7 +71,7 @@ class _View:
     def _turned(self, vehicles: Vehicles) -> Vehicles:
         if self._road.line is None:
             return replace(vehicles, x=vehicles.x - self._x[0] + _BEHIND)
-        x, y, heading, _ = (part[0] for part in self._road.line.frame(self._x))
+        x, y, heading, _ = (field[0] for field in self._road.line.frame(self._x))
         plane = to_plane(self._road, vehicles)
         ahead, aside = plane.x - x, plane.y - y
         cos, sin = np.cos(heading), np.sin(heading)

@@ -42,7 +42,7 @@ def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | Non
     marked = sorted({name for sample in decisive for name in sample.vehicles.values()})
     recording, start = result.recording, _select_start(result)
     charts = DriveCharts(rollout, marked)
-    shown = charts.draw()
+    figures = charts.draw()
     return Player(
         stored.title,
         _describe_rollout(stored),
@@ -57,8 +57,8 @@ def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | Non
         top_view="" if recording.scene is None else f"Top view of the rollout: {summarise(result)}",
         view=_tabulate_view(result, rollout.frames, marked),
         signals=_draw_signals(result) if recording.scene is None else (),
-        charts=shown,
-        marks=charts.list_marks() if shown else (),
+        charts=figures,
+        marks=charts.list_marks() if figures else (),
         robustness=_draw_robustness(result),
         predicates=draw_predicates(problem.monitor(result.name), result),
         noise=draw_noise(problem, stored.tape, stored.failed),
@@ -170,8 +170,8 @@ def _tabulate_view(
     content["road"] = {
         "lanes": list(road.lane_centres), "width": road.lane_width,
         "ramp": [*road.access_ramp, *road.shoulder, *road.opposing],
-        "borders": [_round_points((one.stations, one.right, one.left)) for one in list_lanes(road)],
-        "lines": [[*_round_points((one.x, one.y)), one.inner] for one in list_markings(road)],
+        "borders": [_round_points((lane.stations, lane.right, lane.left)) for lane in list_lanes(road)],
+        "lines": [[*_round_points((line.x, line.y)), line.inner] for line in list_markings(road)],
     }  # fmt: skip
     content["ego"] = {"l": scene.ego_length, "w": scene.ego_width, **_encode_trajectory(frames, "ego", 0)}
     content["others"] = [
@@ -186,7 +186,7 @@ def _tabulate_view(
         for v, name in enumerate(scene.names)
     ]
     content["seen"] = [_encode_observation(frame, len(scene.names)) for frame in frames]
-    plans = [None if one.plan is None else _round_points(one.plan[:, :2]) for one in frames]
+    plans = [None if frame.plan is None else _round_points(frame.plan[:, :2]) for frame in frames]
     predictions = [_encode_prediction(frame) for frame in frames]
     if _count_numbers(plans) + _count_numbers(predictions) <= _MAX_NUMBERS:
         content |= {"plan": plans, "predicted": predictions}
@@ -196,11 +196,12 @@ def _tabulate_view(
 def _encode_trajectory(frames: Sequence[Frame], who: str, at: Any) -> dict[str, list[float]]:
     vehicles = [getattr(frame.world, who) for frame in frames]
     fields = (("x", "x", 2), ("y", "y", 2), ("h", "heading", 4), ("v", "speed", 2))
-    found = {
-        key: [_round(getattr(one, field)[at], digits) for one in vehicles] for key, field, digits in fields
+    series = {
+        key: [_round(getattr(vehicle, field)[at], digits) for vehicle in vehicles]
+        for key, field, digits in fields
     }
     # Between samples the player turns a vehicle by the difference: a half turn is passed without a jump.
-    return {**found, "h": [_round(heading, 4) for heading in np.unwrap(found["h"])]}
+    return {**series, "h": [_round(heading, 4) for heading in np.unwrap(series["h"])]}
 
 
 def _encode_observation(frame: Frame, vehicles: int) -> list[list[float] | int] | None:

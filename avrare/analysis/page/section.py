@@ -59,8 +59,8 @@ def _build_rule(run: Run, name: str) -> Rule | None:
 
 def _draw_convergence(result: Result) -> tuple[Chart, ...]:
     histogram = charts.draw_histogram(result.robustness, bool(result.diagnostics.get("levels")))
-    found = (histogram, charts.draw_convergence(result, result.robustness))
-    return tuple(chart for chart in found if chart is not None)
+    drawn = (histogram, charts.draw_convergence(result, result.robustness))
+    return tuple(chart for chart in drawn if chart is not None)
 
 
 def _draw_levels(result: Result) -> tuple[Chart, ...]:

@@ -83,13 +83,13 @@ def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[St
     titles: dict[int, str] = {}
     numbers: dict[int, int] = {}
     count = len(failures.robustness)
-    shown = [] if kinds is None else [one for one in kinds.kinds if 0 <= one.representative < count]
-    for one in shown[:_MAX_KINDS]:
-        titles[one.representative] = f"Most typical failure of kind {one.kind}"
-        numbers[one.representative] = one.kind
+    chosen = [] if kinds is None else [kind for kind in kinds.kinds if 0 <= kind.representative < count]
+    for kind in chosen[:_MAX_KINDS]:
+        titles[kind.representative] = f"Most typical failure of kind {kind.kind}"
+        numbers[kind.representative] = kind.kind
     worst = int(np.argmin(failures.robustness))
     titles[worst] = f"{titles[worst]}, and the worst" if worst in titles else "Worst failure"
-    if not shown:
+    if not chosen:
         smallest = int(np.argmin(np.square(failures.noise).sum(axis=(1, 2))))
         titles[smallest] = (
             "Worst failure, and the one with the smallest noise"
@@ -113,20 +113,20 @@ def replay_stored(
         The rollouts by specification, of those that have any, and lines that say why there are none.
     """
     stored = [chosen for name, result in run.items() for chosen in select_rollouts(result, kinds.get(name))]
-    found: dict[str, list[MonitoredRollout]] = {rollout.specification: [] for rollout in stored}
+    monitored: dict[str, list[MonitoredRollout]] = {rollout.specification: [] for rollout in stored}
     if run.build_errors or not stored:
-        return found, run.build_errors
+        return monitored, run.build_errors
     problem = run.problem
     try:
         _check_tapes(problem, stored)
         replayed = replay_tapes(problem, np.stack([rollout.tape for rollout in stored]))
         continued = _predict_seconds(run, len(stored), problem.steps) <= _PATIENCE
         for rollout, replay in zip(stored, replayed, strict=True):
-            monitored = _monitor(problem, rollout, replay)
-            found[rollout.specification].append(_continue(problem, monitored) if continued else monitored)
+            judged = _monitor(problem, rollout, replay)
+            monitored[rollout.specification].append(_continue(problem, judged) if continued else judged)
     except AvrareError as error:
-        return {name: [] for name in found}, tuple(error.lines())
-    return found, ()
+        return {name: [] for name in monitored}, tuple(error.lines())
+    return monitored, ()
 
 
 def _check_tapes(problem: Problem, stored: Sequence[StoredRollout]) -> None:

@@ -48,10 +48,12 @@ def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Strips | None:
     rows = []
     groups = _group_channels(problem, tape.shape[1])
     for label, first, last in groups[:_MAX_ROWS]:
-        part = tape[:, first:last].T
-        description = f"Noise of {label}, {part.shape[0]} channels over {part.shape[1]} steps, up to "
-        description += f"{np.abs(part).max():.2f} standard deviations"
-        rows.append(Strip(label, description, shade(part, _FULL_OPACITY), 0.0, max(11 * len(part), 14)))
+        channels = tape[:, first:last].T
+        description = f"Noise of {label}, {channels.shape[0]} channels over {channels.shape[1]} steps, up to "
+        description += f"{np.abs(channels).max():.2f} standard deviations"
+        rows.append(
+            Strip(label, description, shade(channels, _FULL_OPACITY), 0.0, max(11 * len(channels), 14))
+        )
     hidden = len(groups) - len(rows)
     key = ("box positive", "+3 standard deviations"), ("box negative", "−3")
     note = f"{hidden} more rows are not shown" if hidden > 0 else "a row for each channel"
@@ -74,12 +76,12 @@ def evaluate_predicates(specification: Specification, result: MonitoringResult) 
     names = list_vehicle_names(specification, result.recording)
     decisive = result.first or result.worst
     chosen = decisive.vehicles if decisive is not None else {}
-    found: dict[str, Floats] = {}
+    rows: dict[str, Floats] = {}
     for node, quantifiers in _list_predicates(formula.node, ()):
         array = values[to_text(node)][0]
         for label, row in select_rows(to_text(node), array, quantifiers, names, chosen):
-            found.setdefault(label, row)
-    return found
+            rows.setdefault(label, row)
+    return rows
 
 
 def _list_predicates(
@@ -108,8 +110,8 @@ def select_rows(
     for quantifier, size in zip(quantifiers, sizes, strict=False):
         vehicle = chosen.get(quantifier.variable)
         members = list(names) if len(names) == size else [str(k) for k in range(size)]
-        one = [members.index(vehicle)] if vehicle in members and size > 1 else range(size)
-        axes.append([(quantifier.variable, members[k] if size > 1 else None, k) for k in one])
+        chosen_members = [members.index(vehicle)] if vehicle in members and size > 1 else range(size)
+        axes.append([(quantifier.variable, members[k] if size > 1 else None, k) for k in chosen_members])
     for choice in product(*axes):
         bound = {variable: member for variable, member, _ in choice if member is not None}
         words = re.split(r"\b([A-Za-z_]\w*)\b", predicate)

@@ -40,19 +40,21 @@ def _summarise(judged: Sequence[Estimate]) -> str:
     if not judged:
         return "No threshold is set, so there is no verdict: this is how often each rule was broken."
     many = len(judged)
-    kept, broken = (sum(estimate.verdict == word for estimate in judged) for word in ("pass", "fail"))
-    if kept == many:
+    holding, exceeded = (sum(estimate.verdict == word for estimate in judged) for word in ("pass", "fail"))
+    if holding == many:
         return "The threshold holds." if many == 1 else f"All {many} thresholds hold."
-    parts = [f"{kept} of {many} thresholds hold" if many > 1 else ""]
-    if broken:
-        parts.append(
-            f"{broken} {'are' if broken > 1 else 'is'} exceeded" if many > 1 else "The threshold is exceeded"
+    clauses = [f"{holding} of {many} thresholds hold" if many > 1 else ""]
+    if exceeded:
+        clauses.append(
+            f"{exceeded} {'are' if exceeded > 1 else 'is'} exceeded"
+            if many > 1
+            else "The threshold is exceeded"
         )
-    if rest := many - kept - broken:
-        parts.append(
+    if rest := many - holding - exceeded:
+        clauses.append(
             f"{rest} {'are' if rest > 1 else 'is'} undecided" if many > 1 else "The threshold is undecided"
         )
-    return ", ".join(part for part in parts if part) + "."
+    return ", ".join(clause for clause in clauses if clause) + "."
 
 
 def _build_answer(index: int, estimate: Estimate, exposure: Exposure | None) -> Answer:
@@ -109,8 +111,8 @@ def _say_rate(unit: str, value: float, interval: Interval) -> str:
     return f"On the road: {often} ({format_amount_in_words(1.0 / high)} {rarest})"
 
 
-def _describe_exposure(exposure: Exposure, known: Quantity) -> str:
+def _describe_exposure(exposure: Exposure, met: Quantity) -> str:
     source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
-    often = f"{known.value:.3g} times per {exposure.unit}"
-    often += f" ({known.low:.2g} – {known.high:.2g})" if known.low < known.high else ""
+    often = f"{met.value:.3g} times per {exposure.unit}"
+    often += f" ({met.low:.2g} – {met.high:.2g})" if met.low < met.high else ""
     return f"This scene is met {often}, {source}."
