@@ -38,6 +38,46 @@ def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool
         return LoadedScenario(read_scenario(path, overrides))
 
 
+def open_problem(
+    subject: Problem | str | os.PathLike[str],
+    specification: str | None = None,
+    overrides: Sequence[str] = (),
+    safe: bool = False,
+) -> Problem:
+    """Return the problem of one specification.
+
+    Args:
+        subject: Scenario file, or a problem.
+        specification: Name; None: the only one.
+        overrides: Settings of the file, as for ``--set``.
+        safe: As for ``load``.
+
+    Raises:
+        UsageError: There are several specifications and none is named, or none has the name.
+    """
+    if not isinstance(subject, Problem):
+        scenario = load(subject, overrides, safe)
+        return scenario.problem(select_specification(scenario.specifications, specification, scenario.name))
+    if overrides:
+        raise UsageError("overrides are settings of a scenario file", "change the problem itself")
+    name = type(subject.system).__name__
+    return subject.subset([select_specification(subject.names, specification, name)])
+
+
+def select_specification(names: Sequence[str], specification: str | None, place: str) -> str:
+    """Return ``specification``, by default the only one of ``names``.
+
+    Raises:
+        UsageError: There are several, or ``place`` has none of that name.
+    """
+    if specification is None and len(names) > 1:
+        raise UsageError("--specification is required", f"one of: {', '.join(names)}")
+    if specification is not None and specification not in names:
+        text = f"{place}: there is no specification {specification!r}"
+        raise UsageError(text, did_you_mean(specification, names))
+    return names[0] if specification is None else specification
+
+
 class LoadedScenario:
     """Scenario with its stack, which is built on first use; ``avrare.load`` returns one.
 

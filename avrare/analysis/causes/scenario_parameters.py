@@ -26,7 +26,7 @@ from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
 from avrare.estimation import intervals
 from avrare.estimation.intervals import Interval
 from avrare.results.run import Run
-from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.rollout.loaded_scenario import LoadedScenario, load, select_specification
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.overrides import as_settings
@@ -97,14 +97,7 @@ class ParametricScenario:
 
     def specification(self, name: str | None) -> str:
         """Return the specification to look at; UsageError if it must be named, or is unknown."""
-        known = self.scenario.specifications
-        if name is None and len(known) > 1:
-            raise UsageError("--specification is required", f"one of: {', '.join(known)}")
-        chosen = known[0] if name is None else name
-        if chosen not in known:
-            text = f"{self.path}: there is no specification {chosen!r}"
-            raise UsageError(text, did_you_mean(chosen, known))
-        return chosen
+        return select_specification(self.scenario.specifications, name, str(self.path))
 
 
 def look_up(value: Any, path: str) -> Any:

@@ -8,18 +8,28 @@ score of that quarter is rejected.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
 from avrare.analysis.failures.tape_reduction import find_design_point
+from avrare.base.records import Records
 from avrare.protocols import Floats
+from avrare.rollout.loaded_scenario import open_problem
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 
 BUDGET = 4000
 """Default number of rollouts of one search."""
+
+CAUTION = (
+    "caution: beta is only the distance of one failure from the rollout without noise. exp(-beta^2/2) is no "
+    "estimate of the failure probability here, nor a bound on it: use `avrare run`"
+)
 
 _PARTICLES = 64
 _SURVIVING = 0.25
@@ -28,7 +38,7 @@ _STARTS = 2
 """Number of failures, those of the smallest norm, from which the design point is searched."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FalsificationResult:
     """Result of a search for failures.
 
@@ -40,6 +50,8 @@ class FalsificationResult:
         rollouts: Rollouts in total.
         errors: Number of rollouts with an error.
         finished: The search from every start ended within the budget.
+        specification: Name of the specification.
+        description: The noise in words; empty if there is none.
     """
 
     noise: Floats | None
@@ -49,43 +61,102 @@ class FalsificationResult:
     rollouts: int
     errors: int
     finished: bool
+    specification: str
+    description: str
+
+    def table(self) -> Records:
+        """Return one row, with NaN where no failure was found."""
+        row = {
+            "specification": self.specification, "beta": self.norm, "first_norm": self.first_norm,
+            "first_rollouts": self.first_rollouts, "rollouts": self.rollouts, "errors": self.errors,
+            "finished": self.finished, "description": self.description,
+        }  # fmt: skip
+        return Records([row])
+
+    def lines(self) -> list[str]:
+        """Return the result in words."""
+        errors = f", {self.errors} of them with errors" if self.errors else ""
+        cost = f"{self.rollouts} rollouts{errors}"
+        if self.noise is None:
+            return [f"no failure found in {cost}; this does not prove that there is none"]
+        if self.norm == 0.0:
+            return [f"it fails without any noise: {self.description}", "beta = 0", CAUTION]
+        more = (
+            "" if self.finished else "; the budget ended the search, a larger one may find a likelier failure"
+        )
+        return [
+            f"first failure after {self.first_rollouts} rollouts, norm {self.first_norm:.3g}",
+            f"most likely failure found: norm {self.norm:.3g} ({cost}{more})",
+            f"description: {self.description}",
+            f"beta = {self.norm:.3g}",
+            CAUTION,
+        ]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
 
 
 def falsify(
-    problem: Problem, seed: int = 0, budget: int = BUDGET, progress: ProgressCallback | None = None
+    subject: Problem | str | os.PathLike[str],
+    specification: str | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    seed: int = 0,
+    budget: int = BUDGET,
+    progress: ProgressCallback | None = None,
+    safe: bool = False,
 ) -> FalsificationResult:
-    """Search for a failure of the first specification, and then for the one with the smallest norm.
+    """Search for a failure of a specification, and then for the one with the smallest norm.
 
     Neither search is an estimate: the result says nothing about probabilities, and a smaller failure may
     exist.
 
     Args:
-        problem: Problem to falsify.
+        subject: Scenario file, or a problem.
+        specification: Name; None: the only one.
+        overrides: Settings of the file, as for ``--set``.
         seed: Seed of the search; the same seed finds the same failure.
         budget: Largest number of rollouts.
         progress: Called after each chunk of rollouts.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: There are several specifications and none is named, or none has the name.
     """
+    problem = open_problem(subject, specification, overrides, safe)
     evaluate = TapeEvaluator(problem, budget, progress)
     evaluate.activity = "running without noise"
     zeros = np.zeros(evaluate.shape)
     if evaluate([zeros]).fails.any():
-        return FalsificationResult(zeros, 0.0, 0.0, 1, 1, evaluate.errors, True)
+        return _make_result(problem, evaluate, [zeros], 1, True)
     starts = find_failures(evaluate, seed)[:_STARTS]
     first_rollouts = evaluate.rollouts
     if not starts:
-        return FalsificationResult(
-            None, np.inf, np.inf, first_rollouts, first_rollouts, evaluate.errors, False
-        )
+        return _make_result(problem, evaluate, [], first_rollouts, False)
     found, finished = [starts[0]], True
     for k, start in enumerate(starts):
         evaluate.budget = evaluate.rollouts + (budget - evaluate.rollouts) // (len(starts) - k)
         if evaluate.remaining:
             found.append(find_design_point(evaluate, start, seed + k))
         finished &= evaluate.remaining > 0
-    best = min(found, key=lambda tape: float(np.linalg.norm(tape)))
-    norm, first_norm = float(np.linalg.norm(best)), float(np.linalg.norm(starts[0]))
+    return _make_result(problem, evaluate, found, first_rollouts, finished)
+
+
+def _make_result(
+    problem: Problem, evaluate: TapeEvaluator, found: list[Floats], first_rollouts: int, finished: bool
+) -> FalsificationResult:
+    norms = [float(np.linalg.norm(tape)) for tape in found]
+    best = found[int(np.argmin(norms))] if found else None
     return FalsificationResult(
-        best, norm, first_norm, first_rollouts, evaluate.rollouts, evaluate.errors, finished
+        noise=best,
+        norm=min(norms, default=np.inf),
+        first_norm=norms[0] if norms else np.inf,
+        first_rollouts=first_rollouts,
+        rollouts=evaluate.rollouts,
+        errors=evaluate.errors,
+        finished=finished,
+        specification=problem.names[0],
+        description="" if best is None else describe(problem, best),
     )
 
 

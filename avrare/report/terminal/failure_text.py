@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from avrare.analysis.failures.falsify import FalsificationResult
 from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import ShrinkResult
 from avrare.analysis.failures.stored_replays import FailureReplay
@@ -10,11 +9,6 @@ from avrare.rollout.problem import Problem
 
 MAX_BLOB = 1000
 """Longest blob [characters] that is printed; for longer ones the command that prints them is shown."""
-
-CAUTION = (
-    "caution: beta is only the distance of one failure from the rollout without noise. exp(-beta^2/2) is no "
-    "estimate of the failure probability here, nor a bound on it: use `avrare run`"
-)
 
 
 def describe_replay(replay: FailureReplay) -> list[str]:
@@ -48,22 +42,3 @@ def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
         f"what is left: {describe(problem, shrunk.noise)}",
     ]
     return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]
-
-
-def describe_falsification(problem: Problem, found: FalsificationResult) -> list[str]:
-    """Return the result of a search for failures."""
-    errors = f", {found.errors} of them with errors" if found.errors else ""
-    cost = f"{found.rollouts} rollouts{errors}"
-    if found.noise is None:
-        return [f"no failure found in {cost}; this does not prove that there is none"]
-    description = describe(problem, found.noise)
-    if found.norm == 0.0:
-        return [f"it fails without any noise: {description}", "beta = 0", CAUTION]
-    more = "" if found.finished else "; the budget ended the search, a larger one may find a likelier failure"
-    return [
-        f"first failure after {found.first_rollouts} rollouts, norm {found.first_norm:.3g}",
-        f"most likely failure found: norm {found.norm:.3g} ({cost}{more})",
-        f"description: {description}",
-        f"beta = {found.norm:.3g}",
-        CAUTION,
-    ]

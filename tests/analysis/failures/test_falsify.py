@@ -26,7 +26,7 @@ def test_a_rare_failure_is_found_and_then_the_nearest(rare):
 
 
 def test_the_seed_decides(rare):
-    first, again, other = (falsify(rare, seed, 800) for seed in (3, 3, 4))
+    first, again, other = (falsify(rare, seed=seed, budget=800) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.noise, again.noise, strict=True)
     assert (first.norm, first.first_norm, first.rollouts) == (again.norm, again.first_norm, again.rollouts)
     assert other.norm != first.norm
