@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.storage import FailureDatabase, encode
-from avrare.cli.options import FAILURES_FOLDER
 from avrare.cli.output import say, write_file
 from avrare.report.terminal.failure_text import MAX_BLOB
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.cli.epilogs import EPILOGS
 from avrare.plugin.component import KINDS
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from avrare.report.terminal.console import Mode
     from avrare.scenario.schema import Scenario
 
-FAILURES_FOLDER = ".avrare/failures"
 LANE_WIDTH = 3.5
 REPEAT = 10
 

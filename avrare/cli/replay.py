@@ -5,28 +5,26 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.causes.first_violation import find_first_violation
-from avrare.analysis.failures.failure import make_failure, make_failure_of_run, record_failure
+from avrare.analysis.failures.failure import Failure, make_failure, record_failure
 from avrare.analysis.failures.lost import continue_without_noise
 from avrare.analysis.failures.shrink import BUDGET, shrink
-from avrare.analysis.failures.storage import FailureDatabase, decode
-from avrare.analysis.failures.stored_replays import replay_failure
+from avrare.analysis.failures.storage import decode
+from avrare.analysis.failures.stored_replays import FailureReplay, replay
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
-from avrare.estimation.checkpoint import SCENARIO
 from avrare.report.documents.mcap_recording import write_mcap
 from avrare.report.documents.rerun_recording import write_rerun
-from avrare.report.terminal.failure_text import describe_replay, describe_shrinking
+from avrare.report.terminal.failure_text import describe_shrinking
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.run import Run
-from avrare.results.stored_failures import select_failure
 from avrare.rollout.frames import extract_frames
-from avrare.rollout.loaded_scenario import load
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import ReplayedRollout
 
 _EXPORTS = ("csv", "commonroad", "mcap", "rerun")
 
@@ -34,10 +32,9 @@ _EXPORTS = ("csv", "commonroad", "mcap", "rerun")
 def execute(args: argparse.Namespace) -> int:
     """Replay, and with ``--shrink`` shrink; return exit code 0 if it fails again, 1 if not."""
     _check(args)
-    scenario, failure = _failure_of_run(args) if args.run is not None else _stored_failure(args)
-    found = replay_failure(scenario, failure)
-    for line in describe_replay(found):
-        say(line)
+    found = _replay_failure_of_run(args) if args.run is not None else _replay_stored_failure(args)
+    scenario, failure = found.scenario, found.failure
+    say(*found.lines())
     _export(args, scenario, found.rollout, f"failure {failure.id}")
     if found.rollout.outcome == "error":
         return int(ExitCode.ROLLOUT_ERRORS)
@@ -70,12 +67,9 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f"--{name} must be a file, not ''")
 
 
-def _stored_failure(args: argparse.Namespace) -> tuple[Any, Any]:
-    if args.blob is not None:
-        failure = decode(_blob(args.blob))
-    else:
-        failure = FailureDatabase(Path(args.failures)).load(args.failure)
-    return load(args.scenario, args.set), failure
+def _replay_stored_failure(args: argparse.Namespace) -> FailureReplay:
+    failure = args.failure if args.blob is None else decode(_blob(args.blob))
+    return replay(args.scenario, failure, overrides=args.set, failures=args.failures)
 
 
 def _blob(text: str) -> str:
@@ -90,20 +84,16 @@ def _blob(text: str) -> str:
         raise UsageError(f"{text[1:]}: cannot be read: {reason}", "give --blob @FILE") from None
 
 
-def _failure_of_run(args: argparse.Namespace) -> tuple[Any, Any]:
+def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
     if args.failure is not None and not args.failure.isdecimal():
         raise UsageError(f"--failure {args.failure}: with --run, give the index of a failure, from 0")
-    wanted = None if args.failure is None else int(args.failure)
+    index = None if args.failure is None else int(args.failure)
     run = Run.read(args.run)
     print_warnings((line, None) for line in run.changes)
-    name, index = select_failure(run, args.specification, wanted)
-    failures = run[name].failures
-    noise, robustness = failures.noise[index], float(failures.robustness[index])
-    stored = make_failure_of_run(run.scenario, name, noise, robustness, run.versions)
-    return load(args.scenario or Path(args.run) / SCENARIO, args.set), stored
+    return replay(run, index, args.specification, scenario=args.scenario, overrides=args.set)
 
 
-def _export(args: argparse.Namespace, scenario: Any, found: Any, source: str) -> None:
+def _export(args: argparse.Namespace, scenario: LoadedScenario, found: ReplayedRollout, source: str) -> None:
     if all(getattr(args, name) is None for name in _EXPORTS):
         return
     if not found.signals:
@@ -134,7 +124,7 @@ def _write(path: str, text: str) -> None:
     say(f"written to {path}")
 
 
-def _shrink(args: argparse.Namespace, scenario: Any, failure: Any) -> None:
+def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure) -> None:
     budget = BUDGET if args.budget is None else args.budget
     problem = scenario.problem(failure.specification)
     with progress_line() as progress:

@@ -1,1 +1,3 @@
 """Stored failures: database, replay, shrinking and search."""
+
+FAILURES_FOLDER = ".avrare/failures"

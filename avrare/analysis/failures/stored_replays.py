@@ -5,23 +5,31 @@ The new failures of a run extend the database.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.failure import (
     Failure,
     compute_checksums,
     compute_fingerprints,
     make_failure,
+    make_failure_of_run,
     round_values,
 )
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.base.errors import UsageError
+from avrare.base.records import Records
+from avrare.estimation.checkpoint import SCENARIO
 from avrare.estimation.result import Failures
 from avrare.protocols import Floats
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.results.run import Run
+from avrare.results.stored_failures import select_failure
+from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.rollout.replay import ReplayedRollout, replay_tape, replay_tapes, tabulate_signals
 from avrare.worlds.capabilities import capabilities
 
@@ -34,15 +42,98 @@ _MAX_NAMED = 3
 """Number of differing signals that are named; the others are counted."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FailureReplay:
-    """Replay of a stored failure."""
+    """Replay of a stored failure.
+
+    Attributes:
+        failure: The failure as it was stored.
+        rollout: The rollout now; its ``outcome`` is "fails", "passes" or "error".
+        changes: Messages about parts of the scenario and versions that have changed.
+        divergence: First difference from the stored signals (without them, from the robustness); None:
+            bit-identical.
+        scenario: Scenario on which it was replayed.
+    """
 
     failure: Failure
     rollout: ReplayedRollout
-    changes: tuple[str, ...]  # messages about parts of the scenario and versions that have changed
-    # First difference from the stored signals (without them, from the robustness); None: bit-identical.
+    changes: tuple[str, ...]
     divergence: str | None
+    scenario: LoadedScenario
+
+    def table(self) -> Records:
+        """Return one row: the outcome now, and what differs."""
+        row = {
+            "failure": self.failure.id, "scenario": self.scenario.name,
+            "specification": self.failure.specification, "outcome": self.rollout.outcome,
+            "robustness": self.rollout.robustness, "stored": self.failure.robustness,
+            "divergence": self.divergence, "changes": self.changes,
+        }  # fmt: skip
+        return Records([row])
+
+    def lines(self) -> list[str]:
+        """Return the outcome in words, and what has changed."""
+        failure, rollout = self.failure, self.rollout
+        robustness = f"robustness {rollout.robustness:.6g}"
+        outcomes = {
+            "fails": f"failure {failure.id} is reproduced: {failure.specification} is violated, {robustness}",
+            "passes": f"failure {failure.id} does not fail now: {failure.specification} holds, {robustness}",
+            "error": f"failure {failure.id} ends with an error: {rollout.error}",
+        }
+        outcome = outcomes[rollout.outcome]
+        if self.divergence is None:
+            compared = "the signals are" if len(failure.checksums) else "the robustness is"
+            return [outcome, f"{compared} bit-identical", *self.changes]
+        unchanged = ("scenario and versions are the same: the machine or the code differs",)
+        return [outcome, self.divergence, *(self.changes or unchanged)]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def replay(
+    source: Run | str | os.PathLike[str],
+    failure: Failure | str | int | None = None,
+    specification: str | None = None,
+    *,
+    scenario: str | os.PathLike[str] | None = None,
+    overrides: Sequence[str] = (),
+    failures: str | os.PathLike[str] = FAILURES_FOLDER,
+    safe: bool = False,
+) -> FailureReplay:
+    """Run a stored failure again, and tell whether it still fails and what has changed.
+
+    Args:
+        source: A run or its folder; or a scenario file, with the ID of a failure.
+        failure: Index of a failure of the run (None: its least robust one), or ID in ``failures``.
+        specification: Specification of the run's failure; None: the only one with failures.
+        scenario: Another scenario file for the failure of a run.
+        overrides: Settings of the scenario, as for ``--set``.
+        failures: Folder of stored failures.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: There is no such failure, or it does not fit the scenario.
+    """
+    if isinstance(source, Run) or Path(source).is_dir():
+        if not (failure is None or isinstance(failure, int)):
+            raise UsageError(f"failure {failure!r}: a run's failures are numbered from 0", "give its index")
+        run = source if isinstance(source, Run) else Run.read(source)
+        name, index = select_failure(run, specification, failure)
+        kept = run[name].failures
+        stored = make_failure_of_run(
+            run.scenario, name, kept.noise[index], float(kept.robustness[index]), run.versions
+        )
+        if scenario is None and not overrides:
+            return replay_failure(run.scenario, stored)
+        file = scenario or (run.folder and run.folder / SCENARIO)
+        if file is None:
+            raise UsageError("the run has no folder with its scenario", "name the scenario file")
+        return replay_failure(load(file, overrides, safe), stored)
+    if failure is None or isinstance(failure, int):
+        raise UsageError(f"{source}: name a stored failure of this scenario", "give its ID, or a run folder")
+    stored = failure if isinstance(failure, Failure) else FailureDatabase(Path(failures)).load(failure)
+    return replay_failure(load(source, overrides, safe), stored)
 
 
 def replay_failure(scenario: LoadedScenario, failure: Failure) -> FailureReplay:
@@ -58,7 +149,7 @@ def replay_failure(scenario: LoadedScenario, failure: Failure) -> FailureReplay:
         text = f"failure {failure.id} has {stored} numbers of noise, but {scenario.name} needs {needed}"
         raise UsageError(text, "; ".join(changes) or None)
     rollout = replay_tape(problem, failure.noise)
-    return FailureReplay(failure, rollout, changes, _find_divergence(failure, rollout, scenario))
+    return FailureReplay(failure, rollout, changes, _find_divergence(failure, rollout, scenario), scenario)
 
 
 def _find_changes(scenario: LoadedScenario, failure: Failure) -> tuple[str, ...]:
