@@ -7,9 +7,9 @@ import re
 import shlex
 from pathlib import Path
 
+from avrare.analysis.check.validation import first_steps
 from avrare.base.errors import AvrareError, UsageError
 from avrare.cli.output import say
-from avrare.cli.validate import first_steps
 from avrare.plugin.new_package import check_name, write
 from avrare.plugin.registry import default_registry
 from avrare.rollout.loaded_scenario import load
