@@ -6,9 +6,8 @@ import argparse
 
 import numpy as np
 
-from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.kind_descriptions import describe_kinds
-from avrare.analysis.causes.kinds import Kinds, find_kinds
+from avrare.analysis.causes.kinds import Kinds, kinds_of_result
 from avrare.analysis.failures.shrink import BUDGET
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
@@ -42,8 +41,7 @@ def execute(args: argparse.Namespace) -> None:
 
 def _find(run: Run, name: str, args: argparse.Namespace) -> Kinds:
     result, problem = run[name], run.scenario.problem(name)
-    sample = FailureSample.of(result)
-    kinds = find_kinds(problem, sample, result.interval, max_kinds=args.max_kinds, method=args.method)
+    kinds = kinds_of_result(result, args.max_kinds, args.method)
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
