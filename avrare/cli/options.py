@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from avrare.analysis.compare import REPEAT
 from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.cli.epilogs import EPILOGS
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from avrare.scenario.schema import Scenario
 
 LANE_WIDTH = 3.5
-REPEAT = 10
 
 Options: TypeAlias = dict[str, "str | tuple[str, dict[str, Any]] | Options"]
 """Usage -> help, or (help, settings of ``add_argument``); a title, or ``|`` for alternatives -> group."""

@@ -150,7 +150,7 @@ def test_a_folder_that_cannot_be_created_is_reported_before_anything_runs(tmp_pa
     words = ["--budget", "steps=1e4", "--repeat", "2", "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", "problem:d_rw_L2.5", "--estimators", "mc", *words]) == 4
     assert "cannot write" in capsys.readouterr().err
-    monkeypatch.setattr("avrare.cli.compare.compare_pairs", pytest.fail)
+    monkeypatch.setattr("avrare.cli.compare.compare_versions", pytest.fail)
     words = ["--against", LANE_CHANGE, "--out", str(tmp_path / "file" / "run")]
     assert main(["compare", LANE_CHANGE, *words]) == 4
     assert "cannot write" in capsys.readouterr().err

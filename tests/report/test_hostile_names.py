@@ -17,9 +17,10 @@ from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth
+from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
-from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
+from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.errors import UsageError
@@ -146,14 +147,12 @@ def screens(name, problem, estimate):
     for lines in (result_table.warning_lines, result_table.note_lines):
         print_lines(console, lines(results), "yellow")
     say(*result_table.verdict_lines(name, results))
-    for module, one, table in (
-        (comparison_table, comparison, comparison_table.comparison_table),
-        (paired_table, paired, paired_table.paired_table),
+    for one, table in (
+        (comparison, comparison_table.comparison_table(comparison)),
+        (paired, paired_table.paired_table(paired)),
     ):
-        head = module.headline(one)
-        print_lines(console, [head] if isinstance(head, str) else head, "bold")
-        print_table(console, table(one))
-        print_lines(console, [*module.note_lines(one), *module.summary_lines(one)])
+        print_table(console, table)
+        print_lines(console, one.lines())
     for line in (*monitoring_text.headline(monitored), *monitoring_text.draw_chart(monitored)):
         console.print(line)
     with Progress(name, problem, "plain") as progress:

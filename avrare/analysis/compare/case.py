@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.loop import DEFAULT_MAX_ERROR_RATE
 from avrare.estimation.result import Interval, Result
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.loaded_scenario import LoadedScenario, open_problem
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Block, Scenario
 from avrare.testing.problems import reference_problem
 
@@ -64,6 +66,45 @@ class ComparisonCase:
     def title(self) -> str:
         """Name and, for a scenario, specification."""
         return f"{self.name}  {self.specification}" if self.specification else self.name
+
+
+def open_case(
+    subject: Problem | str | os.PathLike[str],
+    specification: str | None,
+    overrides: Sequence[str],
+    truth: GroundTruth | int | None,
+    safe: bool = False,
+) -> ComparisonCase:
+    """Return the case of a scenario file, a problem, or a reference problem ``problem:ID``.
+
+    Args:
+        subject: What to open.
+        specification: Name; None: the only one.
+        overrides: Settings of the scenario, as for ``--set``.
+        truth: True probability, or the rollouts that are to estimate it.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: An argument does not fit, or the specification is missing or unknown.
+    """
+    given = truth if isinstance(truth, GroundTruth) else None
+    if isinstance(subject, Problem):
+        problem = open_problem(subject, specification, overrides)
+        return ComparisonCase(type(problem.system).__name__, problem.names[0], problem, given)
+    path = os.fspath(subject)
+    if not path.startswith(REFERENCE_PREFIX):
+        with safe_mode(safe):
+            case = scenario_case(path, specification, overrides)
+        return replace(case, truth=given)
+    for option, value in (
+        ("--truth", truth), ("--specification", specification), ("--set scenario.KEY", overrides),
+    ):  # fmt: skip
+        if value:
+            raise UsageError(
+                f"{option} cannot be used with {path}",
+                "a reference problem has one formula and a known probability",
+            )
+    return reference_case(path.removeprefix(REFERENCE_PREFIX))
 
 
 def reference_case(id: str) -> ComparisonCase:

@@ -7,22 +7,37 @@ change, so far fewer rollouts distinguish the versions than two estimates with i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
+from avrare.analysis.compare.study import StudyWatch, parse_cost
 from avrare.base.errors import UsageError
+from avrare.base.number_format import format_signed, format_signed_interval
+from avrare.base.records import Records
 from avrare.base.special_functions import bisect, normal_factor
+from avrare.estimation.budget import Budget
 from avrare.estimation.intervals import Interval
 from avrare.estimation.plan import Info
 from avrare.protocols import Bools
-from avrare.rollout.executors.work import Executor, Work
+from avrare.rollout.executors.work import Executor, Work, build_executor
+from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
+from avrare.scenario.fingerprint import comparable
+from avrare.scenario.load import load
+from avrare.scenario.overrides import as_settings
+from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
+
+_ROLLOUTS = 1000
+"""Default number of rollouts of each version."""
+_FEW_DIFFERENCES = 10
+"""Rollouts with different outcomes below which a note asks for more."""
 
 PairedWatch = Callable[[int], Callable[[Info], None]]
 """Called with 0 and 1 as the first and the second version begin; gives the progress display."""
@@ -123,15 +138,23 @@ def _score(better: int, worse: int, total: int, change: float) -> float:
     return distance / math.sqrt(variance)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PairedComparison:
-    """Result of a paired comparison."""
+    """Result of a paired comparison.
+
+    Attributes:
+        names: The files.
+        scenarios: The resolved scenarios.
+        counts: Counts of each specification.
+        rollouts: Rollouts of each version.
+        seed: Seed of the noise.
+    """
 
     names: tuple[str, str]
-    scenarios: tuple[Scenario, Scenario]  # the resolved ones
-    counts: tuple[PairedCounts, ...]  # of each specification
-    rollouts: int  # of each version
-    seed: int  # of the noise
+    scenarios: tuple[Scenario, Scenario]
+    counts: tuple[PairedCounts, ...]
+    rollouts: int
+    seed: int
 
     @property
     def confidence(self) -> float:
@@ -142,6 +165,131 @@ class PairedComparison:
     def has_too_many_errors(self) -> bool:
         """True if more rollouts ended in an error than the first scenario allows."""
         return max(one.errors for one in self.counts) > self.scenarios[0].max_error_rate * self.rollouts
+
+    def headline(self) -> list[str]:
+        """Return what was compared."""
+        first, second = self.names
+        other = second if second != first else f"{second} with other settings"
+        return [f"{first} against {other}: {self.rollouts:,} rollouts each, on the same noise"]
+
+    def summary(self) -> list[str]:
+        """Return ``safe_distance: worse, +0.012 (+0.004 .. +0.02)`` for each specification."""
+        lines = []
+        for counts in self.counts:
+            change = format_signed(counts.difference)
+            interval = format_signed_interval(counts.interval(self.confidence))
+            lines.append(f"{counts.specification}: {counts.verdict(self.confidence)}, {change} ({interval})")
+        return lines
+
+    def notes(self) -> list[str]:
+        """Return remarks for the reader of the table."""
+        lines = self._note_other_changes()
+        for counts in self.counts:
+            if 0 < counts.different < _FEW_DIFFERENCES:
+                few = f"{counts.different} rollout{'s' * (counts.different > 1)}"
+                lines.append(f"{counts.specification}: only {few} with different outcomes: use more rollouts")
+        errors = self.counts[0].errors
+        if errors:
+            counts_text = f"{errors} of {self.rollouts} rollouts ended in an error"
+            lines.append(f"{counts_text}: the intervals allow for both outcomes")
+        return lines
+
+    def _note_other_changes(self) -> list[str]:
+        """Return which rules differ, and whether the simulators do: the change is not the stack's alone."""
+        first, second = map(comparable, self.scenarios)
+        rules = [one.specification for one in self.counts]
+        changed = [name for name in rules if first["specifications"][name] != second["specifications"][name]]
+        lines = [f"{', '.join(changed)}: the two versions judge by different rules"] if changed else []
+        if first["simulator"] != second["simulator"]:
+            lines.append("the two versions have different simulators")
+        return [f"{line}: the change is not that of the stack alone" for line in lines]
+
+    def table(self) -> Records:
+        """Return one row for each specification."""
+        return Records(
+            {
+                "specification": counts.specification, "first": counts.first, "second": counts.second,
+                "change": counts.difference, "low": counts.interval(self.confidence)[0],
+                "high": counts.interval(self.confidence)[1], "mended": counts.only_first,
+                "newly_failing": counts.only_second, "p_value": counts.p_value,
+                "verdict": counts.verdict(self.confidence),
+            }
+            for counts in self.counts
+        )  # fmt: skip
+
+    def lines(self) -> list[str]:
+        """Return what was compared, the change of each specification, and the notes."""
+        return [*self.headline(), *self.summary(), *self.notes()]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def compare_versions(
+    first: str | os.PathLike[str],
+    second: str | os.PathLike[str],
+    specification: str | None = None,
+    *,
+    budget: Budget | Mapping[str, float] | str | None = None,
+    overrides: Sequence[str] = (),
+    seed: int | None = None,
+    workers: int = 1,
+    watch: StudyWatch | None = None,
+    safe: bool = False,
+) -> PairedComparison:
+    """Run two versions of a scenario on the same noise, and tell how each probability changes.
+
+    Args:
+        first: Scenario file.
+        second: The other version of it.
+        specification: Name; None: all that both estimate.
+        budget: Budget of each version, in steps or rollouts; None: 1000 rollouts.
+        overrides: Settings: ``"scenario.steps=20"`` for both, ``"against.steps=20"`` for the second only.
+        seed: Seed of the noise; None: the first scenario's.
+        workers: Number of processes; changes no number.
+        watch: Progress display.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: They have no specification in common, or cannot share their noise.
+    """
+    names = os.fspath(first), os.fspath(second)
+    both, second_only = _split_settings(as_settings(overrides))
+    with safe_mode(safe):
+        definitions = load(first, both), load(second, [*both, *second_only])
+    problems = [LoadedScenario(one).problem(specification or one.estimated) for one in definitions]
+    seed, rollouts = definitions[0].seed if seed is None else seed, _count_rollouts(budget, problems[0].steps)
+
+    def begin(number: int) -> Callable[[Info], None]:
+        label = f"{names[number]}  {number + 1} of 2"
+        return watch(label, problems[number]) if watch is not None else lambda info: None
+
+    counts = compare_pairs(problems[0], problems[1], rollouts, seed, build_executor(workers), begin)
+    return PairedComparison(names, definitions, tuple(counts), rollouts, seed)
+
+
+def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
+    both: list[str] = []
+    second_only: list[str] = []
+    for text in settings:
+        prefix, _, rest = text.partition(".")
+        if prefix not in ("scenario", "against") or not rest:
+            raise UsageError(
+                f"--set {text}: with --against, KEY must begin with scenario. or against.",
+                "write --set scenario.KEY=VALUE for both, --set against.KEY=VALUE for the second only",
+            )
+        (both if prefix == "scenario" else second_only).append(rest)
+    return both, second_only
+
+
+def _count_rollouts(given: Budget | Mapping[str, float] | str | None, steps: int) -> int:
+    if given is None:
+        return _ROLLOUTS
+    budget = parse_cost(given)
+    rollouts = int(budget.amount // (max(steps, 1) if budget.kind == "steps" else 1))
+    if rollouts < 1:
+        raise UsageError(f"--budget {given} does not cover one rollout of {steps} steps")
+    return rollouts
 
 
 def compare_pairs(

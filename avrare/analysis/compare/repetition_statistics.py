@@ -10,16 +10,40 @@ from itertools import combinations
 import numpy as np
 
 from avrare.analysis.compare.case import GroundTruth
-from avrare.analysis.compare.study import Repetition
 from avrare.base.special_functions import t_factor
 from avrare.estimation import intervals
-from avrare.estimation.result import Interval
+from avrare.estimation.result import Interval, Result
 from avrare.protocols import Floats
 
 MIN_REPETITIONS = 2
 """Repetitions below which there is no spread."""
 _BIAS_SHARE = 0.5
 """Share of the mean squared error above which a mean whose interval misses the truth counts as biased."""
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """One estimate of a study, without its noise tapes; fields as in ``Result``."""
+
+    seed: int
+    probability: float
+    interval: Interval
+    relative_error: float
+    rollouts: int
+    simulated_steps: int
+    failures: int
+    errors: int
+    health: tuple[str, ...]
+    seconds: float
+
+    @staticmethod
+    def from_result(result: Result, seed: int) -> Repetition:
+        """Return a result without its noise tapes."""
+        return Repetition(
+            seed, result.probability, result.interval, result.relative_error, result.rollouts,
+            result.simulated_steps, result.failures.count, result.errors, tuple(result.health),
+            result.seconds,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -2,80 +2,100 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from avrare.analysis.compare.case import ENOUGH_FAILURES, POOLED, ComparisonCase, GroundTruth
-from avrare.analysis.compare.estimator_options import Arm, make_arm
+from avrare.analysis.compare import REPEAT
+from avrare.analysis.compare.case import (
+    ENOUGH_FAILURES,
+    POOLED,
+    ComparisonCase,
+    GroundTruth,
+    open_case,
+    parse_truth,
+)
+from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
+from avrare.analysis.compare.estimator_options import Arm, make_arm, parse_arms, split_settings
+from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.loop import Progress, Settings, prepare_problem, run
 from avrare.estimation.plan import Plan
-from avrare.estimation.result import Interval, Result
+from avrare.estimation.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.noise import NoiseSource
+from avrare.rollout.problem import Problem
+from avrare.scenario.overrides import as_settings
 
-StudyWatch = Callable[[str], Progress]
-"""Called with a label as each estimate begins; gives its progress display."""
-
-
-@dataclass(frozen=True)
-class StudyDesign:
-    """Settings that all estimates of a study share."""
-
-    budget: Budget  # of each estimate, in steps or rollouts
-    repeat: int = 10  # repetition number r has the seed ``seed + r``
-    seed: int = 0
-    workers: int = 1  # no number depends on them
-
-
-@dataclass(frozen=True)
-class Repetition:
-    """One estimate of a study, without its noise tapes; fields as in ``Result``."""
-
-    seed: int
-    probability: float
-    interval: Interval
-    relative_error: float
-    rollouts: int
-    simulated_steps: int
-    failures: int
-    errors: int
-    health: tuple[str, ...]
-    seconds: float
-
-    @staticmethod
-    def from_result(result: Result, seed: int) -> Repetition:
-        """Return a result without its noise tapes."""
-        return Repetition(
-            seed, result.probability, result.interval, result.relative_error, result.rollouts,
-            result.simulated_steps, result.failures.count, result.errors, tuple(result.health),
-            result.seconds,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ArmResult:
-    """Estimates of one estimator."""
-
-    arm: Arm
-    repetitions: tuple[Repetition, ...] = ()
-    refusal: AvrareError | None = None  # if it cannot take the problem; its estimates enter no statistic
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Result of a study."""
-
-    case: ComparisonCase
-    design: StudyDesign
-    arms: tuple[ArmResult, ...]
-    truth: GroundTruth | None = None
-    interrupted: bool = False  # repetitions are missing
+StudyWatch = Callable[[str, Problem], Progress]
+"""Called with a label and the problem as each estimate begins; gives its progress display."""
 
 
 def compare(
+    subject: Problem | str | os.PathLike[str],
+    estimators: str | Sequence[str],
+    budget: Budget | Mapping[str, float] | str,
+    specification: str | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    truth: float | str | None = None,
+    repeat: int = REPEAT,
+    seed: int | None = None,
+    workers: int = 1,
+    watch: StudyWatch | None = None,
+    safe: bool = False,
+) -> Comparison:
+    """Compare estimators: each makes several estimates with the same seeds and the same budget.
+
+    Args:
+        subject: Scenario file, a problem, or ``"problem:ID"`` for one with a known probability.
+        estimators: Names, with options where wanted: ``"mc,ams:particles=100"``, or a list of them.
+        budget: Budget of each estimate, in steps or rollouts.
+        specification: Name; None: the only one.
+        overrides: Settings: ``"ams.particles=100"`` for every ams, ``"scenario.steps=20"`` for the scenario.
+        truth: True probability, or ``"mc=1e6"`` to estimate it first.
+        repeat: Number of estimates of each estimator.
+        seed: Seed of the first of them; None: the scenario's, or 0.
+        workers: Number of processes; changes no number.
+        watch: Progress display.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: An argument does not fit, or the budget does not pay for one run of an estimator.
+        AvrareError: No estimator can take the problem.
+    """
+    paid, known = parse_cost(budget), None if truth is None else parse_truth(str(truth))
+    of_scenario, of_estimators = split_settings(as_settings(overrides))
+    case = open_case(subject, specification, of_scenario, known, safe)
+    names = estimators if isinstance(estimators, str) else ",".join(estimators)
+    arms = parse_arms(names, of_estimators, case.estimator, default_registry())
+    design = StudyDesign(paid, repeat, case.seed if seed is None else seed, workers)
+
+    def begin(label: str, problem: Problem) -> Progress:
+        return watch(f"{case.name}  {label}", problem) if watch is not None else lambda info: None
+
+    return run_study(case, arms, design, begin, known if isinstance(known, int) else None)
+
+
+def parse_cost(budget: Budget | Mapping[str, float] | str) -> Budget:
+    """Return a budget in steps or rollouts.
+
+    Raises:
+        UsageError: It is one of time.
+    """
+    parsed = Budget.parse(budget)
+    assert parsed is not None
+    if parsed.kind == "seconds":
+        raise UsageError(
+            "--budget seconds=N is not comparable: its cost differs between machines and runs",
+            "give steps=N or rollouts=N",
+        )
+    return parsed
+
+
+def run_study(
     case: ComparisonCase,
     arms: Sequence[Arm],
     design: StudyDesign,
@@ -166,7 +186,7 @@ def _estimate(
 ) -> Result:  # fmt: skip
     settings = Settings(seed, case.confidence, budget, case.max_error_rate)
     executor = build_executor(design.workers)
-    return run(case.problem, arm.build(case.scene), executor, settings, watch(label))[0]
+    return run(case.problem, arm.build(case.scene), executor, settings, watch(label, case.problem))[0]
 
 
 def _require_one_accepted(results: Mapping[str, ArmResult]) -> None:

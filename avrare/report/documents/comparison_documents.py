@@ -5,34 +5,18 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from avrare.analysis.compare.case import POOLED
+from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
-from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements, summarise
-from avrare.analysis.compare.study import ArmResult, Comparison
+from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements
 from avrare.base import version
 from avrare.estimation.result import finite
 from avrare.scenario.fingerprint import fingerprint
 
 
-def summarise_arms(comparison: Comparison) -> list[Summary | None]:
-    """Return the statistics of each estimator; None for one that was refused.
-
-    Where the truth is made of repetitions of Monte Carlo, these are not judged by it.
-    """
-    steps, confidence, truth = comparison.case.problem.steps, comparison.case.confidence, comparison.truth
-    pooled = truth is not None and truth.source == POOLED
-    return [
-        None
-        if arm.refusal
-        else summarise(arm.repetitions, None if pooled and arm.arm.name == "mc" else truth, steps, confidence)
-        for arm in comparison.arms
-    ]
-
-
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """Return all numbers of a comparison, JSON-ready; NaN and infinities become null."""
     case, design, truth = comparison.case, comparison.design, comparison.truth
-    summaries = summarise_arms(comparison)
+    summaries = comparison.summaries
     used = {one.arm.distribution: one.arm.version for one in comparison.arms if one.arm.distribution}
     content = {
         "schema": 1,

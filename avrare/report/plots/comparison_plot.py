@@ -7,12 +7,10 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.repetition_statistics import Summary
-from avrare.analysis.compare.study import ArmResult, Comparison
 from avrare.base.number_format import format_amount
-from avrare.report.documents.comparison_documents import summarise_arms
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
-from avrare.report.terminal.comparison_table import headline
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
 _BAND = 0.7  # share of an estimator's band that its repetitions fill
@@ -21,7 +19,7 @@ _LABEL_WIDTH = 32  # letters per line
 
 def draw(comparison: Comparison, path: Path) -> None:
     """Draw the comparison as a PNG."""
-    pairs = zip(comparison.arms, summarise_arms(comparison), strict=True)
+    pairs = zip(comparison.arms, comparison.summaries, strict=True)
     shown = [(result, summary) for result, summary in pairs if summary]
     figure = make_figure(10.0, 1.4 + 1.15 * len(shown))
     ax = figure.subplots()
@@ -33,7 +31,7 @@ def draw(comparison: Comparison, path: Path) -> None:
     if truth is not None:
         ax.axvline(truth, color=_TRUTH, lw=1.2, zorder=1)
     _frame(ax, [_label(result) for result, _ in shown], low, high)
-    figure.suptitle(plain("\n".join(headline(comparison))), fontsize=10, x=0.01, ha="left")
+    figure.suptitle(plain("\n".join(comparison.headline())), fontsize=10, x=0.01, ha="left")
     _add_legend(figure)
     save_figure(figure, path)
 

@@ -6,14 +6,15 @@ import pytest
 from rich.console import Console
 
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth
+from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
-from avrare.analysis.compare.study import ArmResult, Comparison, Repetition, StudyDesign
+from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.budget import Budget
 from avrare.plugin.registry import default_registry
 from avrare.report.plots import comparison_plot
-from avrare.report.terminal.comparison_table import comparison_table, headline, markdown, note_lines
+from avrare.report.terminal.comparison_table import comparison_table, markdown
 from avrare.testing.problems import conjunction, walk
 
 P = 1.165e-4
@@ -59,7 +60,7 @@ def test_the_table_fits_a_hundred_columns_and_truncates_nothing(comparison):
 
 
 def test_notes_name_unreliable_rows(comparison):
-    lines = note_lines(comparison)
+    lines = comparison.notes()
     assert f"{LONG} cannot take this problem: it does not fit" in lines
     assert "mc: most estimates are zero: a few more repetitions may change its numbers a lot" in lines
     assert "ams:particles=100: health warnings: few_roots in 4 of 4 repetitions" in lines
@@ -67,16 +68,16 @@ def test_notes_name_unreliable_rows(comparison):
 
 
 def test_notes_on_the_truth(comparison):
-    assert "the truth is unknown" in note_lines(replace(comparison, truth=None))[1]
+    assert "the truth is unknown" in replace(comparison, truth=None).notes()[1]
     pooled = GroundTruth(P, "pooled monte carlo", None, 144)
-    assert "144 failures: relative error 8%" in note_lines(replace(comparison, truth=pooled))[1]
-    assert "p unknown" in headline(replace(comparison, truth=None))[0]
+    assert "144 failures: relative error 8%" in replace(comparison, truth=pooled).notes()[1]
+    assert "p unknown" in replace(comparison, truth=None).headline()[0]
 
 
 def test_notes_on_an_interruption_and_a_single_repetition(comparison):
-    assert note_lines(replace(comparison, interrupted=True))[-1].startswith("interrupted: 4 of 4")
+    assert replace(comparison, interrupted=True).notes()[-1].startswith("interrupted: 4 of 4")
     single = replace(comparison, design=replace(comparison.design, repeat=1))
-    assert "one repetition has no spread: give --repeat 2 or more" in note_lines(single)
+    assert "one repetition has no spread: give --repeat 2 or more" in single.notes()
 
 
 def test_markdown_is_one_table(comparison):

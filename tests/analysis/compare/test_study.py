@@ -6,12 +6,13 @@ import pytest
 
 import avrare
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth, parse_truth
+from avrare.analysis.compare.comparison import StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
-from avrare.analysis.compare.study import StudyDesign, compare
+from avrare.analysis.compare.study import run_study
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.budget import Budget
 from avrare.plugin.registry import default_registry
-from avrare.report.documents.comparison_documents import comparison_document, summarise_arms
+from avrare.report.documents.comparison_documents import comparison_document
 from avrare.testing.problems import conjunction, count_down
 
 LATTICE = count_down(5, 9, "1/5")
@@ -26,7 +27,7 @@ def case(reference=LATTICE):
 def run(problem, estimators, budget="steps=9000", watch=None, truth_rollouts=None, **design):
     arms = parse_arms(estimators, [], None, default_registry())
     plan = StudyDesign(Budget.parse(budget), **{"repeat": 3, **design})
-    return compare(problem, arms, plan, watch or (lambda name: lambda info: None), truth_rollouts)
+    return run_study(problem, arms, plan, watch or (lambda name, problem: lambda info: None), truth_rollouts)
 
 
 def without_seconds(comparison):
@@ -64,7 +65,7 @@ def test_workers_change_nothing():
 @pytest.mark.parametrize("reference", [LATTICE, STATIC], ids=lambda reference: reference.family)
 def test_monte_carlo_is_as_fast_as_monte_carlo(reference):
     comparison = run(case(reference), "mc", budget="rollouts=400", repeat=200)
-    accuracy = summarise_arms(comparison)[0].accuracy
+    accuracy = comparison.summaries[0].accuracy
     # The mean of 200 squares of nearly normal numbers has a standard error of 10 %.
     assert 0.7 < accuracy.speed_up < 1.4
     low, high = accuracy.speed_up_interval
@@ -74,17 +75,17 @@ def test_monte_carlo_is_as_fast_as_monte_carlo(reference):
 
 
 def test_the_cost_counts_full_simulations():
-    (mc, ams) = summarise_arms(run(case(), f"mc,{SMALL}"))
+    (mc, ams) = run(case(), f"mc,{SMALL}").summaries
     assert (mc.steps, mc.simulations) == (9000, 1000)
     assert ams.simulations == pytest.approx(ams.steps / LATTICE.steps)
-    static = summarise_arms(run(case(STATIC), "mc", budget="rollouts=500"))[0]
+    static = run(case(STATIC), "mc", budget="rollouts=500").summaries[0]
     assert (static.steps, static.simulations) == (0, 500)
 
 
 def test_a_budget_that_pays_for_no_run_is_refused_before_anything_runs():
     begun = []
     with pytest.raises(UsageError, match="ams: a budget of steps=900 does not pay"):
-        run(case(), "mc,ams", budget="steps=900", watch=begun.append)
+        run(case(), "mc,ams", budget="steps=900", watch=lambda label, problem: begun.append(label))
     assert begun == []
 
 
@@ -94,7 +95,7 @@ def test_an_estimator_that_does_not_fit_gets_a_row_with_the_reason():
     assert len(mc.repetitions) == 3
     assert network.repetitions == ()
     assert "perception" in str(network.refusal)
-    assert summarise_arms(comparison)[1] is None
+    assert comparison.summaries[1] is None
     assert "perception" in comparison_document(comparison)["estimators"][1]["refusal"]
 
 
@@ -102,7 +103,7 @@ def test_an_estimator_that_fails_midway_is_left_out_of_the_statistics():
     wrong = replace(case(), problem=LATTICE.problem(score="progress"))
     comparison = run(wrong, f"mc,{SMALL}")
     assert "progress" in str(comparison.arms[1].refusal)
-    assert summarise_arms(comparison)[1] is None
+    assert comparison.summaries[1] is None
 
 
 def test_all_failing_is_an_error():
@@ -112,7 +113,7 @@ def test_all_failing_is_an_error():
 
 
 def interrupt_at(name):
-    def watch(begun):
+    def watch(begun, problem):
         if begun == name:
             raise KeyboardInterrupt
         return lambda info: None
@@ -136,7 +137,7 @@ def test_enough_failures_make_a_truth():
     unknown = replace(case(), truth=None)
     comparison = run(unknown, f"mc,{SMALL}")  # 3000 rollouts at 0.02: some 60 failures
     assert comparison.truth is None
-    assert summarise_arms(comparison)[0].accuracy is None
+    assert comparison.summaries[0].accuracy is None
     comparison = run(unknown, f"mc,{SMALL}", repeat=10)
     values = [one.probability for one in comparison.arms[0].repetitions]
     assert comparison.truth.source == "pooled monte carlo"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.analysis.compare.case import GroundTruth
-from avrare.analysis.compare.repetition_statistics import find_disagreements, summarise
-from avrare.analysis.compare.study import Repetition
+from avrare.analysis.compare.repetition_statistics import Repetition, find_disagreements, summarise
 from avrare.estimation import intervals
 
 P = 1e-3
