@@ -9,19 +9,26 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from avrare.analysis.check.baseline_files import BaselineEntry, default_folder
-from avrare.analysis.check.gate import check
+from avrare.analysis.check.baseline_files import BaselineEntry
+from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
-from avrare.analysis.check.targets import ExecutionSettings, Look, estimate_look, load_target, plan_looks
+from avrare.analysis.check.targets import (
+    CheckTarget,
+    ExecutionSettings,
+    Look,
+    estimate_look,
+    load_scenarios,
+    load_targets,
+    plan_looks,
+)
 from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.base.stored_files import read_json
 from avrare.cli import check_catalogue
-from avrare.cli.options import display, load_scenarios, overrides
+from avrare.cli.options import display, overrides
 from avrare.cli.output import (
     UNFINISHED,
     ensure_files,
@@ -34,6 +41,7 @@ from avrare.cli.output import (
 )
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint, resume_hint
+from avrare.estimation.result import Result
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 from avrare.report.terminal.check_table import print_check, print_plan
@@ -42,7 +50,6 @@ from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
-from avrare.scenario.safe_mode import refuse_outside
 
 _PILOT_ROLLOUTS = 200
 _CHECK = "check.json"
@@ -57,33 +64,33 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--budget cannot be combined with --spend", "remove one of them")
     out = _out_folder(args)
     _make_folders(args, out)
-    subjects = _subjects(args)
-    names = [one.definition.name for one in subjects]
+    targets = _load_targets(args)
+    names = [one.definition.name for one in targets]
     again = out is not None and args.resume is not None and _is_finished(out, names)
     if out and not args.plan and not again:
         refuse_overwrite(out, _CHECK, names, args.resume is not None)
-    with _saved_chunks(args, subjects, budget or spend) as saved:
+    with _saved_chunks(args, targets, budget or spend) as saved:
         if out and again:
             _begin_again(out)
         try:
             with Stopping() as stop:
                 machine = _machine(args, stop, saved)
                 if args.plan:
-                    return _plan(args, subjects, budget, machine)
-                outcome = check(subjects, plan_looks(budget, spend), machine, args.save)
+                    return _plan(args, targets, budget, machine)
+                outcome = check_targets(targets, plan_looks(budget, spend), machine, args.save)
         except Interrupted:
             raise Interrupted(*_explain_interruption(saved)) from None
-        outcome = with_next_steps(outcome, subjects, out)
-        told = _write(args, out, subjects, outcome)
+        outcome = with_next_steps(outcome, targets, out)
+        told = _write(args, out, outcome)
         if saved is not None:
             saved.remove()
     say(*told, error=args.json)
     if is_github_job():
         write_summary(outcome)
-        for line in annotate_rows(outcome, {one.name: one.definition.path for one in subjects}):
+        for line in annotate_rows(outcome, {one.name: one.definition.path for one in targets}):
             print(line, file=sys.stderr if args.json else sys.stdout)
     if args.json:
-        print(json.dumps(outcome.to_dict(subjects)))
+        print(json.dumps(outcome.to_dict()))
     else:
         print_check(outcome, display(args))
     return int(outcome.exit_code)
@@ -115,15 +122,15 @@ def _begin_again(out: Path) -> None:
 
 @contextmanager
 def _saved_chunks(
-    args: argparse.Namespace, subjects: Sequence[Any], budget: Budget | None
+    args: argparse.Namespace, targets: Sequence[CheckTarget], budget: Budget | None
 ) -> Iterator[Checkpoint | None]:
     """Open the checkpoint of ``--resume``; a check with another baseline or other looks is another one."""
     if args.resume is None:
         yield None
         return
-    baselines = {one.name: one.baseline.path.name if one.baseline else None for one in subjects}
+    baselines = {one.name: one.baseline.path.name if one.baseline else None for one in targets}
     identity = {"looks": len(plan_looks(None, budget if args.spend else None)), "baselines": baselines}
-    scenarios = [one.definition for one in subjects]
+    scenarios = [one.definition for one in targets]
     with rundir.begin_checkpoint(Path(args.resume), scenarios, budget, True, identity) as checkpoint:
         yield checkpoint
 
@@ -137,24 +144,13 @@ def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
     return f"interrupted, there is no verdict; {kept}", resume_hint(saved.folder.parent)
 
 
-def _subjects(args: argparse.Namespace) -> list[Any]:
-    scenarios = load_scenarios(args, overrides(args))
+def _load_targets(args: argparse.Namespace) -> list[CheckTarget]:
+    scenarios = load_scenarios(args.scenarios, overrides(args), args.estimator)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
-    found = []
-    for scenario in scenarios:
-        folder = default_folder(scenario) if args.baseline is None else Path(args.baseline)
-        if args.baseline is None:
-            refuse_outside(folder, Path(scenario.path).parent, "the baseline folder")
-        if args.baseline is not None and len(scenarios) > 1:
-            folder /= scenario.name
-        asked = args.baseline is not None or args.save or scenario.regression is not None
-        compared = asked or args.require_baseline or not scenario.thresholds or folder.is_dir()
-        found.append(load_target(scenario, folder, compared, args.accept_changes))
-        if args.require_baseline and found[-1].baseline is None:
-            text = f"{folder}: there is no baseline of {scenario.name!r}"
-            raise UsageError(text, "check the folder, or save a baseline with --save and commit it")
-    return found
+    return load_targets(
+        scenarios, args.baseline, save=args.save, require=args.require_baseline, accept=args.accept_changes
+    )
 
 
 def _machine(args: argparse.Namespace, stop: Stopping, saved: Checkpoint | None) -> ExecutionSettings:
@@ -162,9 +158,14 @@ def _machine(args: argparse.Namespace, stop: Stopping, saved: Checkpoint | None)
     return ExecutionSettings(args.workers, args.executor, watch, stop, saved.journal if saved else None)
 
 
-def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any, machine: ExecutionSettings) -> int:
+def _plan(
+    args: argparse.Namespace,
+    targets: Sequence[CheckTarget],
+    budget: Budget | None,
+    machine: ExecutionSettings,
+) -> int:
     found = []
-    for one in subjects:
+    for one in targets:
         known, source = {}, "the baseline"
         if one.baseline is not None and budget is None:
             entries = one.baseline.entries
@@ -182,7 +183,7 @@ def _plan(args: argparse.Namespace, subjects: Sequence[Any], budget: Any, machin
     return int(ExitCode.PASS)
 
 
-def _pilot(one: Any, budget: Any, machine: Any) -> list[Any]:
+def _pilot(one: CheckTarget, budget: Budget | None, machine: ExecutionSettings) -> list[Result]:
     """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
     estimator = one.definition.estimator
     if budget is None and estimator.plugin == "mc":
@@ -199,7 +200,7 @@ def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
         ensure_writable(out, "--out" if args.resume is None else "--resume")
 
 
-def _write(args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], outcome: Any) -> list[str]:
+def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> list[str]:
     """Write the files, and return what the callbacks of plugins say."""
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
@@ -208,11 +209,11 @@ def _write(args: argparse.Namespace, out: Path | None, subjects: Sequence[Any], 
         return []
     told: list[str] = []
     write_files(out, {UNFINISHED: "avrare check was writing here\n"})
-    for one in subjects:
+    for one in outcome.targets:
         results = outcome.results[one.definition.name]
-        folder = rundir.choose(out, one.definition.name, len(subjects) > 1)
+        folder = rundir.choose(out, one.definition.name, len(outcome.targets) > 1)
         Run.of_scenario(one.definition, results).write(folder)
         told += call_back(folder)
-    write_files(out, {_CHECK: json.dumps(outcome.to_dict(subjects), indent=2) + "\n"})
+    write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
     return told

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from avrare.analysis.compare import REPEAT
 from avrare.analysis.failures import FAILURES_FOLDER
-from avrare.base.errors import ScenarioError, UsageError
 from avrare.cli.epilogs import EPILOGS
 from avrare.plugin.component import KINDS
 
 if TYPE_CHECKING:
     from avrare.report.terminal.console import Mode
-    from avrare.scenario.schema import Scenario
 
 LANE_WIDTH = 3.5
 
@@ -342,25 +340,6 @@ def _add(parser: Any, options: Options) -> None:
 def overrides(args: argparse.Namespace) -> list[str]:
     """Return the settings of ``--set`` and ``--seed``."""
     return [*args.set, *([f"seed={args.seed}"] if args.seed is not None else [])]
-
-
-def load_scenarios(args: argparse.Namespace, settings: Sequence[str]) -> list[Scenario]:
-    """Load the scenarios on the command line, which must have different names."""
-    from avrare.scenario.load import load
-
-    try:
-        scenarios = [load(path, settings, args.estimator) for path in args.scenarios]
-    except ScenarioError:
-        from avrare.analysis.rates.catalogue import is_catalogue
-
-        for path in filter(is_catalogue, args.scenarios):
-            text = f"{path}: is a catalogue of scenes, and no scenario"
-            raise UsageError(text, f"avrare rate {path}, or with thresholds avrare check {path}") from None
-        raise
-    names = sorted(scenario.name for scenario in scenarios)
-    if len(set(names)) < len(names):
-        raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")
-    return scenarios
 
 
 def display(args: argparse.Namespace) -> Mode:

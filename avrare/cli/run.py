@@ -11,11 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from avrare.analysis.check.targets import load_scenarios
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
 from avrare.base.number_format import format_confidence
-from avrare.cli.options import display, load_scenarios, overrides
+from avrare.cli.options import display, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint, SaveError
@@ -95,7 +96,7 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
     if not args.scenarios and args.resume is None:
         raise UsageError("avrare run: SCENARIO is required", "avrare run SCENARIO, or --resume DIR")
     try:
-        return load_scenarios(args, _overrides(args))
+        return load_scenarios(args.scenarios, _overrides(args), args.estimator)
     except ScenarioError as error:
         problems = [_by_option(text, hint, args) for text, hint in error.problems]
         raise ScenarioError(problems, error.exit_code) from None

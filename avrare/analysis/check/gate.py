@@ -21,21 +21,31 @@ from avrare.analysis.check.criteria import (
 from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, estimate_look
 from avrare.base.errors import ExitCode, UsageError
-from avrare.base.number_format import format_interval
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.records import Records
 from avrare.estimation.result import Result, finite, worst_verdict
 from avrare.results.run import Run
 
 SCHEMA = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CheckResult:
-    """Result of a check."""
+    """Result of a check.
 
-    decisions: tuple[Decision, ...]  # one for each criterion, and for each specification without a baseline
-    results: dict[str, tuple[Result, ...]]  # of each scenario, with the verdicts of their thresholds
+    Attributes:
+        decisions: One for each criterion, and for each specification without a baseline.
+        results: Results of each scenario, with the verdicts of their thresholds.
+        notes: Lines on baselines.
+        looks: Number of interim looks.
+        targets: The scenarios; none for a catalogue.
+    """
+
+    decisions: tuple[Decision, ...]
+    results: dict[str, tuple[Result, ...]]
     notes: tuple[str, ...] = ()
     looks: int = 1
+    targets: tuple[CheckTarget, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
@@ -55,7 +65,35 @@ class CheckResult:
         results = self.results.get(decision.scenario, ())
         return any("errors" in one.health for one in results if one.specification == decision.specification)
 
-    def to_dict(self, targets: Sequence[CheckTarget]) -> dict[str, Any]:
+    def table(self) -> Records:
+        """Return one row for each decision."""
+        return Records(
+            {
+                "scenario": one.scenario, "specification": one.specification, "required": one.question,
+                "verdict": one.verdict, "probability": one.probability,
+                "low": one.interval and one.interval[0], "high": one.interval and one.interval[1],
+                "baseline": one.baseline, "change": one.change, "reason": one.reason,
+                "next_step": one.next_step,
+            }
+            for one in self.decisions
+        )  # fmt: skip
+
+    def lines(self) -> list[str]:
+        """Return ``drive in_lane < 0.1: pass, 0.05 (0.04 .. 0.06)`` for each decision, and the verdict."""
+        return [*map(_describe_decision, self.decisions), f"{self.verdict}{self.details}"]
+
+    @property
+    def details(self) -> str:
+        """Number of looks, exit code and its reason, as they follow the verdict."""
+        looks = f" after {self.looks} looks" if self.looks > 1 else ""
+        too_many = self.exit_code == ExitCode.ROLLOUT_ERRORS
+        reason = ": more rollouts broke down than the scenario allows" if too_many else ""
+        return f"{looks}, exit code {int(self.exit_code)}{reason}"
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def to_dict(self) -> dict[str, Any]:
         """Return the content of check.json."""
         return {
             "schema": SCHEMA,
@@ -65,9 +103,18 @@ class CheckResult:
             "rows": [finite(vars(one)) for one in self.decisions],  # infinities become null
             "notes": list(self.notes),
             "results": [
-                Run.of_scenario(target.definition, self.results[target.name]).to_dict() for target in targets
+                Run.of_scenario(target.definition, self.results[target.name]).to_dict()
+                for target in self.targets
             ],
         }
+
+
+def _describe_decision(decision: Decision) -> str:
+    one = decision
+    estimate = "" if one.probability is None else f", {format_probability(one.probability)}"
+    estimate += f" ({format_interval(one.interval)})" if one.interval else ""
+    reason = f": {one.reason}" if one.reason and one.verdict != "pass" else ""
+    return f"{one.scenario} {one.specification} {one.question}: {one.verdict}{estimate}{reason}"
 
 
 @dataclass
@@ -90,7 +137,7 @@ class _CheckState:
         return [name for name in specifications if name in undecided]
 
 
-def check(
+def check_targets(
     targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool
 ) -> CheckResult:
     """Decide, and save first baselines of healthy results and those asked for; arguments as in ``decide``."""
@@ -147,7 +194,7 @@ def decide(
         state.looks += 1
     decisions = [_decide(state, number, one, result(one)) for number, one in enumerate(state.criteria)]
     results = {target.name: _pool_results(target, state, decisions) for target in targets}
-    return CheckResult(tuple(decisions), results, looks=state.looks)
+    return CheckResult(tuple(decisions), results, looks=state.looks, targets=tuple(targets))
 
 
 def _estimate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,13 +12,15 @@ from avrare.analysis.check.baseline_files import (
     SHARED_KEYS,
     Baseline,
     BaselineEntry,
+    default_folder,
     find_differences,
     read_newest,
     summarise_differences,
 )
 from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
-from avrare.base.errors import UsageError
+from avrare.analysis.rates.catalogue import is_catalogue
+from avrare.base.errors import ScenarioError, UsageError
 from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import Watch, estimate_specifications
 from avrare.estimation.plan import Journal
@@ -25,6 +28,8 @@ from avrare.estimation.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests
+from avrare.scenario.load import load
+from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.schema import Regression, Scenario
 
 _SEED_STRIDE = 0x9E3779B97F4A7C15
@@ -123,6 +128,64 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     removed = [name for name in baseline.entries if name not in definition.estimated]
     notes += [f"no longer estimated: {', '.join(removed)}"] if removed else []
     return CheckTarget(scenario, folder, compared, baseline, tuple(notes), restarts=accept)
+
+
+def load_scenarios(
+    paths: Sequence[str | os.PathLike[str]], overrides: Sequence[str] = (), estimator: str | None = None
+) -> list[Scenario]:
+    """Load scenario files, which must have different names.
+
+    Raises:
+        ScenarioError: A file has mistakes.
+        UsageError: A file is a catalogue, or two scenarios have the same name.
+    """
+    try:
+        scenarios = [load(path, overrides, estimator) for path in paths]
+    except ScenarioError:
+        for path in (path for path in paths if is_catalogue(path)):
+            text = f"{path}: is a catalogue of scenes, and no scenario"
+            raise UsageError(text, f"avrare rate {path}, or with thresholds avrare check {path}") from None
+        raise
+    names = sorted(scenario.name for scenario in scenarios)
+    if len(set(names)) < len(names):
+        raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")
+    return scenarios
+
+
+def load_targets(
+    scenarios: Sequence[Scenario],
+    baseline: str | os.PathLike[str] | None = None,
+    *,
+    save: bool = False,
+    require: bool = False,
+    accept: bool = False,
+) -> list[CheckTarget]:
+    """Pair each scenario with its newest baseline, where it is to be compared with one.
+
+    Args:
+        scenarios: The scenarios.
+        baseline: Baseline folder, with a folder for each of several scenarios; None: beside each scenario.
+        save: The results become the new baselines.
+        require: A scenario without a baseline is refused.
+        accept: A baseline of another problem is accepted.
+
+    Raises:
+        UsageError: A baseline cannot be read, does not fit, or is missing.
+    """
+    targets = []
+    for scenario in scenarios:
+        folder = default_folder(scenario) if baseline is None else Path(baseline)
+        if baseline is None:
+            refuse_outside(folder, Path(scenario.path).parent, "the baseline folder")
+        if baseline is not None and len(scenarios) > 1:
+            folder /= scenario.name
+        asked = baseline is not None or save or scenario.regression is not None
+        compared = asked or require or not scenario.thresholds or folder.is_dir()
+        targets.append(load_target(scenario, folder, compared, accept))
+        if require and targets[-1].baseline is None:
+            text = f"{folder}: there is no baseline of {scenario.name!r}"
+            raise UsageError(text, "check the folder, or save a baseline with --save and commit it")
+    return targets
 
 
 @dataclass(frozen=True)

@@ -105,11 +105,11 @@ class Catalogue:
         return given or (own.budget if own is not None else None)
 
 
-def is_catalogue(path: str) -> bool:
+def is_catalogue(path: str | os.PathLike[str]) -> bool:
     """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
     try:
         with open_regular(path) as file:
-            top = parse(file.read(MAX_BYTES), path)
+            top = parse(file.read(MAX_BYTES), os.fspath(path))
     except (AvrareError, OSError, ValueError):
         return False
     return top.child("scenes") is not None and top.child("simulator") is None

@@ -9,8 +9,7 @@ from rich.table import Table
 
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
-from avrare.base.errors import ExitCode
-from avrare.base.number_format import format_duration, format_interval, format_probability
+from avrare.base.number_format import format_duration
 from avrare.report.documents.check_documents import format_numbers, list_notes
 from avrare.report.terminal.console import (
     VERDICT_COLOURS,
@@ -28,7 +27,7 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
     """Print the verdicts; in quiet mode one line each and the overall verdict."""
     console = make_console(mode)
     if mode == "quiet":
-        for line in _summary_lines(outcome):
+        for line in outcome.lines():
             console.print(line, markup=False)
         return
     print_table(console, _verdict_table(outcome))
@@ -44,24 +43,7 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
             console.print(f"{one.scenario}  {one.name}: {one.next_step}", markup=False)
     for note in (*outcome.notes, *list_notes(outcome)):
         console.print(note, markup=False)
-    console.print(f"{colour_verdict(outcome.verdict)}{_overall_details(outcome)}")
-
-
-def _summary_lines(outcome: CheckResult) -> list[str]:
-    lines = []  # drive in_lane < 0.1: pass, 0.05 (0.04 .. 0.06)
-    for one in outcome.decisions:
-        estimate = "" if one.probability is None else f", {format_probability(one.probability)}"
-        estimate += f" ({format_interval(one.interval)})" if one.interval else ""
-        reason = f": {one.reason}" if one.reason and one.verdict != "pass" else ""
-        lines.append(f"{one.scenario} {one.specification} {one.question}: {one.verdict}{estimate}{reason}")
-    return [*lines, f"{outcome.verdict}{_overall_details(outcome)}"]
-
-
-def _overall_details(outcome: CheckResult) -> str:
-    looks = f" after {outcome.looks} looks" if outcome.looks > 1 else ""
-    too_many = outcome.exit_code == ExitCode.ROLLOUT_ERRORS
-    reason = ": more rollouts broke down than the scenario allows" if too_many else ""
-    return f"{looks}, exit code {int(outcome.exit_code)}{reason}"
+    console.print(f"{colour_verdict(outcome.verdict)}{outcome.details}")
 
 
 def _verdict_table(outcome: CheckResult) -> Table:
