@@ -5,15 +5,23 @@ The public names are imported when they are first used, so that ``import avrare`
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+import functools
+from typing import TYPE_CHECKING
 
 import avrare.base.renderers as _table
 import avrare.report.renderers as _renderers
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the only list of the public names: ``_find_modules`` reads it, too
     from avrare.analysis.causes.require import require as require
     from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
+    from avrare.analysis.causes.why import why as why
+    from avrare.analysis.check.check import check as check
+    from avrare.analysis.check.validation import validate as validate
+    from avrare.analysis.compare.paired_comparison import compare_versions as compare_versions
+    from avrare.analysis.compare.study import compare as compare
+    from avrare.analysis.failures.falsify import falsify as falsify
+    from avrare.analysis.failures.stored_replays import replay as replay
+    from avrare.analysis.monitor.drive import monitor as monitor
     from avrare.base.errors import AvrareError as AvrareError
     from avrare.base.errors import FormulaError as FormulaError
     from avrare.base.errors import HealthWarning as HealthWarning
@@ -29,34 +37,42 @@ if TYPE_CHECKING:
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
     from avrare.report.session.scenario_run import run as run
+    from avrare.results.run import Run as Run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem
+else:
 
-_MODULES = {
-    "avrare.analysis.causes.require": "require",
-    "avrare.analysis.causes.scenario_parameters": "sensitivity",
-    "avrare.base.errors": "AvrareError FormulaError HealthWarning PluginError ScenarioError UsageError",
-    "avrare.base.version": "__version__",
-    "avrare.estimation.budget": "Budget",
-    "avrare.estimation.estimate_problem": "estimate estimate_all",
-    "avrare.estimation.result": "Result Results",
-    "avrare.report.session.scenario_run": "run",
-    "avrare.logic.formula": "Formula stl",
-    "avrare.rollout.loaded_scenario": "load",
-    "avrare.rollout.problem": "Problem",
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names.split()}
-__all__ = sorted(_HOMES)
+    def __getattr__(name: str) -> object:
+        import importlib
+
+        modules = _find_modules()
+        if name == "__all__":
+            return sorted(modules)
+        if name not in modules:
+            raise AttributeError(f"module 'avrare' has no attribute {name!r}")
+        value = getattr(importlib.import_module(modules[name]), name)
+        globals()[name] = value
+        return value
+
+
 _table.fill(_renderers.RENDERERS)
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'avrare' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
-
-
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted(_find_modules())
+
+
+@functools.cache
+def _find_modules() -> dict[str, str]:
+    """Return the module of each public name, read from the imports above."""
+    import ast
+    from pathlib import Path
+
+    statements = ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
+    imports = [one for one in statements if isinstance(one, ast.ImportFrom)]
+    return {
+        alias.name: statement.module
+        for statement in imports
+        if statement.module is not None and statement.module.startswith("avrare.")
+        for alias in statement.names
+    }

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from avrare.analysis.monitor.monitoring import monitor_recording
+from avrare.analysis.monitor.drive import find_road, monitor
+from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import explain_file_errors
-from avrare.base.errors import ExitCode, UsageError, did_you_mean
+from avrare.base.errors import ExitCode, UsageError
 from avrare.cli import monitor_batch
 from avrare.cli.options import LANE_WIDTH
 from avrare.cli.output import can_draw, print_warnings, write_files
-from avrare.logic import stl
-from avrare.logic.formula import find_formula
-from avrare.logic.syntax import nodes
-from avrare.protocols import find_scene
+from avrare.driving import Road
 from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
 from avrare.report.plots import monitoring_plot
 from avrare.report.terminal.console import make_console
 from avrare.report.terminal.monitoring_text import draw_chart, headline
-from avrare.results.recordings.commonroad import read_commonroad
-from avrare.results.recordings.csv_recording import read_csv
-from avrare.results.recordings.drives import open_drives
-from avrare.results.recordings.drone_recording import is_drone_recording
 from avrare.results.recordings.recording import parse_road
-from avrare.results.recordings.replayed_failure import replay_run_failure
 from avrare.results.run import Run
 from avrare.scenario.load import load
-from avrare.stack.builder import build_block, build_formula, build_rule, build_specification
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -38,19 +28,12 @@ def execute(args: argparse.Namespace) -> int:
     batch = monitor_batch.is_batch(args)
     _check(args, batch)
     if batch:
-        return monitor_batch.execute(args, _scenario_and_road(args)[1])
-    if Path(args.file).is_dir():
-        name, specification, recording = _case_of_run(args)
-    else:
-        scenario, road = _scenario_and_road(args)
-        recording = _read(args, road)
-        name, specification = _specification(args, recording, scenario)
-    warnings = _warnings(args, specification, recording)
-    print_warnings((warning.message, warning.hint) for warning in warnings)
-    print_warnings(
-        (text, "the verdict is of what was recorded") for text in _clipped(specification, recording)
-    )
-    scored = monitor_recording(name, specification, recording)
+        definition, road = None if args.scenario is None else load(args.scenario), _read_lanes(args)
+        if road is None and definition is not None:
+            road = find_road(definition)
+        return monitor_batch.execute(args, road)
+    scored = _monitor(args)
+    print_warnings(scored.warnings)
     if args.out is not None:
         _write(scored, Path(args.out))
     if args.json:
@@ -82,91 +65,29 @@ def _check(args: argparse.Namespace, batch: bool) -> None:
         raise UsageError("--specification requires --scenario", "give --scenario FILE")
 
 
-def _case_of_run(args: argparse.Namespace) -> tuple[str, Any, Any]:
-    run = Run.read(args.file)
-    found = replay_run_failure(run, args.specification, args.failure, args.rule)
-    print_warnings((line, None) for line in (*run.changes, *found.changes))
-    if args.rule is None and args.stl is None:
-        return found.specification, run.problem.monitor(found.specification), found.recording
-    return *_specification(args, found.recording, None), found.recording
+def _monitor(args: argparse.Namespace) -> MonitoringResult:
+    source: Run | str = args.file
+    if Path(args.file).is_dir():
+        source = Run.read(args.file)
+        print_warnings((line, None) for line in source.changes)
+    return monitor(
+        source, rule=args.rule, stl=args.stl, specification=args.specification, overrides=args.set,
+        ego=args.ego, scenario=args.scenario, road=_read_lanes(args), network=args.network,
+        failure=args.failure,
+    )  # fmt: skip
 
 
-def _scenario_and_road(args: argparse.Namespace) -> tuple[Any, Any]:
-    scenario = road = None
-    if args.scenario is not None:
-        scenario = load(args.scenario)
-        scene = find_scene(build_block(scenario.simulator, None))
-        road = scene.road if scene is not None else None
+def _read_lanes(args: argparse.Namespace) -> Road | None:
     if args.lanes is not None:
         width = LANE_WIDTH if args.lane_width is None else args.lane_width
-        return scenario, parse_road(args.lanes, width, args.access_ramp, args.broad_marking)
+        return parse_road(args.lanes, width, args.access_ramp, args.broad_marking)
     if not args.lane_width is args.access_ramp is args.broad_marking is None:
         text = "--lane-width, --access-ramp and --broad-marking require --lanes"
         raise UsageError(text, "give --lanes Y,...")
-    return scenario, road
+    return None
 
 
-def _read(args: argparse.Namespace, road: Any) -> Any:
-    if args.file.lower().endswith(".xml"):
-        return read_commonroad(args.file, args.ego, road)
-    if is_drone_recording(Path(args.file)) or args.network is not None:
-        if args.ego is None:
-            raise UsageError(f"{args.file}: no ego is chosen", "choose it by its id with --ego, or --ego all")
-        return open_drives(args.file, road, args.network).recording(args.ego)
-    return read_csv(args.file, "ego" if args.ego is None else args.ego, road)
-
-
-def _specification(args: argparse.Namespace, recording: Any, scenario: Any) -> tuple[str, Any]:
-    if args.stl is not None:
-        return "formula", _formula(args, recording)
-    if args.rule is not None:
-        if recording.scene is None:
-            raise _missing_scene(recording, "a rule needs")
-        return args.rule, build_rule(args.rule, args.set, recording.scene)
-    part = scenario.specifications.get(args.specification)
-    if part is None:
-        near = did_you_mean(args.specification, scenario.specifications)
-        raise UsageError(f"{args.scenario}: there is no specification {args.specification!r}", near)
-    return args.specification, build_specification(part, recording.scene, recording.dt)
-
-
-def _formula(args: argparse.Namespace, recording: Any) -> Any:
-    formula = stl(args.stl, dt=recording.dt, warn=False)
-    relations = any(isinstance(part, nodes.Signal) and part.arguments for part in nodes.walk(formula.node))
-    if relations and recording.scene is not None:
-        return build_formula(args.stl, args.set, recording.scene)
-    if args.set:
-        raise UsageError("--set cannot be used with a formula over signals", "it has no options")
-    if relations and not set(formula.signals) <= set(recording.signals):
-        raise _missing_scene(recording, "predicates of vehicles need")
-    return formula.monitor()
-
-
-def _warnings(args: argparse.Namespace, specification: Any, recording: Any) -> Sequence[Any]:
-    if args.stl is not None:
-        return stl(args.stl, dt=recording.dt, warn=False).warnings
-    formula = find_formula(specification)
-    return formula.warnings if formula is not None else ()
-
-
-def _clipped(specification: Any, recording: Any) -> list[str]:
-    formula = find_formula(specification)
-    span = nodes.bounded_span(formula.node) if formula is not None else 0
-    if span < recording.samples:
-        return []
-    text = f"the formula looks {span} samples ahead, and the recording has only {recording.samples}"
-    return [f"{text}: windows are clipped at its end"]
-
-
-def _missing_scene(recording: Any, what: str) -> UsageError:
-    if "ego_x" in recording.signals:
-        hint = "give --scenario FILE, or --lanes with the lane centres from right to left"
-        return UsageError(f"{recording.source}: {what} a road", hint)
-    hint = "give a file with the columns time, vehicle, x, y, ...; or score signals with --stl"
-    return UsageError(f"{recording.source}: {what} vehicles, not named signals", hint)
-
-
-def _write(scored: Any, folder: Path) -> None:
+def _write(scored: MonitoringResult, folder: Path) -> None:
     write_files(folder, {"monitor.json": json.dumps(monitoring_document(scored)) + "\n"})
     with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
         write_monitoring_csv(scored, folder / "monitor.csv")
@@ -174,7 +95,7 @@ def _write(scored: Any, folder: Path) -> None:
             monitoring_plot.draw(scored, folder / "monitor.png")
 
 
-def _show(scored: Any, out: str | None) -> None:
+def _show(scored: MonitoringResult, out: str | None) -> None:
     console = make_console()
     for line in [*headline(scored), *([] if scored.no_vehicles else ["", *draw_chart(scored)])]:
         console.print(line)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.monitor.batch import Question, monitor_files
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.output import write_files
+from avrare.driving import Road
 from avrare.estimation.result import finite
 from avrare.report.documents.batch_documents import write_batch_csv
 from avrare.report.terminal.batch_table import print_batch
@@ -30,7 +30,7 @@ def is_batch(args: argparse.Namespace) -> bool:
     )
 
 
-def execute(args: argparse.Namespace, road: Any) -> int:
+def execute(args: argparse.Namespace, road: Road | None) -> int:
     """Score all drives and print one table; return exit code 1 if any is violated, 4 if none was scored."""
     if args.rule is None:
         raise UsageError("many drives need --rule", "give --rule NAME, or several: --rule R_G1,R_I2")
