@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import avrare.base.renderers as _table
 import avrare.report.renderers as _renderers
 
-if TYPE_CHECKING:  # the only list of the public names: ``_find_modules`` reads it, too
+if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads it, too
     from avrare.analysis.causes.require import require as require
     from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
     from avrare.analysis.causes.why import why as why
@@ -45,7 +45,7 @@ else:
     def __getattr__(name: str) -> object:
         import importlib
 
-        modules = _find_modules()
+        modules = find_modules()
         if name == "__all__":
             return sorted(modules)
         if name not in modules:
@@ -59,11 +59,11 @@ _table.fill(_renderers.RENDERERS)
 
 
 def __dir__() -> list[str]:
-    return sorted(_find_modules())
+    return sorted(find_modules())
 
 
 @functools.cache
-def _find_modules() -> dict[str, str]:
+def find_modules() -> dict[str, str]:
     """Return the module of each public name, read from the imports above."""
     import ast
     from pathlib import Path

@@ -128,9 +128,10 @@ def _python() -> str:
     import avrare
 
     parts = ["# Python", "What `import avrare` offers; [Work in Python](../python.md) shows how to use it."]
-    for name in sorted(avrare._HOMES, key=lambda name: (not name[0].islower(), name)):
+    modules = avrare.find_modules()
+    for name in sorted(modules, key=lambda name: (not name[0].islower(), name)):
         if not name.startswith("_"):
-            parts.append(f"::: {avrare._HOMES[name]}.{name}")
+            parts.append(f"::: {modules[name]}.{name}")
     parts.append("::: avrare.report.session.trace.Trace")
     return _page(parts)
 

@@ -1,5 +1,6 @@
 """The public interface, on the ten-line walk of the README."""
 
+import inspect
 import json
 import math
 import subprocess
@@ -311,3 +312,49 @@ print(avrare.estimate(problem, rollouts=2000, seed=3).probability)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert float(done.stdout) == avrare.estimate(walk(), rollouts=2000, seed=3).probability
+
+
+def test_no_command_has_an_untyped_argument_or_result():
+    for name in [
+        "validate",
+        "check",
+        "compare",
+        "compare_versions",
+        "falsify",
+        "replay",
+        "why",
+        "monitor",
+        "run",
+    ]:
+        signature = inspect.signature(getattr(avrare, name))
+        annotations = [parameter.annotation for parameter in signature.parameters.values()]
+        for annotation in (*annotations, signature.return_annotation):
+            assert annotation is not inspect.Parameter.empty
+            assert "Any" not in str(annotation), (name, annotation)
+
+
+def test_a_problem_is_falsified_and_compared_as_a_scenario_is():
+    problem = avrare.Problem(
+        systems.Walk(),
+        {"low": avrare.stl("always (x < 1.5)"), "high": avrare.stl("always (x < 9)")},
+        steps=40,
+    )
+    found = avrare.falsify(problem, "low", budget=300)
+    assert problem.subset(["low"]).robustness(found.noise[None])[0] <= 0.0
+    assert repr(found).splitlines()[-2] == f"beta = {found.norm:.3g}"
+    assert found.table()[0]["beta"] == found.norm
+    comparison = avrare.compare(problem, ["mc", "ams:particles=40"], "rollouts=400", "low", repeat=2)
+    assert [row["estimator"] for row in comparison.table()] == ["mc", "ams:particles=40"]
+    assert repr(comparison).startswith("Walk  low  p ")
+    with pytest.raises(avrare.UsageError, match="specification is required"):
+        avrare.falsify(problem)
+    with pytest.raises(avrare.UsageError, match="there is no specification 'lo'"):
+        avrare.falsify(problem, "lo")
+
+
+def test_a_mistake_in_a_file_is_a_value(tmp_path):
+    (tmp_path / "s.yaml").write_text("name: s\nsteps: no\n")
+    found = avrare.validate(tmp_path / "s.yaml")
+    assert not found.valid
+    assert any("s.yaml:2:8" in text for text, _ in found.mistakes)
+    assert {row["sort"] for row in found.table()} == {"mistake"}

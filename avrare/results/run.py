@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from avrare.base import version
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import AvrareError, UsageError
+from avrare.base.records import Records
 from avrare.base.renderers import render
 from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
 from avrare.estimation.budget import Budget
@@ -250,6 +251,10 @@ class Run(Mapping[str, Result]):
         """List the thresholds that the scenario sets for a specification."""
         thresholds = () if self.definition is None else self.definition.thresholds
         return [threshold for threshold in thresholds if threshold.specification == specification]
+
+    def table(self) -> Records:
+        """Return one row for each result; ``.frame()`` of it is a DataFrame."""
+        return self.results.table()
 
     def report(self, path: str | os.PathLike[str] | None = None) -> Path:
         """Write the report, by default ``report.html`` in the run folder, and return its path.
