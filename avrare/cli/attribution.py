@@ -46,10 +46,14 @@ def _identify(
     run: Run, names: list[str], variants: dict[str, LoadedScenario], args: argparse.Namespace
 ) -> dict[str, Any]:
     return {
-        "specifications": names, "fresh": args.fresh, "channels": args.channels, "seed": args.seed,
-        "run": identify_run(run), "scenario": identify_scenario(run.scenario.definition),
+        "specifications": names,
+        "fresh": args.fresh,
+        "channels": args.channels,
+        "seed": args.seed,
+        "run": identify_run(run),
+        "scenario": identify_scenario(run.scenario.definition),
         "variants": {name: identify_scenario(one.definition) for name, one in variants.items()},
-    }  # fmt: skip
+    }
 
 
 def _show(run: Run, found: dict[str, Attribution], args: argparse.Namespace) -> None:
@@ -77,14 +81,22 @@ def _split(variants: list[str]) -> list[tuple[str, str]]:
 
 
 def _attribute(
-    run: Run, name: str, variants: dict[str, LoadedScenario], args: argparse.Namespace,
+    run: Run,
+    name: str,
+    variants: dict[str, LoadedScenario],
+    args: argparse.Namespace,
     journal: OpenJournal,
-) -> Attribution:  # fmt: skip
+) -> Attribution:
     sample, problem = FailureSample.of(run[name]), run.scenario.problem(name)
     others = {label: scenario.problem(name) for label, scenario in variants.items()}
     groups = list_groups(problem, channels=args.channels)
     with progress_line() as progress:
         return attribute(
-            problem, sample, seed=args.seed, fresh=args.fresh, groups=groups, variants=others,
+            problem,
+            sample,
+            seed=args.seed,
+            fresh=args.fresh,
+            groups=groups,
+            variants=others,
             runner=TapeRunner(args.workers, progress, journal=journal(name)),
-        )  # fmt: skip
+        )

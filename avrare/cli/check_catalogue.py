@@ -17,8 +17,16 @@ from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 
 _OF_SCENARIOS = (
-    "set", "estimator", "seed", "spend", "baseline", "save", "require_baseline", "accept_changes", "plan",
-)  # fmt: skip
+    "set",
+    "estimator",
+    "seed",
+    "spend",
+    "baseline",
+    "save",
+    "require_baseline",
+    "accept_changes",
+    "plan",
+)
 """Options that a catalogue has no use for, or has keys of its own for."""
 
 

@@ -74,18 +74,31 @@ def _check(args: argparse.Namespace) -> None:
 def _compare_estimators(args: argparse.Namespace) -> Comparison:
     with _show_estimates(args) as watch:
         return compare(
-            args.scenario, args.estimators, args.budget, args.specification, overrides=args.set,
-            truth=args.truth, repeat=REPEAT if args.repeat is None else args.repeat, seed=args.seed,
-            workers=args.workers, watch=watch,
-        )  # fmt: skip
+            args.scenario,
+            args.estimators,
+            args.budget,
+            args.specification,
+            overrides=args.set,
+            truth=args.truth,
+            repeat=REPEAT if args.repeat is None else args.repeat,
+            seed=args.seed,
+            workers=args.workers,
+            watch=watch,
+        )
 
 
 def _compare_versions(args: argparse.Namespace) -> PairedComparison:
     with _show_estimates(args) as watch:
         return compare_versions(
-            args.scenario, args.against, args.specification, budget=args.budget, overrides=args.set,
-            seed=args.seed, workers=args.workers, watch=watch,
-        )  # fmt: skip
+            args.scenario,
+            args.against,
+            args.specification,
+            budget=args.budget,
+            overrides=args.set,
+            seed=args.seed,
+            workers=args.workers,
+            watch=watch,
+        )
 
 
 @contextmanager

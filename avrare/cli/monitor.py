@@ -71,10 +71,17 @@ def _monitor(args: argparse.Namespace) -> MonitoringResult:
         source = Run.read(args.file)
         print_warnings((line, None) for line in source.changes)
     return monitor(
-        source, rule=args.rule, stl=args.stl, specification=args.specification, overrides=args.set,
-        ego=args.ego, scenario=args.scenario, road=_read_lanes(args), network=args.network,
+        source,
+        rule=args.rule,
+        stl=args.stl,
+        specification=args.specification,
+        overrides=args.set,
+        ego=args.ego,
+        scenario=args.scenario,
+        road=_read_lanes(args),
+        network=args.network,
         failure=args.failure,
-    )  # fmt: skip
+    )
 
 
 def _read_lanes(args: argparse.Namespace) -> Road | None:

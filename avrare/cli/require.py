@@ -32,16 +32,30 @@ def execute(args: argparse.Namespace) -> int:
             yield progress
 
     found = require(
-        args.scenario, args.parameter, args.probability, args.specification,
-        between=_read_ends(args.between), overrides=args.set,
-        rollouts=read_rollouts(args.budget, _ROLLOUTS), seed=args.seed, workers=args.workers, out=args.out,
+        args.scenario,
+        args.parameter,
+        args.probability,
+        args.specification,
+        between=_read_ends(args.between),
+        overrides=args.set,
+        rollouts=read_rollouts(args.budget, _ROLLOUTS),
+        seed=args.seed,
+        workers=args.workers,
+        out=args.out,
         show=show,
-    )  # fmt: skip
+    )
     content = {
-        "parameter": found.parameter, "specification": found.specification, "limit": found.limit,
-        "kept": found.kept, "broken": found.broken, "root": found.root, "confidence": found.confidence,
-        "rising": found.rising, "trials": list(found.table()), "warnings": list(found.warnings),
-    }  # fmt: skip
+        "parameter": found.parameter,
+        "specification": found.specification,
+        "limit": found.limit,
+        "kept": found.kept,
+        "broken": found.broken,
+        "root": found.root,
+        "confidence": found.confidence,
+        "rising": found.rising,
+        "trials": list(found.table()),
+        "warnings": list(found.warnings),
+    }
     show_or_write(args, "require.json", content, found.lines())
     return int(ExitCode.PASS if found.kept is not None else ExitCode.INCONCLUSIVE)
 

@@ -47,9 +47,12 @@ from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
 
 _OPTIONS = {
-    "seed": "--seed", "cross_check": "--cross-check", "estimator.learned": "--learned",
-    "estimator.relative_error": "--until relative_error", "estimator.threshold": "--until threshold",
-}  # fmt: skip
+    "seed": "--seed",
+    "cross_check": "--cross-check",
+    "estimator.learned": "--learned",
+    "estimator.relative_error": "--until relative_error",
+    "estimator.threshold": "--until threshold",
+}
 """Keys of a scenario that an option sets, with the option."""
 
 
@@ -163,9 +166,11 @@ def _overrides(args: argparse.Namespace) -> list[str]:
 
 
 def _run_all(
-    pairs: Iterable[tuple[LoadedScenario, Path]], args: argparse.Namespace, budget: Budget | None,
+    pairs: Iterable[tuple[LoadedScenario, Path]],
+    args: argparse.Namespace,
+    budget: Budget | None,
     checkpoint: Checkpoint,
-) -> list[Run]:  # fmt: skip
+) -> list[Run]:
     try:
         with Stopping() as stop:
             return [_run_scenario(*pair, args, budget, checkpoint, stop) for pair in pairs]
@@ -199,9 +204,13 @@ def _finish(args: argparse.Namespace, runs: Sequence[Run]) -> int:
 
 
 def _run_scenario(
-    scenario: LoadedScenario, folder: Path, args: argparse.Namespace, budget: Budget | None,
-    checkpoint: Checkpoint, stop: Stopping,
-) -> Run:  # fmt: skip
+    scenario: LoadedScenario,
+    folder: Path,
+    args: argparse.Namespace,
+    budget: Budget | None,
+    checkpoint: Checkpoint,
+    stop: Stopping,
+) -> Run:
     definition = scenario.definition
     _use_failures(scenario, None, args)
     results = estimate_run(scenario, args, budget, checkpoint, stop)

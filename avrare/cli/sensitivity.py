@@ -22,23 +22,36 @@ def execute(args: argparse.Namespace) -> int:
     """Estimate the derivatives, print them and write them."""
     definition, rollouts = load(args.scenario, args.set), read_rollouts(args.budget, _ROLLOUTS)
     task = {
-        "specification": args.specification, "parameters": args.parameter, "rollouts": rollouts,
-        "step": args.step, "seed": args.seed or 0, "scenario": identify_scenario(definition),
+        "specification": args.specification,
+        "parameters": args.parameter,
+        "rollouts": rollouts,
+        "step": args.step,
+        "seed": args.seed or 0,
+        "scenario": identify_scenario(definition),
         "run": None if args.run is None else identify_run(Run.read(args.run)),
-    }  # fmt: skip
+    }
     out = None if args.out is None else Path(args.out)
     with keep_outcomes(out, "sensitivity", task) as journal:
         with progress_line() as progress:
             found = sensitivity(
-                args.scenario, args.parameter, args.specification, overrides=args.set, run=args.run,
-                rollouts=rollouts, step=args.step, seed=args.seed or 0,
+                args.scenario,
+                args.parameter,
+                args.specification,
+                overrides=args.set,
+                run=args.run,
+                rollouts=rollouts,
+                step=args.step,
+                seed=args.seed or 0,
                 runner=TapeRunner(args.workers, progress, journal=journal("tapes")),
-            )  # fmt: skip
+            )
         content = {
-            "specification": found.specification, "probability": found.probability,
-            "interval": list(found.interval), "rollouts": found.rollouts, "errors": found.errors,
+            "specification": found.specification,
+            "probability": found.probability,
+            "interval": list(found.interval),
+            "rollouts": found.rollouts,
+            "errors": found.errors,
             "sensitivity": list(found.table()),
-        }  # fmt: skip
+        }
         show_or_write(args, "sensitivity.json", content, found.lines())
     most = definition.max_error_rate
     return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)

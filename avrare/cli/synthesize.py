@@ -22,8 +22,15 @@ _PROOF = 10_000
 _SHOWN, _WIDE = 6, 60
 """Most numbers whose values stand in the table, and the longest list of their names."""
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
-_ANY = {"estimator": None, "budget": None, "run": None, "step": 0.1, "directions": 0, "proof": None,
-        "workers": 1}  # fmt: skip
+_ANY = {
+    "estimator": None,
+    "budget": None,
+    "run": None,
+    "step": 0.1,
+    "directions": 0,
+    "proof": None,
+    "workers": 1,
+}
 _EPILOG = """\
 A parameter with a dot is a number, list or matrix of the scenario, or an array of a policy network
 (controller.arrays.b2); any stack will do. Its derivatives come from the failing tapes of an estimate
@@ -69,8 +76,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     stack("--budget", metavar="KIND=N", help="of each step's estimate, as of `avrare run`")
     stack("--run", metavar="DIR", help="run folder with stored failures of this scenario, for the first step")
     stack("--step", type=float, default=0.1, metavar="X", help="step of the differences, relative (0.1)")
-    stack("--directions", type=at_least(0), default=0, metavar="K",
-          help="random directions of a gradient, for many numbers (0: each number by itself)")  # fmt: skip
+    stack(
+        "--directions",
+        type=at_least(0),
+        default=0,
+        metavar="K",
+        help="random directions of a gradient, for many numbers (0: each number by itself)",
+    )
     stack("--proof", metavar="rollouts=N", help=f"fresh tapes of the paired proof (rollouts={_PROOF})")
     stack("--workers", type=at_least(1), default=1, metavar="N", help="processes (1)")
     linear = parser.add_argument_group("linear systems").add_argument
@@ -197,9 +209,13 @@ class _Measuring:
 
 
 def _prove(
-    args: argparse.Namespace, measuring: _Measuring, before: LoadedScenario, after: LoadedScenario, p: float,
+    args: argparse.Namespace,
+    measuring: _Measuring,
+    before: LoadedScenario,
+    after: LoadedScenario,
+    p: float,
     rollouts: int,
-) -> Proof:  # fmt: skip
+) -> Proof:
     from avrare.analysis.causes.synthesis_proof import ENOUGH, Side, prove_by_estimates, prove_by_pairs
     from avrare.rollout.executors.work import build_executor
 

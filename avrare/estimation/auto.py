@@ -121,9 +121,14 @@ class _Attempt:
     @staticmethod
     def of(result: Result, reason: str) -> _Attempt:
         return _Attempt(
-            result.estimator, reason, result.rollouts, result.simulated_steps, result.seconds, result.errors,
+            result.estimator,
+            reason,
+            result.rollouts,
+            result.simulated_steps,
+            result.seconds,
+            result.errors,
             result.counts,
-        )  # fmt: skip
+        )
 
     @staticmethod
     def given_up(estimator: str, end: GaveUp) -> _Attempt:
@@ -265,9 +270,12 @@ class _Work:
         found = dict(result.health)
         if "pilot_disagrees" not in self.settings.suppress:
             found |= health.warn(
-                "pilot_disagrees", failures=evidence.failures, rows=evidence.rows,
-                counted=format_interval(counted), interval=format_interval(result.interval),
-            )  # fmt: skip
+                "pilot_disagrees",
+                failures=evidence.failures,
+                rows=evidence.rows,
+                counted=format_interval(counted),
+                interval=format_interval(result.interval),
+            )
         widened = partial(intervals.hull, result.interval_at, evidence.interval)
         return replace(result, interval_at=widened, health=found)
 

@@ -14,19 +14,25 @@ class AutoConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     relative_error: float | None = Field(
-        default=None, ge=1e-3, lt=1.0,
+        default=None,
+        ge=1e-3,
+        lt=1.0,
         description="how exact each estimate is to be (default: 0.2 where neither rollouts nor a budget is "
         "given; else they are spent)",
-    )  # fmt: skip
+    )
     rollouts: int | None = Field(
-        default=None, ge=1, le=10**12,
+        default=None,
+        ge=1,
+        le=10**12,
         description="most rollouts of a specification, by the steps of complete ones, pilot and learning "
         "included (default: 50,000)",
-    )  # fmt: skip
+    )
     threshold: float | None = Field(
-        default=None, gt=0.0, lt=1.0,
+        default=None,
+        gt=0.0,
+        lt=1.0,
         description="stop as soon as it is known on which side of this the probability lies (Monte Carlo)",
-    )  # fmt: skip
+    )
     memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 
     @model_validator(mode="after")

@@ -59,9 +59,11 @@ class Checkpoint:
 
     @staticmethod
     def open(
-        folder: Path, task: Mapping[str, Any], about: Mapping[str, Any] | None = None,
+        folder: Path,
+        task: Mapping[str, Any],
+        about: Mapping[str, Any] | None = None,
         files: Mapping[str, bytes] | None = None,
-    ) -> Checkpoint:  # fmt: skip
+    ) -> Checkpoint:
         """Resume the checkpoint in ``folder`` if its task is equal, or create it; ``about`` may differ.
 
         ``files`` are written before the index, with which the checkpoint begins: without one, what a killed
@@ -315,9 +317,15 @@ def decode_seconds(content: bytes) -> float:
 
 
 _TYPES = {
-    "robustness": ("float64", 2), "violated": ("bool", 2), "error": ("bool", 1), "scores": ("float64", 2),
-    "log_weight": ("float64", 1), _STEPS: ("int64", 0), _EVERY: ("int64", 0), _SECONDS: ("float64", 0),
-}  # fmt: skip
+    "robustness": ("float64", 2),
+    "violated": ("bool", 2),
+    "error": ("bool", 1),
+    "scores": ("float64", 2),
+    "log_weight": ("float64", 1),
+    _STEPS: ("int64", 0),
+    _EVERY: ("int64", 0),
+    _SECONDS: ("float64", 0),
+}
 """Type and rank of an array."""
 
 
@@ -328,8 +336,10 @@ def _check_types(arrays: Arrays, counts: Arrays) -> None:
     rows = len(arrays["error"])
     for name, rank in (("features", 3), ("evidence", 2)):
         if name in arrays and (str(arrays[name].dtype), arrays[name].ndim, len(arrays[name])) != (
-            "float64", rank, rows,
-        ):  # fmt: skip
+            "float64",
+            rank,
+            rows,
+        ):
             raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
     fits = arrays["robustness"].shape == arrays["violated"].shape
     fits &= len(arrays["robustness"]) == len(arrays["scores"]) == rows

@@ -88,9 +88,13 @@ class LogNormal:
     def interval_at(self, confidence: float) -> Interval:
         """Return the interval of splitting and of weighted samples."""
         return intervals.log_normal(
-            self.mean, self.relative_variance, confidence, freedom=self.freedom, errors=self.undecided,
+            self.mean,
+            self.relative_variance,
+            confidence,
+            freedom=self.freedom,
+            errors=self.undecided,
             logs=self.logs,
-        )  # fmt: skip
+        )
 
     def p_value_at_most(self, value: float) -> float:
         """Return P(log mean as large or larger | value)."""
@@ -155,13 +159,16 @@ class Tabulated:
 
 
 _LAWS: dict[str, type[Any]] = {
-    "binomial": Binomial, "inverse_binomial": InverseBinomial, "log_normal": LogNormal,
+    "binomial": Binomial,
+    "inverse_binomial": InverseBinomial,
+    "log_normal": LogNormal,
     "tabulated": Tabulated,
-}  # fmt: skip
+}
 _LAWS_BY_INTERVAL: dict[Any, type[Any]] = {
-    intervals.clopper_pearson: Binomial, intervals.inverse_binomial: InverseBinomial,
+    intervals.clopper_pearson: Binomial,
+    intervals.inverse_binomial: InverseBinomial,
     intervals.log_normal: LogNormal,
-}  # fmt: skip
+}
 _FIELDS = {"errors": "undecided"}
 """Argument of an interval -> field of its law, whose name baseline files hold."""
 

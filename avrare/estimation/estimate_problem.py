@@ -229,14 +229,20 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
         "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),
         "settings": dataclasses.asdict(settings),
         "problem": {
-            "system": type(problem.system).__qualname__, "steps": problem.steps, "chunk": problem.named_chunk,
-            "noise_size": problem.noise_size, "formula": formula.text if formula is not None else None,
+            "system": type(problem.system).__qualname__,
+            "steps": problem.steps,
+            "chunk": problem.named_chunk,
+            "noise_size": problem.noise_size,
+            "formula": formula.text if formula is not None else None,
             "score": getattr(problem.score, "text", problem.score),
-            **({} if problem.twin is None else {"twin": [type(problem.twin.problem.system).__qualname__,
-                                                          problem.twin.cost]}),
+            **(
+                {}
+                if problem.twin is None
+                else {"twin": [type(problem.twin.problem.system).__qualname__, problem.twin.cost]}
+            ),
         },
         "versions": {"avrare": version.__version__, row.distribution: row.version},
-    }  # fmt: skip
+    }
     return json.loads(json.dumps(task, default=_plain))  # type: ignore[no-any-return]
 
 
@@ -327,9 +333,14 @@ def estimate_specifications(
 
 
 def _member_runner(
-    scenario: LoadedScenario, budget: Budget | None, start_executor: Callable[[], Executor], watch: Watch,
-    seed: int, journal: Callable[[str], Journal] | None, stop: Callable[[], bool] | None,
-) -> Callable[[int, str], Result]:  # fmt: skip
+    scenario: LoadedScenario,
+    budget: Budget | None,
+    start_executor: Callable[[], Executor],
+    watch: Watch,
+    seed: int,
+    journal: Callable[[str], Journal] | None,
+    stop: Callable[[], bool] | None,
+) -> Callable[[int, str], Result]:
     """Return a function that estimates a specification under a member; all of them share the budget anew."""
     members = scenario.definition.members
     paid = None if budget is None else dataclasses.replace(budget, amount=budget.amount / len(members))
@@ -338,8 +349,15 @@ def _member_runner(
         own = np.random.SeedSequence(seed, spawn_key=(_MEMBER_KEY, number)).generate_state(1, np.uint64)[0]
         saved = None if journal is None else lambda first: journal(f"{first}+model{number}")
         return estimate_specifications(
-            LoadedScenario(members[number]), [name], paid, start_executor, watch, seed=int(own),
-            note=f"  model {number + 1} of {len(members)}", journal=saved, stop=stop,
-        )[0]  # fmt: skip
+            LoadedScenario(members[number]),
+            [name],
+            paid,
+            start_executor,
+            watch,
+            seed=int(own),
+            note=f"  model {number + 1} of {len(members)}",
+            journal=saved,
+            stop=stop,
+        )[0]
 
     return run_member

@@ -89,9 +89,14 @@ def cox(values: Sequence[float] | Floats) -> tuple[float, float] | None:
 
 
 def log_normal(
-    mean: float, relative_variance: float, confidence: float, *, freedom: int, errors: float = 0.0,
+    mean: float,
+    relative_variance: float,
+    confidence: float,
+    *,
+    freedom: int,
+    errors: float = 0.0,
     logs: tuple[float, float] | None = None,
-) -> Interval:  # fmt: skip
+) -> Interval:
     """Return mean * exp(+-factor * sqrt(log(1 + relative variance))) ("t delta-log", docs/statistics.md).
 
     ``freedom`` is that of Student's t, runs - 1; 0: the variance counts as known. ``errors`` is a share.
@@ -140,9 +145,12 @@ def weighted_counts(
 
 
 def matched_counts(
-    found: tuple[float, float], trials: int, largest: float, confidence: float,
+    found: tuple[float, float],
+    trials: int,
+    largest: float,
+    confidence: float,
     broken: tuple[float, float] = (0.0, 0.0),
-) -> Interval:  # fmt: skip
+) -> Interval:
     """Return the interval of ``weighted_counts`` from the sums of the weights and of their squares.
 
     Args:

@@ -72,9 +72,14 @@ class Settings:
 
 
 def run(
-    problem: Problem, estimator: Estimator, executor: Executor, settings: Settings,
-    progress: Progress | None = None, journal: Journal | None = None, stop: Callable[[], bool] | None = None,
-) -> list[Result]:  # fmt: skip
+    problem: Problem,
+    estimator: Estimator,
+    executor: Executor,
+    settings: Settings,
+    progress: Progress | None = None,
+    journal: Journal | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> list[Result]:
     """Estimate the failure probability of every specification of ``problem``.
 
     ``progress`` is called after every chunk. Chunks that ``journal`` holds are not run again. ``stop`` is
@@ -152,9 +157,15 @@ def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple
     problem = prepare_problem(estimator, problem)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
-        problem.names, problem.steps, problem.chunk, noise, settings.confidence, settings.budget,
-        settings.max_error_rate, settings.seen,
-    )  # fmt: skip
+        problem.names,
+        problem.steps,
+        problem.chunk,
+        noise,
+        settings.confidence,
+        settings.budget,
+        settings.max_error_rate,
+        settings.seen,
+    )
     return problem, plan
 
 
@@ -242,9 +253,15 @@ class _Parts:
 
 class _Loop:
     def __init__(
-        self, estimator: Estimator, plan: Plan, work: Work, executor: Executor, progress: Progress,
-        journal: Journal | None, stop: Callable[[], bool] | None,
-    ) -> None:  # fmt: skip
+        self,
+        estimator: Estimator,
+        plan: Plan,
+        work: Work,
+        executor: Executor,
+        progress: Progress,
+        journal: Journal | None,
+        stop: Callable[[], bool] | None,
+    ) -> None:
         self.estimator, self.plan, self.work, self.executor = estimator, plan, work, executor
         self.progress, self.journal, self.stop = progress, journal, stop or (lambda: False)
         self.began = time.perf_counter()

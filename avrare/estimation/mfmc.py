@@ -157,9 +157,17 @@ class _Work:
         ]
 
     def _result(
-        self, result: Result, column: int, design: Design, count: int, chosen: Integers, weights: Floats,
-        largest: float, spent: _Spent, seen: Record,
-    ) -> Result:  # fmt: skip
+        self,
+        result: Result,
+        column: int,
+        design: Design,
+        count: int,
+        chosen: Integers,
+        weights: Floats,
+        largest: float,
+        spent: _Spent,
+        seen: Record,
+    ) -> Result:
         record = take_record([result])
         violated, error = record.violated[:, column], record.error
         found = weights[violated]
@@ -178,10 +186,16 @@ class _Work:
             failures=self._failures(chosen, violated, weights, record.robustness[:, column]),
             robustness=seen.robustness[:, column],
             health=result.health | self._check_errors(record, weights),
-            diagnostics={"twin": {**self._numbers(design, column), "tapes": count, "run_again": len(chosen),
-                                  "error_share": math.fsum(weights[error])}},
+            diagnostics={
+                "twin": {
+                    **self._numbers(design, column),
+                    "tapes": count,
+                    "run_again": len(chosen),
+                    "error_share": math.fsum(weights[error]),
+                }
+            },
             notes=(*result.notes, Note("twin", f"{text}.")),
-        )  # fmt: skip
+        )
         return spent.added_to(told)
 
     def _check_errors(self, record: Record, weights: Floats) -> dict[str, str]:
@@ -227,10 +241,13 @@ class _Work:
 
     def _numbers(self, design: Design, column: int) -> dict[str, Any]:
         return {
-            "cost": self.cost, "rate": design.rate, "foreseen_gain": float(design.gains[column]),
-            "correlation": float(design.correlations[column]), "rates": design.bands[column].rates.tolist(),
+            "cost": self.cost,
+            "rate": design.rate,
+            "foreseen_gain": float(design.gains[column]),
+            "correlation": float(design.correlations[column]),
+            "rates": design.bands[column].rates.tolist(),
             "limits": design.bands[column].limits.tolist(),
-        }  # fmt: skip
+        }
 
     def _pilot_settings(self) -> Settings:
         seed = np.random.SeedSequence(self.settings.seed, spawn_key=(_SEED_KEY,)).generate_state(

@@ -11,11 +11,15 @@ class MfmcConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rollouts: int = Field(
-        default=10_000, ge=1, le=10**12,
+        default=10_000,
+        ge=1,
+        le=10**12,
         description="cost of the estimate, pilot included, in rollouts of the stack itself",
-    )  # fmt: skip
+    )
     pilot: float = Field(
-        default=0.05, gt=0.0, le=0.5,
+        default=0.05,
+        gt=0.0,
+        le=0.5,
         description="share of the cost of the pilot, which counts in no estimate: it decides which tapes of "
         "the twin are run again, or that plain Monte Carlo is no dearer",
-    )  # fmt: skip
+    )

@@ -110,10 +110,14 @@ class ModelShare:
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of result.json."""
         return {
-            "model_share": self.share, "sampling_share": 1.0 - self.share,
-            "model_variance": self.model * (1.0 + 1.0 / self.size), "sampling_variance": self.sampling,
-            "members": self.probabilities.tolist(), "reweighed": self.reused, "base": self.base,
-        }  # fmt: skip
+            "model_share": self.share,
+            "sampling_share": 1.0 - self.share,
+            "model_variance": self.model * (1.0 + 1.0 / self.size),
+            "sampling_variance": self.sampling,
+            "members": self.probabilities.tolist(),
+            "reweighed": self.reused,
+            "base": self.base,
+        }
 
 
 @lru_cache(maxsize=16)

@@ -145,9 +145,15 @@ class MonteCarlo:
         return replace(result, diagnostics=diagnostics, notes=notes)
 
     def _result(
-        self, state: McState, column: int, values: Floats, trials: int, failures: int, errors: int,
+        self,
+        state: McState,
+        column: int,
+        values: Floats,
+        trials: int,
+        failures: int,
+        errors: int,
         interval: Callable[..., intervals.Interval],
-    ) -> Result:  # fmt: skip
+    ) -> Result:
         plan, counts, probability = state.plan, state.counts, float(values.mean())
         warnings = health.check_errors(errors, trials, plan.max_error_rate, counts.messages)
         if failures == trials:
@@ -158,7 +164,10 @@ class MonteCarlo:
             worst = Worst(self._tapes(state, least.index[-1:])[0], float(least.robustness[-1]))
         known = probability > 0.0
         return build_result(
-            plan, self.name, replace(state.info, errors=errors), values,
+            plan,
+            self.name,
+            replace(state.info, errors=errors),
+            values,
             interval_at=partial(interval, failures, trials, errors=errors),
             relative_error=math.sqrt((1 - probability) / (probability * trials)) if known else math.nan,
             health=warnings,
@@ -166,7 +175,7 @@ class MonteCarlo:
             worst=worst,
             robustness=counts.joined_robustness(column, trials),
             column=column,
-        )  # fmt: skip
+        )
 
     def _forecast(self, plan: Plan, total: int, counts: Counts | None) -> CostForecast | None:
         """Return the rollouts until a stopping rule has enough failures of the rarest specification."""

@@ -31,9 +31,11 @@ class McConfig(BaseModel):
     )
 
     threshold: float | None = Field(
-        default=None, gt=0.0, lt=1.0,
+        default=None,
+        gt=0.0,
+        lt=1.0,
         description="stop as soon as it is known on which side of this the probability lies",
-    )  # fmt: skip
+    )
 
     memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 

@@ -232,12 +232,19 @@ class Result:
         """Return the main numbers as one row; ``.frame()`` of it is a DataFrame."""
         low, high = self.interval
         row = {
-            "specification": self.specification, "estimator": self.estimator,
-            "probability": self.probability, "low": low, "high": high,
-            "relative_error": self.relative_error, "rollouts": self.rollouts,
-            "failures": self.failures.count, "errors": self.errors, "seconds": self.seconds,
-            "verdict": self.verdict, "warnings": tuple(self.health),
-        }  # fmt: skip
+            "specification": self.specification,
+            "estimator": self.estimator,
+            "probability": self.probability,
+            "low": low,
+            "high": high,
+            "relative_error": self.relative_error,
+            "rollouts": self.rollouts,
+            "failures": self.failures.count,
+            "errors": self.errors,
+            "seconds": self.seconds,
+            "verdict": self.verdict,
+            "warnings": tuple(self.health),
+        }
         return Records([row])
 
     def plot(self) -> Any:

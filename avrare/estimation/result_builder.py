@@ -67,9 +67,15 @@ def missing_worst(plan: Plan) -> Worst:
 
 
 def examined(
-    problem: Problem, results: Sequence[Result], warnings: Mapping[str, str], executor: Executor, *,
-    replay: bool, suppress: Collection[str], seed: int,
-) -> list[Result]:  # fmt: skip
+    problem: Problem,
+    results: Sequence[Result],
+    warnings: Mapping[str, str],
+    executor: Executor,
+    *,
+    replay: bool,
+    suppress: Collection[str],
+    seed: int,
+) -> list[Result]:
     """Add the warnings that need the problem, and the notes on bound and counters, to the results.
 
     Among the warnings are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``:

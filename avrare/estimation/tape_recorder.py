@@ -98,10 +98,19 @@ class Recorder:
         failures = Failures(worst.noise[None][:0], robustness[:0], int(violated.sum()))
         values = np.array([float(violated.mean()) if len(violated) else 0.0])
         return build_result(
-            plan, self.name, state.info, values, column,
-            interval_at=intervals.unknown, relative_error=math.nan, health={}, failures=failures, worst=worst,
-            robustness=robustness, diagnostics={RECORD: record},
-        )  # fmt: skip
+            plan,
+            self.name,
+            state.info,
+            values,
+            column,
+            interval_at=intervals.unknown,
+            relative_error=math.nan,
+            health={},
+            failures=failures,
+            worst=worst,
+            robustness=robustness,
+            diagnostics={RECORD: record},
+        )
 
 
 def draw_tapes(noise: NoiseSource, steps: int, particles: Integers) -> Floats:

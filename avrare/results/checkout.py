@@ -37,9 +37,16 @@ def _git(folder: Path, *words: str) -> tuple[int, str]:
     command = ["git", *(word for one in _OFF for word in ("-c", one)), *words]
     try:
         answer = subprocess.run(
-            command, cwd=folder, env=os.environ | _ENVIRONMENT, stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, errors="replace", timeout=10, check=False,
-        )  # fmt: skip
+            command,
+            cwd=folder,
+            env=os.environ | _ENVIRONMENT,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=10,
+            check=False,
+        )
     except (OSError, subprocess.SubprocessError):
         return -1, ""
     return answer.returncode, answer.stdout.strip()

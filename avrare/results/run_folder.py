@@ -78,9 +78,12 @@ def remove_empty(folder: Path) -> None:
 
 @contextmanager
 def begin_checkpoint(
-    out: Path, scenarios: Sequence[Scenario], budget: Budget | None, resume: bool,
+    out: Path,
+    scenarios: Sequence[Scenario],
+    budget: Budget | None,
+    resume: bool,
     check: Mapping[str, Any] | None = None,
-) -> Iterator[Checkpoint]:  # fmt: skip
+) -> Iterator[Checkpoint]:
     """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock.
 
     ``check`` is what else must be equal to resume `avrare check`.
@@ -151,9 +154,12 @@ def saved_budget(out: Path) -> Budget | None:
 
 
 def read_finished(
-    out: Path, scenarios: Sequence[Scenario], overrides: Sequence[str] = (), estimator: str | None = None,
+    out: Path,
+    scenarios: Sequence[Scenario],
+    overrides: Sequence[str] = (),
+    estimator: str | None = None,
     budget: Budget | None = None,
-) -> list[Run]:  # fmt: skip
+) -> list[Run]:
     """Read the runs of a finished folder; empty where it is not finished.
 
     They must be of these scenarios, or without any, of its own ones, which ``overrides`` and ``estimator``

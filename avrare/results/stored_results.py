@@ -97,9 +97,11 @@ class StoredEstimate(BaseModel):
     diagnostics: Annotated[dict[str, Any], AfterValidator(check_diagnostics)] = {}
 
     def to_result(
-        self, failures: Failures | None = None, sample: RolloutSample | None = None,
+        self,
+        failures: Failures | None = None,
+        sample: RolloutSample | None = None,
         origin: Origin | None = None,
-    ) -> Result:  # fmt: skip
+    ) -> Result:
         """Return the result with the failures and rollouts that are stored beside it."""
         if failures is None:
             failures = Failures(np.zeros((0, 1, 0)), np.zeros(0), self.failures)

@@ -97,9 +97,14 @@ class _CarryStore:
 
 class _Simulation:
     def __init__(
-        self, system: System, specifications: tuple[Specification, ...], steps: int, noise: TapeDrawer,
-        request: Request, scored: bool,
-    ) -> None:  # fmt: skip
+        self,
+        system: System,
+        specifications: tuple[Specification, ...],
+        steps: int,
+        noise: TapeDrawer,
+        request: Request,
+        scored: bool,
+    ) -> None:
         self.system, self.specifications, self.steps = system, specifications, steps
         self.noise, self.request, self.scored = noise, request, scored
         rows, count = request.rows, len(specifications)
@@ -144,11 +149,19 @@ class _Simulation:
         for values in self.counts.values():
             values[self.error] = 0
         return Rollouts(
-            self.robustness, self.violated, self.error, self.scores, self.simulated_steps, self.counts,
-            tuple(sorted(self.messages, key=self.messages.__getitem__))[:5], tuple(self.store.carries),
-            self.log_weight + self.noise.log_ratio(), self.store.every, self._all_features(),
+            self.robustness,
+            self.violated,
+            self.error,
+            self.scores,
+            self.simulated_steps,
+            self.counts,
+            tuple(sorted(self.messages, key=self.messages.__getitem__))[:5],
+            tuple(self.store.carries),
+            self.log_weight + self.noise.log_ratio(),
+            self.store.every,
+            self._all_features(),
             self.noise.sums.T.copy() if self.request.until is not None else np.zeros((self.request.rows, 0)),
-        )  # fmt: skip
+        )
 
     def _features(self, carry: Carry) -> Floats:
         verdict = carry.verdicts[0]

@@ -53,9 +53,13 @@ class Past:
             if first < last:
                 carries.append((step, entries[first:last] - low, batch.take(carry, slice(first, last))))
         return Past(
-            self.rows[part] - begin, self.origin[part], self.stage[part], self.particle[part],
-            self.paid[part], tuple(carries),
-        )  # fmt: skip
+            self.rows[part] - begin,
+            self.origin[part],
+            self.stage[part],
+            self.particle[part],
+            self.paid[part],
+            tuple(carries),
+        )
 
 
 @dataclass(frozen=True)
@@ -147,12 +151,16 @@ class Request:
                 carries.append((step, batch.take(carry, slice(low - before[first], high - before[first]))))
         return replace(
             self,
-            run=self.run[part], stage=self.stage[part], particle=self.particle[part], start=self.start[part],
-            carries=tuple(carries), tape=None if self.tape is None else self.tape[part],
+            run=self.run[part],
+            stage=self.stage[part],
+            particle=self.particle[part],
+            start=self.start[part],
+            carries=tuple(carries),
+            tape=None if self.tape is None else self.tape[part],
             evidence=None if self.evidence is None else self.evidence[part],
             lineage=None if self.lineage is None else self.lineage[part],
             past=None if self.past is None else self.past.slice(begin, end),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)

@@ -77,9 +77,11 @@ def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
     known = np.isfinite(found.x[..., 0])
     with np.errstate(invalid="ignore"):  # what is not tracked is infinitely far away
         errors = [
-            found.x[..., 0] - others.x, found.y[..., 0] - others.y,
-            found.x[..., 1] - found.x[..., 0], found.y[..., 1] - found.y[..., 0],
-        ]  # fmt: skip
+            found.x[..., 0] - others.x,
+            found.y[..., 0] - others.y,
+            found.x[..., 1] - found.x[..., 0],
+            found.y[..., 1] - found.y[..., 0],
+        ]
     kept = [np.where(known, error, 0.0) for error in errors]
     return np.concatenate([known.astype(np.float64), *kept], axis=1)
 

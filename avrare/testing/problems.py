@@ -35,10 +35,19 @@ def families() -> Mapping[str, Callable[..., ReferenceProblem]]:
     return {
         generator.__name__: generator
         for generator in (
-            conjunction, linear, four_branch, walk, ornstein_uhlenbeck, count_down, plus_minus, reach,
-            response, exponential_sum, lognormal_product,
+            conjunction,
+            linear,
+            four_branch,
+            walk,
+            ornstein_uhlenbeck,
+            count_down,
+            plus_minus,
+            reach,
+            response,
+            exponential_sum,
+            lognormal_product,
         )
-    }  # fmt: skip
+    }
 
 
 @lru_cache(maxsize=1)

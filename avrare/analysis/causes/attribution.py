@@ -113,24 +113,34 @@ class Attribution:
         """Return one row for each group of noise."""
         return Records(
             {
-                "noise": one.name, "sort": one.sort,
-                "carries": one.carries, "carries_low": one.carries_interval[0],
+                "noise": one.name,
+                "sort": one.sort,
+                "carries": one.carries,
+                "carries_low": one.carries_interval[0],
                 "carries_high": one.carries_interval[1],
-                "alone": one.alone, "alone_low": one.alone_interval[0], "alone_high": one.alone_interval[1],
+                "alone": one.alone,
+                "alone_low": one.alone_interval[0],
+                "alone_high": one.alone_interval[1],
             }
             for one in self.shares
-        )  # fmt: skip
+        )
 
     def savings_table(self) -> Records:
         """Return one row for each perfect part."""
         return Records(
             {
-                "perfect": one.name, "saves": one.saved, "low": one.saved_interval[0],
-                "high": one.saved_interval[1], "vanish": one.vanish, "vanish_low": one.vanish_interval[0],
-                "vanish_high": one.vanish_interval[1], "new": one.new, "new_high": one.new_interval[1],
+                "perfect": one.name,
+                "saves": one.saved,
+                "low": one.saved_interval[0],
+                "high": one.saved_interval[1],
+                "vanish": one.vanish,
+                "vanish_low": one.vanish_interval[0],
+                "vanish_high": one.vanish_interval[1],
+                "new": one.new,
+                "new_high": one.new_interval[1],
             }
             for one in self.savings
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return both tables as text."""
@@ -163,10 +173,15 @@ def _format(value: float, interval: Interval) -> str:
 
 
 def attribute(
-    problem: Problem, sample: FailureSample, *, seed: int = 0, fresh: int = _FRESH,
-    groups: Sequence[NoiseGroup] | None = None, variants: Mapping[str, Problem] | None = None,
+    problem: Problem,
+    sample: FailureSample,
+    *,
+    seed: int = 0,
+    fresh: int = _FRESH,
+    groups: Sequence[NoiseGroup] | None = None,
+    variants: Mapping[str, Problem] | None = None,
     runner: TapeRunner | None = None,
-) -> Attribution:  # fmt: skip
+) -> Attribution:
     """Attribute the failures of the first specification of ``problem``.
 
     Args:
@@ -233,15 +248,22 @@ def _measure_share(
         return max(0.0, (share - p) / rest)
 
     return GroupShare(
-        group.name, group.sort, total(stays), (total(high), total(low)), first(alone),
+        group.name,
+        group.sort,
+        total(stays),
+        (total(high), total(low)),
+        first(alone),
         (first(alone_low), first(alone_high)),
-    )  # fmt: skip
+    )
 
 
 def _list_perfect(
-    problem: Problem, groups: Sequence[NoiseGroup], variants: Mapping[str, Problem], tapes: Floats,
+    problem: Problem,
+    groups: Sequence[NoiseGroup],
+    variants: Mapping[str, Problem],
+    tapes: Floats,
     fresh: Floats,
-) -> list[tuple[str, Problem, Floats, Floats]]:  # fmt: skip
+) -> list[tuple[str, Problem, Floats, Floats]]:
     found = []
     for group in groups:
         if group.sort != "time" and group.mask[:, count_draws(problem) :].any():
@@ -292,6 +314,10 @@ def attribution_of_result(
     origin = result.require_origin()
     problem, seed = origin.problem, origin.seed
     return attribute(
-        problem, FailureSample.of(result), seed=seed, fresh=fresh,
-        groups=list_groups(problem, channels=channels), runner=TapeRunner(workers),
-    )  # fmt: skip
+        problem,
+        FailureSample.of(result),
+        seed=seed,
+        fresh=fresh,
+        groups=list_groups(problem, channels=channels),
+        runner=TapeRunner(workers),
+    )

@@ -61,8 +61,10 @@ def derive_from_failures(
     """
     shape = sample.failures.noise.shape[1:]
     if any((one.steps + 1, one.noise_size) != shape for one in problems):
-        raise UsageError(f"{activity}: its values have noise tapes of different shapes",
-                         "choose parameters that change no noise")  # fmt: skip
+        raise UsageError(
+            f"{activity}: its values have noise tapes of different shapes",
+            "choose parameters that change no noise",
+        )
     tapes = sample.failures.noise
     fails = [runner(one, tapes, activity).fails.astype(np.float64) for one in problems]
     # Half a failure is added to those kept and to those lost: a share of 0 has no logarithm.

@@ -84,10 +84,15 @@ class FailureSample:
             )
         trials = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
         return FailureSample(
-            result.failures, result.probability, result.relative_error,
-            trials, len(result.run_probabilities), result.errors,
-            result.confidence, _model_interval(result.interval, result.confidence, result.diagnostics),
-        )  # fmt: skip
+            result.failures,
+            result.probability,
+            result.relative_error,
+            trials,
+            len(result.run_probabilities),
+            result.errors,
+            result.confidence,
+            _model_interval(result.interval, result.confidence, result.diagnostics),
+        )
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
         """Return the same with some of the failures only, which stand for all of them."""

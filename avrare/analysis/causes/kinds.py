@@ -109,13 +109,20 @@ class Kinds(Sequence[Kind]):
         """Return one row for each kind."""
         return Records(
             {
-                "kind": number, "probability": kind.probability, "low": kind.interval[0],
-                "high": kind.interval[1], "share": kind.share, "failures": len(kind.members),
-                "representative": kind.representative, "text": kind.text, "warnings": kind.warnings,
-                "decisive": kind.decisive, "lost": kind.lost,
+                "kind": number,
+                "probability": kind.probability,
+                "low": kind.interval[0],
+                "high": kind.interval[1],
+                "share": kind.share,
+                "failures": len(kind.members),
+                "representative": kind.representative,
+                "text": kind.text,
+                "warnings": kind.warnings,
+                "decisive": kind.decisive,
+                "lost": kind.lost,
             }
             for number, kind in enumerate(self.kinds, 1)
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return the kinds in words."""
@@ -264,9 +271,16 @@ def _make_kind(
     parts = [_describe_causes([causes[k] for k in rows.tolist()], time, "s" if dt else "steps")]
     parts += describe_noise(problem, sample, chosen)
     return Kind(
-        "; ".join(parts), probability, interval, float(sample.shares[chosen].sum()), tuple(rows.tolist()),
-        ancestors, medoid, time, tuple(warnings),
-    )  # fmt: skip
+        "; ".join(parts),
+        probability,
+        interval,
+        float(sample.shares[chosen].sum()),
+        tuple(rows.tolist()),
+        ancestors,
+        medoid,
+        time,
+        tuple(warnings),
+    )
 
 
 def _describe_causes(causes: Sequence[FirstViolation], time: float, unit: str) -> str:

@@ -44,9 +44,11 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
     found = [
         NoiseGroup(name, sort, np.broadcast_to(_of(names, members), shape))
         for name, sort, members in (
-            *_components(problem, names), *_parts(names[count_draws(problem) :]), *single,
+            *_components(problem, names),
+            *_parts(names[count_draws(problem) :]),
+            *single,
         )
-    ]  # fmt: skip
+    ]
     found += _windows(problem, windows)
     kept: list[NoiseGroup] = []
     for group in found:

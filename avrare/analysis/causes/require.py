@@ -39,10 +39,19 @@ Show = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 
 
 def require(
-    path: str | os.PathLike[str], parameter: str, probability: str | float, specification: str | None = None,
-    *, between: tuple[float, float] | None = None, overrides: Sequence[str] = (), rollouts: int = 20_000,
-    seed: int = 0, workers: int = 1, out: str | os.PathLike[str] | None = None, show: Show | None = None,
-) -> Requirement:  # fmt: skip
+    path: str | os.PathLike[str],
+    parameter: str,
+    probability: str | float,
+    specification: str | None = None,
+    *,
+    between: tuple[float, float] | None = None,
+    overrides: Sequence[str] = (),
+    rollouts: int = 20_000,
+    seed: int = 0,
+    workers: int = 1,
+    out: str | os.PathLike[str] | None = None,
+    show: Show | None = None,
+) -> Requirement:
     """Find how large (or small) a parameter of a scenario may be for a probability to stay below a bound.
 
     Args:
@@ -69,9 +78,15 @@ def require(
     between = between or _choose_range(parameter, value)
     definition = scenario.scenario.definition
     task = {
-        "fingerprint": fingerprint(definition), "parameter": parameter, "specification": name, "limit": limit,
-        "between": list(between), "rollouts": rollouts, "seed": seed, "confidence": definition.confidence,
-    }  # fmt: skip
+        "fingerprint": fingerprint(definition),
+        "parameter": parameter,
+        "specification": name,
+        "limit": limit,
+        "between": list(between),
+        "rollouts": rollouts,
+        "seed": seed,
+        "confidence": definition.confidence,
+    }
     kept = _KeptTrials.open(None if out is None else Path(out) / TRIALS, task)
     whole = isinstance(value, int)
 
@@ -167,9 +182,14 @@ def _read_trial(path: Path, entry: Any) -> Trial:
         nearby = tuple(_read_nearby(one) for one in entry["nearby"])
         score = None if entry["score"] is None else Score(**{k: float(v) for k, v in entry["score"].items()})
         return Trial(
-            entry["value"], probability, interval, int(entry["rollouts"]),
-            tuple(map(str, entry["warnings"])), score, nearby,
-        )  # fmt: skip
+            entry["value"],
+            probability,
+            interval,
+            int(entry["rollouts"]),
+            tuple(map(str, entry["warnings"])),
+            score,
+            nearby,
+        )
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise UsageError(f"{path}: cannot be read", "choose another --out, or remove it") from None
 

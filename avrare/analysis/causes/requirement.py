@@ -70,12 +70,16 @@ class Requirement:
         """Return one row for each trial, in the order of the parameter."""
         return Records(
             {
-                "value": one.value, "probability": one.probability, "low": one.interval[0],
-                "high": one.interval[1], "rollouts": one.rollouts, "warnings": one.warnings,
+                "value": one.value,
+                "probability": one.probability,
+                "low": one.interval[0],
+                "high": one.interval[1],
+                "rollouts": one.rollouts,
+                "warnings": one.warnings,
                 "reweighed": [[near.value, near.probability, *near.interval] for near in one.nearby],
             }
             for one in sorted(self.trials, key=lambda one: one.value)
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return the answer in words, and the trials."""

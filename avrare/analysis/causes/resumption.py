@@ -51,8 +51,10 @@ def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> It
 def identify_scenario(definition: Scenario) -> dict[str, Any]:
     """Return the identity of a scenario for a task; what explains least comes last."""
     return {
-        **comparable(definition), "versions": definition.versions, "fingerprint": fingerprint(definition),
-    }  # fmt: skip
+        **comparable(definition),
+        "versions": definition.versions,
+        "fingerprint": fingerprint(definition),
+    }
 
 
 def identify_run(run: Run) -> str:

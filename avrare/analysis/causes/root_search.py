@@ -51,9 +51,15 @@ values to reweigh its failures for."""
 
 
 def find_requirement(
-    evaluate: Evaluate, parameter: str, specification: str, limit: float, between: tuple[float, float], *,
-    confidence: float = 0.95, logarithmic: bool = True,
-) -> Requirement:  # fmt: skip
+    evaluate: Evaluate,
+    parameter: str,
+    specification: str,
+    limit: float,
+    between: tuple[float, float],
+    *,
+    confidence: float = 0.95,
+    logarithmic: bool = True,
+) -> Requirement:
     """Find the value of a parameter at which a probability reaches ``limit``.
 
     Args:
@@ -77,9 +83,17 @@ def find_requirement(
     trials = search.trials
     kept, broken = search.bracket()
     return Requirement(
-        parameter, specification, limit, kept, broken, search.root(), confidence,
-        tuple(trials), search.rising, _doubts(trials, limit, search.rising, kept),
-    )  # fmt: skip
+        parameter,
+        specification,
+        limit,
+        kept,
+        broken,
+        search.root(),
+        confidence,
+        tuple(trials),
+        search.rising,
+        _doubts(trials, limit, search.rising, kept),
+    )
 
 
 @dataclass

@@ -91,9 +91,11 @@ class ParametricScenario:
         return [
             name
             for name, value in found
-            if name.startswith(_DEFAULT) and isinstance(value, float) and value != 0.0
+            if name.startswith(_DEFAULT)
+            and isinstance(value, float)
+            and value != 0.0
             and name.rsplit(".", 1)[1] not in _NO_DERIVATIVE
-        ]  # fmt: skip
+        ]
 
     def specification(self, name: str | None) -> str:
         """Return the specification to look at; UsageError if it must be named, or is unknown."""
@@ -123,10 +125,17 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def sensitivity(
-    path: str | os.PathLike[str], parameters: Sequence[str] = (), specification: str | None = None, *,
-    overrides: Sequence[str] = (), run: str | os.PathLike[str] | None = None, rollouts: int = 2000,
-    step: float = 0.1, seed: int = 0, runner: TapeRunner | None = None,
-) -> Sensitivities:  # fmt: skip
+    path: str | os.PathLike[str],
+    parameters: Sequence[str] = (),
+    specification: str | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    run: str | os.PathLike[str] | None = None,
+    rollouts: int = 2000,
+    step: float = 0.1,
+    seed: int = 0,
+    runner: TapeRunner | None = None,
+) -> Sensitivities:
     """Estimate d log p / d parameter for parameters of a scenario.
 
     Args:
@@ -161,18 +170,27 @@ def sensitivity(
     for parameter, value in values.items():
         if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
             row = derive_by_score(
-                problem, sample, parameter, value,
+                problem,
+                sample,
+                parameter,
+                value,
                 lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
                 tapes,
-            )  # fmt: skip
+            )
             if not math.isnan(row.derivative):
                 rows.append(row)
                 continue
         low, high = _ends(scenario, parameter, value, step, name)
         row = derive_by_pairs(
-            (low.problem, high.problem), (low.value, high.value), parameter, value, rollouts=rollouts,
-            seed=seed, confidence=confidence, runner=tapes,
-        )  # fmt: skip
+            (low.problem, high.problem),
+            (low.value, high.value),
+            parameter,
+            value,
+            rollouts=rollouts,
+            seed=seed,
+            confidence=confidence,
+            runner=tapes,
+        )
         rows.append(replace(row, refused=(*low.refused, *high.refused)))
     return Sensitivities(
         name, sample.probability, interval, sort_by_effect(rows), tapes.rollouts, tapes.errors

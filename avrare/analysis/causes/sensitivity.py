@@ -105,12 +105,19 @@ class Sensitivities:
         """Return one row for each parameter."""
         return Records(
             {
-                "parameter": one.parameter, "value": one.value, "derivative": one.derivative,
-                "low": one.interval[0], "high": one.interval[1], "elasticity": one.elasticity,
-                "method": one.method, "failures": one.failures, "from": one.span[0], "to": one.span[1],
+                "parameter": one.parameter,
+                "value": one.value,
+                "derivative": one.derivative,
+                "low": one.interval[0],
+                "high": one.interval[1],
+                "elasticity": one.elasticity,
+                "method": one.method,
+                "failures": one.failures,
+                "from": one.span[0],
+                "to": one.span[1],
             }
             for one in self.rows
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return the table as text."""
@@ -150,9 +157,13 @@ def knows_score(problem: Problem) -> bool:
 
 
 def derive_by_score(
-    problem: Problem, sample: FailureSample, parameter: str, value: float, build: Callable[[float], Any],
+    problem: Problem,
+    sample: FailureSample,
+    parameter: str,
+    value: float,
+    build: Callable[[float], Any],
     runner: TapeRunner | None = None,
-) -> Sensitivity:  # fmt: skip
+) -> Sensitivity:
     """Derive log p by the score function, from failing tapes.
 
     With the density f of what the noise makes one observe, d log p / d parameter is the mean over failures of
@@ -198,9 +209,16 @@ def _build_near(build: Callable[[float], Any], value: float, step: float) -> tup
 
 
 def derive_by_pairs(
-    problems: tuple[Problem, Problem], span: tuple[float, float], parameter: str, value: float, *,
-    rollouts: int, seed: int, confidence: float, runner: TapeRunner,
-) -> Sensitivity:  # fmt: skip
+    problems: tuple[Problem, Problem],
+    span: tuple[float, float],
+    parameter: str,
+    value: float,
+    *,
+    rollouts: int,
+    seed: int,
+    confidence: float,
+    runner: TapeRunner,
+) -> Sensitivity:
     """Compare log p at two values of a parameter on the same fresh tapes.
 
     The variance of the log ratio of paired proportions is (b + c) / ((a + b)(a + c)), with a failures under

@@ -90,9 +90,14 @@ class Proof:
 
 
 def prove_by_pairs(
-    before: LoadedScenario, after: LoadedScenario, specification: str, rollouts: int, seed: int,
-    executor: Executor, maximise: bool = False,
-) -> Proof:  # fmt: skip
+    before: LoadedScenario,
+    after: LoadedScenario,
+    specification: str,
+    rollouts: int,
+    seed: int,
+    executor: Executor,
+    maximise: bool = False,
+) -> Proof:
     """Run both scenarios on the same fresh tapes, and count the outcomes of every specification."""
     names = (specification, *(name for name in before.specifications if name != specification))
     confidence = before.definition.confidence
@@ -109,9 +114,12 @@ def prove_by_pairs(
 
 
 def prove_by_estimates(
-    before: LoadedScenario, after: LoadedScenario, confidence: float,
-    estimate: Callable[[LoadedScenario, int, float], Side], maximise: bool = False,
-) -> Proof:  # fmt: skip
+    before: LoadedScenario,
+    after: LoadedScenario,
+    confidence: float,
+    estimate: Callable[[LoadedScenario, int, float], Side],
+    maximise: bool = False,
+) -> Proof:
     """Estimate both with noise of their own, each at a level that makes both intervals hold together.
 
     Args:

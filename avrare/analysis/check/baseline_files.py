@@ -58,9 +58,16 @@ class BaselineEntry:
     def from_result(result: Result) -> BaselineEntry:
         """Return what a baseline stores of a result."""
         return BaselineEntry(
-            result.specification, result.probability, derive_distribution(result), result.relative_error,
-            result.rollouts, result.simulated_steps, result.seconds, tuple(result.health), result.relation,
-        )  # fmt: skip
+            result.specification,
+            result.probability,
+            derive_distribution(result),
+            result.relative_error,
+            result.rollouts,
+            result.simulated_steps,
+            result.seconds,
+            tuple(result.health),
+            result.relation,
+        )
 
 
 class _StoredEntry(BaseModel):
@@ -80,9 +87,16 @@ class _StoredEntry(BaseModel):
     def entry(self) -> BaselineEntry:
         error = float("nan") if self.relative_error is None else self.relative_error
         return BaselineEntry(
-            self.specification, self.probability, decode_distribution(self.evidence), error,
-            self.rollouts, self.simulated_steps, self.seconds, tuple(self.health), self.relation,
-        )  # fmt: skip
+            self.specification,
+            self.probability,
+            decode_distribution(self.evidence),
+            error,
+            self.rollouts,
+            self.simulated_steps,
+            self.seconds,
+            tuple(self.health),
+            self.relation,
+        )
 
 
 class _StoredBaseline(BaseModel):
@@ -151,9 +165,11 @@ def read(path: Path) -> Baseline:
 
 
 def save(
-    folder: Path, scenario: Scenario, results: Sequence[Result],
+    folder: Path,
+    scenario: Scenario,
+    results: Sequence[Result],
     firsts: Mapping[str, BaselineEntry] | None = None,
-) -> Path:  # fmt: skip
+) -> Path:
     """Write the results as the baseline with the next number; UsageError if that is not possible.
 
     ``firsts`` are the first baselines of their line, by specification.

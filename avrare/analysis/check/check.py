@@ -59,8 +59,11 @@ def check(
         raise UsageError("budget cannot be combined with spend", "remove one of them")
     with safe_mode(safe):
         targets = load_targets(
-            load_scenarios(scenarios, as_settings(overrides), estimator), baseline,
-            save=save, require=require_baseline, accept=accept_changes,
-        )  # fmt: skip
+            load_scenarios(scenarios, as_settings(overrides), estimator),
+            baseline,
+            save=save,
+            require=require_baseline,
+            accept=accept_changes,
+        )
     execution = ExecutionSettings(workers, executor, watch or (lambda label, problem: nullcontext()))
     return with_next_steps(check_targets(targets, plan_looks(paid, spent), execution, save), targets, None)

@@ -195,6 +195,14 @@ def make_decision(criterion: Criterion, verdict: str, reason: str, result: Resul
         change = result.probability / before if before else None if not result.probability else math.inf
         interval = ratio_interval(confidence, distribution, baseline.distribution)
     return Decision(
-        *names, verdict, reason, result.probability, distribution.interval_at(confidence), before, change,
-        interval, result.rollouts, result.seconds,
-    )  # fmt: skip
+        *names,
+        verdict,
+        reason,
+        result.probability,
+        distribution.interval_at(confidence),
+        before,
+        change,
+        interval,
+        result.rollouts,
+        result.seconds,
+    )

@@ -69,14 +69,20 @@ class CheckResult:
         """Return one row for each decision."""
         return Records(
             {
-                "scenario": one.scenario, "specification": one.specification, "required": one.question,
-                "verdict": one.verdict, "probability": one.probability,
-                "low": one.interval and one.interval[0], "high": one.interval and one.interval[1],
-                "baseline": one.baseline, "change": one.change, "reason": one.reason,
+                "scenario": one.scenario,
+                "specification": one.specification,
+                "required": one.question,
+                "verdict": one.verdict,
+                "probability": one.probability,
+                "low": one.interval and one.interval[0],
+                "high": one.interval and one.interval[1],
+                "baseline": one.baseline,
+                "change": one.change,
+                "reason": one.reason,
                 "next_step": one.next_step,
             }
             for one in self.decisions
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return ``drive in_lane < 0.1: pass, 0.05 (0.04 .. 0.06)`` for each decision, and the verdict."""
@@ -290,6 +296,14 @@ def _decide_without_baseline(
     else:
         verdict, reason = "inconclusive", "the baseline lacks this specification: --save makes a new one"
     return Decision(
-        target.name, result.specification, "regression", "baseline", verdict, reason,
-        result.probability, result.interval, rollouts=result.rollouts, seconds=result.seconds,
-    )  # fmt: skip
+        target.name,
+        result.specification,
+        "regression",
+        "baseline",
+        verdict,
+        reason,
+        result.probability,
+        result.interval,
+        rollouts=result.rollouts,
+        seconds=result.seconds,
+    )

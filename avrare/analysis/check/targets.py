@@ -231,10 +231,16 @@ def estimate_look(
     saved = f"{scenario.definition.name}/look-{look.number}/{{}}"
     start_executor = partial(build_executor, execution.workers, execution.executor)
     results = estimate_specifications(
-        scenario, specifications, look.budget, start_executor, execution.watch,
-        seed=look.seed(scenario.definition.seed), note=note, stop=execution.stop,
+        scenario,
+        specifications,
+        look.budget,
+        start_executor,
+        execution.watch,
+        seed=look.seed(scenario.definition.seed),
+        note=note,
+        stop=execution.stop,
         journal=journal and (lambda name: journal(saved.format(name))),
-    )  # fmt: skip
+    )
     # Rounding says nothing against an estimate: it must not make a check inconclusive.
     return [
         replace(result, health={k: text for k, text in result.health.items() if k != "rounding"})

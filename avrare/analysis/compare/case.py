@@ -97,8 +97,10 @@ def open_case(
             case = scenario_case(path, specification, overrides)
         return replace(case, truth=given)
     for option, value in (
-        ("--truth", truth), ("--specification", specification), ("--set scenario.KEY", overrides),
-    ):  # fmt: skip
+        ("--truth", truth),
+        ("--specification", specification),
+        ("--set scenario.KEY", overrides),
+    ):
         if value:
             raise UsageError(
                 f"{option} cannot be used with {path}",

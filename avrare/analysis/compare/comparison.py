@@ -132,14 +132,21 @@ def _make_row(arm: ArmResult, summary: Summary | None) -> dict[str, object]:
     low, high = (None, None) if summary is None or summary.interval is None else summary.interval
     return {
         "estimator": arm.arm.label,
-        "mean": summary and summary.mean, "low": low, "high": high,
-        "ratio": accuracy and accuracy.ratio, "relative_rmse": accuracy and accuracy.relative_rmse,
-        "covered": accuracy and accuracy.covered, "repetitions": summary and summary.repetitions,
-        "rollouts": summary and summary.rollouts, "steps": summary and summary.steps,
-        "work": accuracy and accuracy.work, "speed_up": accuracy and accuracy.speed_up,
-        "warned": summary and summary.warned, "zeros": summary and summary.zeros,
+        "mean": summary and summary.mean,
+        "low": low,
+        "high": high,
+        "ratio": accuracy and accuracy.ratio,
+        "relative_rmse": accuracy and accuracy.relative_rmse,
+        "covered": accuracy and accuracy.covered,
+        "repetitions": summary and summary.repetitions,
+        "rollouts": summary and summary.rollouts,
+        "steps": summary and summary.steps,
+        "work": accuracy and accuracy.work,
+        "speed_up": accuracy and accuracy.speed_up,
+        "warned": summary and summary.warned,
+        "zeros": summary and summary.zeros,
         "refusal": arm.refusal and arm.refusal.message,
-    }  # fmt: skip
+    }
 
 
 def _format_mean(summary: Summary | None) -> str:

@@ -59,9 +59,13 @@ class PairedCounts:
         """Count (n,) failures under both versions."""
         first, second = first[~error], second[~error]
         return PairedCounts(
-            specification, int((first & second).sum()), int((first & ~second).sum()),
-            int((~first & second).sum()), int((~first & ~second).sum()), int(error.sum()),
-        )  # fmt: skip
+            specification,
+            int((first & second).sum()),
+            int((first & ~second).sum()),
+            int((~first & second).sum()),
+            int((~first & ~second).sum()),
+            int(error.sum()),
+        )
 
     @property
     def count(self) -> int:
@@ -208,14 +212,19 @@ class PairedComparison:
         """Return one row for each specification."""
         return Records(
             {
-                "specification": counts.specification, "first": counts.first, "second": counts.second,
-                "change": counts.difference, "low": counts.interval(self.confidence)[0],
-                "high": counts.interval(self.confidence)[1], "mended": counts.only_first,
-                "newly_failing": counts.only_second, "p_value": counts.p_value,
+                "specification": counts.specification,
+                "first": counts.first,
+                "second": counts.second,
+                "change": counts.difference,
+                "low": counts.interval(self.confidence)[0],
+                "high": counts.interval(self.confidence)[1],
+                "mended": counts.only_first,
+                "newly_failing": counts.only_second,
+                "p_value": counts.p_value,
                 "verdict": counts.verdict(self.confidence),
             }
             for counts in self.counts
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return what was compared, the change of each specification, and the notes."""
@@ -293,9 +302,13 @@ def _count_rollouts(given: Budget | Mapping[str, float] | str | None, steps: int
 
 
 def compare_pairs(
-    first: Problem, second: Problem, rollouts: int, seed: int, executor: Executor,
+    first: Problem,
+    second: Problem,
+    rollouts: int,
+    seed: int,
+    executor: Executor,
     watch: PairedWatch | None = None,
-) -> list[PairedCounts]:  # fmt: skip
+) -> list[PairedCounts]:
     """Simulate both problems on the same noise and count the outcomes of each common specification.
 
     UsageError if they have none in common, or if their noise tapes have different shapes.

@@ -40,10 +40,17 @@ class Repetition:
     def from_result(result: Result, seed: int) -> Repetition:
         """Return a result without its noise tapes."""
         return Repetition(
-            seed, result.probability, result.interval, result.relative_error, result.rollouts,
-            result.simulated_steps, result.failures.count, result.errors, tuple(result.health),
+            seed,
+            result.probability,
+            result.interval,
+            result.relative_error,
+            result.rollouts,
+            result.simulated_steps,
+            result.failures.count,
+            result.errors,
+            tuple(result.health),
             result.seconds,
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)

@@ -181,9 +181,14 @@ def _run_repetitions(
 
 
 def _estimate(
-    case: ComparisonCase, arm: Arm, design: StudyDesign, seed: int, budget: Budget | None,
-    watch: StudyWatch, label: str,
-) -> Result:  # fmt: skip
+    case: ComparisonCase,
+    arm: Arm,
+    design: StudyDesign,
+    seed: int,
+    budget: Budget | None,
+    watch: StudyWatch,
+    label: str,
+) -> Result:
     settings = Settings(seed, case.confidence, budget, case.max_error_rate)
     executor = build_executor(design.workers)
     return run(case.problem, arm.build(case.scene), executor, settings, watch(label, case.problem))[0]

@@ -97,9 +97,16 @@ def make_failure(
     values = round_values(numbers if numbers.size <= _MAX_VALUES else numbers[:0])
     parts = compute_fingerprints(scenario.definition, specification)
     return Failure(
-        scenario.name, specification, parts, scenario.definition.versions, rollout.robustness,
-        np.array(tape, dtype=np.float64), compute_checksums(rollout.signals), columns, values,
-    )  # fmt: skip
+        scenario.name,
+        specification,
+        parts,
+        scenario.definition.versions,
+        rollout.robustness,
+        np.array(tape, dtype=np.float64),
+        compute_checksums(rollout.signals),
+        columns,
+        values,
+    )
 
 
 def make_failure_of_run(

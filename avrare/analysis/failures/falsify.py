@@ -67,10 +67,15 @@ class FalsificationResult:
     def table(self) -> Records:
         """Return one row, with NaN where no failure was found."""
         row = {
-            "specification": self.specification, "beta": self.norm, "first_norm": self.first_norm,
-            "first_rollouts": self.first_rollouts, "rollouts": self.rollouts, "errors": self.errors,
-            "finished": self.finished, "description": self.description,
-        }  # fmt: skip
+            "specification": self.specification,
+            "beta": self.norm,
+            "first_norm": self.first_norm,
+            "first_rollouts": self.first_rollouts,
+            "rollouts": self.rollouts,
+            "errors": self.errors,
+            "finished": self.finished,
+            "description": self.description,
+        }
         return Records([row])
 
     def lines(self) -> list[str]:

@@ -64,11 +64,15 @@ class FailureReplay:
     def table(self) -> Records:
         """Return one row: the outcome now, and what differs."""
         row = {
-            "failure": self.failure.id, "scenario": self.scenario.name,
-            "specification": self.failure.specification, "outcome": self.rollout.outcome,
-            "robustness": self.rollout.robustness, "stored": self.failure.robustness,
-            "divergence": self.divergence, "changes": self.changes,
-        }  # fmt: skip
+            "failure": self.failure.id,
+            "scenario": self.scenario.name,
+            "specification": self.failure.specification,
+            "outcome": self.rollout.outcome,
+            "robustness": self.rollout.robustness,
+            "stored": self.failure.robustness,
+            "divergence": self.divergence,
+            "changes": self.changes,
+        }
         return Records([row])
 
     def lines(self) -> list[str]:

@@ -54,9 +54,15 @@ class CauseFinder:
         nearest = tuple(variable for variable in vehicles if variable in existential)
         limit = cause.chain[-1].text if consequent is not None else ""
         return DecisiveSample(
-            cause.sample, robustness, vehicles, leaf.text, leaf.value, leaf.sample, nearest,
+            cause.sample,
+            robustness,
+            vehicles,
+            leaf.text,
+            leaf.value,
+            leaf.sample,
+            nearest,
             "" if limit == leaf.text else limit,
-        )  # fmt: skip
+        )
 
     def _explain_consequent(self, cause: Cause, earliest: bool) -> tuple[dict[str, str | int], Link] | None:
         # Why C of ``always (A -> C)`` fails at the sample; None if it does not.

@@ -66,11 +66,13 @@ class MonitoringResult:
         body = self.prefix if self.body is None else self.body
         return Records(
             {
-                "time": self.recording.time(t), "robustness": float(body[t]),
-                "robustness_so_far": float(self.prefix[t]), "violated": bool(self.prefix_violated[t]),
+                "time": self.recording.time(t),
+                "robustness": float(body[t]),
+                "robustness_so_far": float(self.prefix[t]),
+                "violated": bool(self.prefix_violated[t]),
             }
             for t in range(self.recording.samples)
-        )  # fmt: skip
+        )
 
     def lines(self) -> list[str]:
         """Return verdict, deciding samples and causes in one sentence."""

@@ -85,10 +85,13 @@ def _capitalise(text: str) -> str:
 def _build_savings(attribution: StoredAttribution) -> Savings:
     if all(saving.low is None for saving in attribution.perfect):  # without fresh tapes
         rows = [
-            (saving.perfect, f"{100 * saving.vanish:.0f} %",
-             _format_share(saving.vanish_low, saving.vanish_high))
+            (
+                saving.perfect,
+                f"{100 * saving.vanish:.0f} %",
+                _format_share(saving.vanish_low, saving.vanish_high),
+            )
             for saving in attribution.perfect
-        ]  # fmt: skip
+        ]
         note = (
             "Share of the failures that vanish with each change, on the same noise tapes. "
             "Failures that it makes were not looked for (--fresh)."

@@ -78,9 +78,10 @@ class DriveCharts:
         at = continuations.steps >= 0
         steps, values = continuations.steps[at], continuations.robustness[at]
         chart = self._start(
-            "Robustness if the noise ended here", make_linear_scale(values.tolist(), zero=True),
+            "Robustness if the noise ended here",
+            make_linear_scale(values.tolist(), zero=True),
             "Robustness of the drive if the noise ended at each time",
-        )  # fmt: skip
+        )
         at_times = self.times[steps]
         return self._finish(chart.below_zero(at_times, values).zero().line(at_times, values, "accent"))
 
@@ -90,12 +91,16 @@ class DriveCharts:
             return None
         others = [frame.world.others for frame in self.rollout.frames]
         along, across = (
-            np.array([
-                np.nan if observation is None else getattr(observation, key)[0, v] - getattr(true, key)[0, v]
-                for observation, true in zip(seen, others, strict=True)
-            ])
+            np.array(
+                [
+                    np.nan
+                    if observation is None
+                    else getattr(observation, key)[0, v] - getattr(true, key)[0, v]
+                    for observation, true in zip(seen, others, strict=True)
+                ]
+            )
             for key in ("x", "y")
-        )  # fmt: skip
+        )
         missed = np.array(
             [observation is not None and not observation.detected[0, v] for observation in seen]
         )
@@ -103,9 +108,11 @@ class DriveCharts:
         key = [("line accent", "ahead"), ("line second", "left")]
         key += [("box missed", "missed")] if missed.any() else []
         chart = self._start(
-            f"Error of {name} as seen [m]", make_linear_scale([*finite.tolist(), -_FEW, _FEW], zero=True),
-            f"Error of the observed position of {name}", *key,
-        )  # fmt: skip
+            f"Error of {name} as seen [m]",
+            make_linear_scale([*finite.tolist(), -_FEW, _FEW], zero=True),
+            f"Error of the observed position of {name}",
+            *key,
+        )
         chart = self._shade(chart, missed).zero()
         chart = chart.line(self.times, along, "accent").line(self.times, across, "second")
         return self._finish(chart)

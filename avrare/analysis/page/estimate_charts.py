@@ -30,13 +30,15 @@ def draw_histogram(robustness: Floats, splitting: bool) -> Chart | None:
     left = len(robustness) - len(finite)
     beyond = f"; {left:,} without a finite value are not shown" if left else ""
     chart = Chart(
-        Scale(float(edges[0]), float(edges[-1])), Scale(0.0, 1.08 * math.sqrt(tallest)),
+        Scale(float(edges[0]), float(edges[-1])),
+        Scale(0.0, 1.08 * math.sqrt(tallest)),
         f"Histogram of the robustness of {len(finite)} rollouts, {int((finite < 0).sum())} below zero",
-        caption=f"Robustness of {of}", x_label="robustness",
+        caption=f"Robustness of {of}",
+        x_label="robustness",
         legend=(("box", "satisfied"), ("box marked", "violated")),
         note=f"heights: square root of the count{beyond}",
         bare=True,  # heights have no unit
-    )  # fmt: skip
+    )
     heights = np.sqrt(counts)
     violated = int((edges[1:] <= 0.0).sum())
     chart = chart.bars(edges[: violated + 1], heights[:violated], "bar marked")
@@ -91,9 +93,14 @@ def _draw_rollout_convergence(result: Result, robustness: Floats) -> Chart | Non
     if _of_ensemble(result):
         caption, interval = "Convergence under the scenario's own model", f"{interval}, of sampling alone"
     chart = Chart(
-        Scale(1.0, float(total), log=True), scale, title, caption=caption, x_label="rollouts",
-        y_label="probability", legend=(("line accent", "estimate"), ("box soft", interval)),
-    )  # fmt: skip
+        Scale(1.0, float(total), log=True),
+        scale,
+        title,
+        caption=caption,
+        x_label="rollouts",
+        y_label="probability",
+        legend=(("line accent", "estimate"), ("box soft", interval)),
+    )
     chart = chart.band(at, np.maximum(low, scale.low), high)
     return chart.line(at, np.where(share > 0, share, np.nan), "accent")
 
@@ -112,10 +119,15 @@ def _draw_run_convergence(result: Result, values: Floats) -> Chart:
     zeros, defined = int((values == 0).sum()), np.isfinite(low)
     interval = f"{format_percent(result.confidence)} interval"
     chart = Chart(
-        make_linear_scale(at, margin=0.04), scale, title, caption="Convergence", x_label="runs",
-        y_label="probability", legend=(("dot", "a run"), ("line accent", "mean"), ("box soft", interval)),
+        make_linear_scale(at, margin=0.04),
+        scale,
+        title,
+        caption="Convergence",
+        x_label="runs",
+        y_label="probability",
+        legend=(("dot", "a run"), ("line accent", "mean"), ("box soft", interval)),
         note=f"{zeros} died out, drawn at the lower edge" if zeros else "",
-    )  # fmt: skip
+    )
     chart = chart.band(
         at[defined], np.maximum(low[defined], scale.low), np.minimum(high[defined], scale.high)
     )
@@ -150,17 +162,25 @@ def draw_levels(
     weights = [np.r_[1.0, np.cumprod(run)] for run in shares]
     note = "each line is a run"
     down = Chart(
-        x, make_linear_scale(np.concatenate(thresholds).tolist(), zero=True),
+        x,
+        make_linear_scale(np.concatenate(thresholds).tolist(), zero=True),
         f"Level of each of {len(runs)} runs over up to {longest} stages",
-        caption="Levels", x_label="stage", y_label=label, note=note,
-    )  # fmt: skip
+        caption="Levels",
+        x_label="stage",
+        y_label=label,
+        note=note,
+    )
     for run in thresholds:
         down = down.steps(np.arange(len(run) + 1), np.r_[run, run[-1:]], "thin")
     left = Chart(
-        x, make_log_scale([w for run in weights for w in run], 1.0),
+        x,
+        make_log_scale([w for run in weights for w in run], 1.0),
         f"Share of the particles' weight left after each stage in {len(runs)} runs",
-        caption="Survivors", x_label="stage", y_label="probability to reach this stage", note=note,
-    )  # fmt: skip
+        caption="Survivors",
+        x_label="stage",
+        y_label="probability to reach this stage",
+        note=note,
+    )
     for run in weights:
         left = left.line(np.arange(len(run)), np.where(run > 0, run, np.nan), "thin")
     return down.zero(), left

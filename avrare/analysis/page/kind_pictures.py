@@ -52,8 +52,10 @@ def draw_moment(rollout: MonitoredRollout) -> Picture | None:
     return Picture(
         f"The road at {result.recording.time(at):.1f} s, at the {moment}",
         (0.0, -high - 2.5, _BEHIND + _AHEAD, high - low + 5.0),
-        lanes, lines, tuple(car for car in cars if car is not None),
-    )  # fmt: skip
+        lanes,
+        lines,
+        tuple(car for car in cars if car is not None),
+    )
 
 
 class _View:
@@ -138,10 +140,14 @@ def draw_map(kinds: StoredKinds) -> Chart | None:
     x, y = (make_linear_scale(points[:, axis].tolist()) for axis in (0, 1))
     numbers = sorted(set(labels.tolist()))
     chart = Chart(
-        x, y, f"{len(points)} failures in the plane of their two principal components",
-        caption="The failures: near ones are alike", height=140, bare=True,
+        x,
+        y,
+        f"{len(points)} failures in the plane of their two principal components",
+        caption="The failures: near ones are alike",
+        height=140,
+        bare=True,
         legend=tuple((f"dot kind-{number % STYLES}", f"kind {number + 1}") for number in numbers),
-    )  # fmt: skip
+    )
     for number in numbers:
         chosen = points[labels == number]
         chart = chart.dots(chosen[:, 0], chosen[:, 1], f"kind-{number % STYLES}")

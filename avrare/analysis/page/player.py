@@ -142,10 +142,15 @@ def _draw_robustness(result: MonitoringResult) -> Chart:
     if result.body is not None:
         entries.insert(0, ("line accent", "at each sample"))
     chart = Chart(
-        x, make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True),
-        f"Robustness over time, least {format_robustness(result.robustness)}", caption="Robustness",
-        x_label="time [s]", legend=tuple(entries), height=150, over_time=True,
-    )  # fmt: skip
+        x,
+        make_linear_scale([*values.tolist(), *result.prefix.tolist()], zero=True),
+        f"Robustness over time, least {format_robustness(result.robustness)}",
+        caption="Robustness",
+        x_label="time [s]",
+        legend=tuple(entries),
+        height=150,
+        over_time=True,
+    )
     chart = chart.below_zero(times, values).zero()
     if result.body is not None:
         chart = chart.line(times, result.body, "accent")
@@ -168,11 +173,12 @@ def _tabulate_view(
         return content
     road = scene.road
     content["road"] = {
-        "lanes": list(road.lane_centres), "width": road.lane_width,
+        "lanes": list(road.lane_centres),
+        "width": road.lane_width,
         "ramp": [*road.access_ramp, *road.shoulder, *road.opposing],
         "borders": [_round_points((lane.stations, lane.right, lane.left)) for lane in list_lanes(road)],
         "lines": [[*_round_points((line.x, line.y)), line.inner] for line in list_markings(road)],
-    }  # fmt: skip
+    }
     content["ego"] = {"l": scene.ego_length, "w": scene.ego_width, **_encode_trajectory(frames, "ego", 0)}
     content["others"] = [
         {

@@ -97,9 +97,12 @@ def _list_predicates(
 
 
 def select_rows(
-    predicate: str, array: Floats, quantifiers: Sequence[nodes.Quantifier], names: Sequence[str],
+    predicate: str,
+    array: Floats,
+    quantifiers: Sequence[nodes.Quantifier],
+    names: Sequence[str],
     chosen: Mapping[str, str],
-) -> Iterator[tuple[str, Floats]]:  # fmt: skip
+) -> Iterator[tuple[str, Floats]]:
     """Yield a predicate with its values (T,) for each choice of vehicles.
 
     ``array`` (T, ...) has an axis for each quantifier around the predicate. ``chosen`` maps variables to the

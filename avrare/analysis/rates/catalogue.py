@@ -214,11 +214,15 @@ def _own_rules(
     own = {} if block is None else block.entries
     if (named := own.get("specifications")) is not None:
         mistakes = [
-            Mistake(item.mark, ("scenes", index, "estimator", "specifications", k),
-                    f"no rate of {item.value!r} is estimated", did_you_mean(str(item.value), rules))
+            Mistake(
+                item.mark,
+                ("scenes", index, "estimator", "specifications", k),
+                f"no rate of {item.value!r} is estimated",
+                did_you_mean(str(item.value), rules),
+            )
             for k, item in enumerate(named.items)
             if item.value not in rules
-        ]  # fmt: skip
+        ]
         if mistakes:
             raise scenario_error(mistakes)
     estimated = _load(path, entry, node, entry.set, block).estimated

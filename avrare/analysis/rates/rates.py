@@ -101,17 +101,28 @@ class CatalogueRates:
         document = self.catalogue.document
         rows = zip(document.scenes, self.exposures, self.rollouts, self.estimates, strict=True)
         scenes = [
-            {"name": entry.name, "scenario": entry.scenario, "exposure": asdict(exposure),
-             "unit": entry.exposure.unit, "rollouts": rollouts,
-             "failures": {rule: one.failures for rule, one in estimates.items() if one.own is None},
-             "errors": max(one.errors for one in estimates.values()), **_own_entries(estimates)}
+            {
+                "name": entry.name,
+                "scenario": entry.scenario,
+                "exposure": asdict(exposure),
+                "unit": entry.exposure.unit,
+                "rollouts": rollouts,
+                "failures": {rule: one.failures for rule, one in estimates.items() if one.own is None},
+                "errors": max(one.errors for one in estimates.values()),
+                **_own_entries(estimates),
+            }
             for entry, exposure, rollouts, estimates in rows
-        ]  # fmt: skip
+        ]
         return {
-            "schema": 1, "catalogue": document.name, "confidence": document.confidence, "seed": document.seed,
-            "speed": document.speed, "verdict": self.verdict, "scenes": scenes,
+            "schema": 1,
+            "catalogue": document.name,
+            "confidence": document.confidence,
+            "seed": document.seed,
+            "speed": document.speed,
+            "verdict": self.verdict,
+            "scenes": scenes,
             "rules": [_rule_entry(rate) for rate in self.rates],
-        }  # fmt: skip
+        }
 
 
 def _own_entries(estimates: SceneEstimates) -> dict[str, Any]:
@@ -134,9 +145,12 @@ def _rule_entry(rate: RuleRate) -> dict[str, Any]:
 
 
 def divide(
-    catalogue: Catalogue, budget: Budget, steps: Sequence[int], pilot: Sequence[SceneEstimates],
+    catalogue: Catalogue,
+    budget: Budget,
+    steps: Sequence[int],
+    pilot: Sequence[SceneEstimates],
     own: Sequence[SceneEstimates] = (),
-) -> list[int]:  # fmt: skip
+) -> list[int]:
     """Return the rollouts of each scene from its pilot; 0 where an estimator of its own estimates all rules.
 
     Args:
@@ -167,9 +181,12 @@ def divide(
         for rule in catalogue.rules
     ]
     chosen = allocate(
-        [exposures[index] for index in sharing], seen, [costs[index] for index in sharing],
-        budget.amount - spent, others,
-    )  # fmt: skip
+        [exposures[index] for index in sharing],
+        seen,
+        [costs[index] for index in sharing],
+        budget.amount - spent,
+        others,
+    )
     found = dict(zip(sharing, chosen, strict=True))
     return [found.get(index, 0) for index in range(len(steps))]
 

@@ -208,9 +208,7 @@ def _apply(function: np.ufunc, operands: list[TermFunction]) -> TermFunction:
 def _lay_out(x: Array, axes: tuple[int, ...], lead: int) -> Array:
     # Each trailing axis moves to the depth of its quantifier; the same one twice takes the diagonal.
     while len(axes) != len(set(axes)):
-        first, second = next(
-            (i, j) for j in range(len(axes)) for i in range(j) if axes[i] == axes[j]
-        )  # fmt: skip
+        first, second = next((i, j) for j in range(len(axes)) for i in range(j) if axes[i] == axes[j])
         x = np.diagonal(x, axis1=lead + first, axis2=lead + second)
         axes = (*axes[:first], *axes[first + 1 : second], *axes[second + 1 :], axes[first])
     order = np.argsort(axes)

@@ -30,9 +30,17 @@ PREFIX_LETTERS = {
 }  # fmt: skip
 INFIX_LETTERS = {"U": "UNTIL", "S": "SINCE", "W": "UNLESS", "until_": "UNTIL"}
 FUNCTIONS = {
-    "abs": "FUNCTION", "sqrt": "FUNCTION", "exp": "FUNCTION", "log": "FUNCTION", "ln": "FUNCTION",
-    "min": "FUNCTION", "max": "FUNCTION", "pow": "FUNCTION", "rise": "EDGE", "fall": "EDGE",
-}  # fmt: skip
+    "abs": "FUNCTION",
+    "sqrt": "FUNCTION",
+    "exp": "FUNCTION",
+    "log": "FUNCTION",
+    "ln": "FUNCTION",
+    "min": "FUNCTION",
+    "max": "FUNCTION",
+    "pow": "FUNCTION",
+    "rise": "EDGE",
+    "fall": "EDGE",
+}
 MEANING = {
     "G": "always", "globally": "always", "alw": "always", "alw_": "always", "[]": "always", "[ ]": "always",
     "F": "eventually", "finally": "eventually", "ev": "eventually", "ev_": "eventually", "<>": "eventually",

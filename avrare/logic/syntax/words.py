@@ -9,9 +9,13 @@ from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 
 _COMPARISONS = {
-    "<": "is below", "<=": "is at most", ">": "is above", ">=": "is at least",
-    "==": "equals", "!=": "differs from",
-}  # fmt: skip
+    "<": "is below",
+    "<=": "is at most",
+    ">": "is above",
+    ">=": "is at least",
+    "==": "equals",
+    "!=": "differs from",
+}
 _WINDOWS = {
     "always": ("at all times", "at all times {}"),
     "eventually": ("at some time", "at some time {}"),
@@ -19,9 +23,13 @@ _WINDOWS = {
     "once": ("at some time so far", "at some time {} ago"),
 }
 _STEPS = {
-    "next": "one step later", "s_next": "one step later", "prev": "one step before",
-    "s_prev": "one step before", "rise": "from this step on", "fall": "until one step before",
-}  # fmt: skip
+    "next": "one step later",
+    "s_next": "one step later",
+    "prev": "one step before",
+    "s_prev": "one step before",
+    "rise": "from this step on",
+    "fall": "until one step before",
+}
 _UNTIL = {
     "until": "until",
     "since": "since",

@@ -26,9 +26,13 @@ _SCENE, SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"
 _PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _HEIGHT = 1.5  # of a vehicle [m]
 _COLOURS = {
-    "ego": (0.11, 0.42, 0.66, 1.0), "moving": (0.42, 0.48, 0.56, 1.0), "parked": (0.69, 0.27, 0.24, 1.0),
-    "seen": (0.88, 0.54, 0.12, 1.0), "track": (0.48, 0.25, 0.63, 1.0), "road": (0.6, 0.6, 0.6, 1.0),
-}  # fmt: skip
+    "ego": (0.11, 0.42, 0.66, 1.0),
+    "moving": (0.42, 0.48, 0.56, 1.0),
+    "parked": (0.69, 0.27, 0.24, 1.0),
+    "seen": (0.88, 0.54, 0.12, 1.0),
+    "track": (0.48, 0.25, 0.63, 1.0),
+    "road": (0.6, 0.6, 0.6, 1.0),
+}
 
 
 def write_mcap(path: Path, recording: Recording, frames: Sequence[Frame]) -> None:
@@ -63,12 +67,16 @@ def _describe(recording: Recording) -> dict[str, dict[str, Any]]:
     array, number = {"type": "array", "items": {"type": "object"}}, {"type": ["number", "null"]}
     return {
         _SCENE: {
-            "title": _SCENE, "type": "object", "properties": {"deletions": array, "entities": array},
+            "title": _SCENE,
+            "type": "object",
+            "properties": {"deletions": array, "entities": array},
         },
         SIGNALS: {
-            "title": SIGNALS, "type": "object", "properties": dict.fromkeys(names, number),
+            "title": SIGNALS,
+            "type": "object",
+            "properties": dict.fromkeys(names, number),
         },
-    }  # fmt: skip
+    }
 
 
 def list_messages(
@@ -135,9 +143,15 @@ def _sphere(x: float, y: float) -> dict[str, Any]:
 def _line(x: Any, y: Any, kind: str, width: float = 0.15) -> dict[str, Any]:
     points = [{"x": float(a), "y": float(b), "z": 0.05} for a, b in zip(x, y, strict=True)]
     return {
-        "type": 0, "pose": _pose(0.0, 0.0), "thickness": width, "scale_invariant": False, "points": points,
-        "color": _colour(kind), "colors": [], "indices": [],
-    }  # fmt: skip
+        "type": 0,
+        "pose": _pose(0.0, 0.0),
+        "thickness": width,
+        "scale_invariant": False,
+        "points": points,
+        "color": _colour(kind),
+        "colors": [],
+        "indices": [],
+    }
 
 
 def _list_lanes(scene: Scene) -> list[dict[str, Any]]:
@@ -163,9 +177,15 @@ def _update(time: float, entities: Mapping[str, Mapping[str, Any]]) -> dict[str,
         "deletions": [{"timestamp": stamp, "type": 1, "id": ""}],
         "entities": [
             {
-                "timestamp": stamp, "frame_id": "road", "id": name, "lifetime": {"sec": 0, "nsec": 0},
-                "frame_locked": False, "metadata": [], **{kind: [] for kind in _PRIMITIVES}, **primitives,
+                "timestamp": stamp,
+                "frame_id": "road",
+                "id": name,
+                "lifetime": {"sec": 0, "nsec": 0},
+                "frame_locked": False,
+                "metadata": [],
+                **{kind: [] for kind in _PRIMITIVES},
+                **primitives,
             }
             for name, primitives in entities.items()
         ],
-    }  # fmt: skip
+    }

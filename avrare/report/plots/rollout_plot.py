@@ -139,6 +139,14 @@ def _draw_box(
     above = y + 0.5 * width + 0.25
     box = {"facecolor": "#eef0f2", "edgecolor": "none", "pad": 0.3, "alpha": 0.8}
     ax.text(
-        float(x), float(above), plain(name), fontsize=6, color=colour, ha="center", va="bottom", zorder=7,
-        clip_on=True, bbox=box,
-    )  # fmt: skip
+        float(x),
+        float(above),
+        plain(name),
+        fontsize=6,
+        color=colour,
+        ha="center",
+        va="bottom",
+        zorder=7,
+        clip_on=True,
+        bbox=box,
+    )

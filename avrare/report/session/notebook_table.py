@@ -28,8 +28,12 @@ def _judged(results: Sequence[Result]) -> bool:
 
 def _row(result: Result, judged: bool) -> str:
     cells = [
-        result.specification, format_typeset(result.probability), format_typeset_interval(result.interval),
-        result.estimator, f"{result.rollouts:,}", f"{result.failures.count:,}",
+        result.specification,
+        format_typeset(result.probability),
+        format_typeset_interval(result.interval),
+        result.estimator,
+        f"{result.rollouts:,}",
+        f"{result.failures.count:,}",
         *([result.verdict or "–"] if judged else []),
-    ]  # fmt: skip
+    ]
     return "".join(f"<td>{escape(cell)}</td>" for cell in cells)

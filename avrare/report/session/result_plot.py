@@ -45,9 +45,14 @@ def _draw_estimates(ax: Any, results: Sequence[Result]) -> None:
         text = f"{format_probability(result.probability)} ({format_interval(result.interval)})"
         text += f"  {', '.join(result.health)}" if result.health else ""
         ax.annotate(
-            text, (0.0, place), (2, 10), textcoords="offset points", fontsize=7.5,
-            xycoords=("axes fraction", "data"), color=_FAILED if result.health else "#333333",
-        )  # fmt: skip
+            text,
+            (0.0, place),
+            (2, 10),
+            textcoords="offset points",
+            fontsize=7.5,
+            xycoords=("axes fraction", "data"),
+            color=_FAILED if result.health else "#333333",
+        )
     ax.set_xscale("log")
     ax.set_xlim(low, 1.3)
     ax.set_ylim(len(results) - 0.4, -0.7)

@@ -74,9 +74,13 @@ def run(
     with run_folder.begin_checkpoint(home, [definition], paid, resume) as checkpoint:
         journal = cache(lambda name: checkpoint.journal(f"{definition.name}/{name}"))
         found = estimate_specifications(
-            scenario, definition.estimated, paid, lambda: build_executor(workers), _watch(scenario, progress),
+            scenario,
+            definition.estimated,
+            paid,
+            lambda: build_executor(workers),
+            _watch(scenario, progress),
             journal=journal,
-        )  # fmt: skip
+        )
         finished = Run.of_scenario(definition, [_finish(scenario, result) for result in found], paid)
         finished = finished.write(folder)
         checkpoint.remove()

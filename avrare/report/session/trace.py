@@ -96,9 +96,11 @@ class Trace(Mapping[str, NDArray[Any]]):
             variables[name] = (("time", *axes), values)
         coordinates: dict[str, Any] = {"time": self.times} | ({"vehicle": list(vehicles)} if vehicles else {})
         facts = {
-            "specification": self.specification, "formula": self.formula, "robustness": self.robustness,
+            "specification": self.specification,
+            "formula": self.formula,
+            "robustness": self.robustness,
             "outcome": self.outcome,
-        }  # fmt: skip
+        }
         return xarray.Dataset(variables, coordinates, facts)
 
     def plot(self, signals: Sequence[str] | None = None) -> Plot:
@@ -169,11 +171,17 @@ def trace_problem(problem: Problem, noise: Any = None) -> Trace:
     times: Floats = np.arange(len(rollout.states), dtype=np.float64) * (1.0 if dt is None else float(dt))
     formula = find_formula(problem.monitors[0])
     return Trace(
-        problem.names[0], "" if formula is None else formula.text.strip(), rollout.signals,
-        times, rollout.robustness,
-        rollout.violated, rollout.error, tape, "s" if dt is not None else "step",
+        problem.names[0],
+        "" if formula is None else formula.text.strip(),
+        rollout.signals,
+        times,
+        rollout.robustness,
+        rollout.violated,
+        rollout.error,
+        tape,
+        "s" if dt is not None else "step",
         None if scenario is None else scenario.scene,
-    )  # fmt: skip
+    )
 
 
 def trace_result(result: Result, index: int | None) -> Trace:

@@ -34,13 +34,14 @@ def _make_columns(comparison: Comparison) -> list[_Column]:
         ("/ truth", _with_accuracy(lambda a: _Cell(f"{a.ratio:.3g}"))),
         ("rel.\nRMSE", _with_accuracy(lambda a: _Cell(f"{a.relative_rmse:.2g}"))),
         ("covers\ntruth", _coverage),
-        ("cost\n[rollouts]", lambda s: _Cell(format_amount(s.rollouts, 3))) if static
+        ("cost\n[rollouts]", lambda s: _Cell(format_amount(s.rollouts, 3)))
+        if static
         else ("cost\n[steps]", lambda s: _Cell(format_amount(s.steps, 3))),
         ("relMSE\nx cost", _with_accuracy(_work)),
         ("speed-up\nover MC", _with_accuracy(_speed_up)),
         ("warned", lambda s: _Cell(f"{s.warned}/{s.repetitions}")),
         ("zero", lambda s: _Cell(f"{s.zeros}/{s.repetitions}")),
-    ]  # fmt: skip
+    ]
 
 
 def comparison_table(comparison: Comparison) -> Table:

@@ -46,9 +46,14 @@ def make_table(
     The title is no markup.
     """
     table = Table(
-        title=None if title is None else Text(title, "bold"), title_justify="left", box=box.SIMPLE_HEAD,
-        pad_edge=False, show_edge=False, padding=(0, 1, 0, 0), **options,
-    )  # fmt: skip
+        title=None if title is None else Text(title, "bold"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+        **options,
+    )
     for name in texts:
         table.add_column(name, no_wrap=True)
     for name in numbers:

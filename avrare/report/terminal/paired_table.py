@@ -26,9 +26,14 @@ def paired_table(paired: PairedComparison) -> Table:
     for counts in paired.counts:
         verdict = counts.verdict(paired.confidence)
         table.add_row(
-            escape(counts.specification), format_probability(counts.first), format_probability(counts.second),
-            format_signed(counts.difference), format_signed_interval(counts.interval(paired.confidence)),
-            str(counts.only_first), str(counts.only_second), f"{counts.p_value:.2g}",
+            escape(counts.specification),
+            format_probability(counts.first),
+            format_probability(counts.second),
+            format_signed(counts.difference),
+            format_signed_interval(counts.interval(paired.confidence)),
+            str(counts.only_first),
+            str(counts.only_second),
+            f"{counts.p_value:.2g}",
             f"[{_COLOURS[verdict]}]{verdict}[/]",
-        )  # fmt: skip
+        )
     return table

@@ -32,9 +32,13 @@ class Progress:
     """
 
     def __init__(
-        self, label: str, problem: Problem, mode: Mode = "auto", confidence: float | None = None,
+        self,
+        label: str,
+        problem: Problem,
+        mode: Mode = "auto",
+        confidence: float | None = None,
         stop: Stopping | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.label = label
         self.problem = problem
         self.mode, self.confidence, self.stop = mode, confidence, stop

@@ -22,11 +22,14 @@ def result_table(title: str, results: Sequence[Result]) -> Table:
         table.add_column("verdict", no_wrap=True)
     for result in results:
         table.add_row(
-            escape(result.specification), format_probability(result.probability),
-            format_interval(result.interval), str(result.rollouts), str(result.failures.count),
+            escape(result.specification),
+            format_probability(result.probability),
+            format_interval(result.interval),
+            str(result.rollouts),
+            str(result.failures.count),
             *([str(result.errors)] if errors else []),
             colour_verdict(result.verdict) if verdicts else f"{result.seconds:.1f}",
-        )  # fmt: skip
+        )
     return table
 
 

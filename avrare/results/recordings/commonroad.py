@@ -95,9 +95,15 @@ def to_commonroad(recording: Recording, name: str) -> str:
         text = f"{recording.source}: only straight roads are written as CommonRoad files"
         raise UsageError(text, "use --csv instead")
     root = ET.Element(
-        "commonRoad", timeStepSize=repr(recording.dt), commonRoadVersion="2020a", author="avrare",
-        affiliation="", source=escape_xml(name), benchmarkID="ZAM_Failure-1_1_T-1", date="2000-01-01",
-    )  # fmt: skip
+        "commonRoad",
+        timeStepSize=repr(recording.dt),
+        commonRoadVersion="2020a",
+        author="avrare",
+        affiliation="",
+        source=escape_xml(name),
+        benchmarkID="ZAM_Failure-1_1_T-1",
+        date="2000-01-01",
+    )
     location = ET.SubElement(root, "location")
     _add_texts(location, geoNameId="-999", gpsLatitude="999", gpsLongitude="999")
     ET.SubElement(ET.SubElement(root, "scenarioTags"), "interstate")

@@ -109,8 +109,12 @@ def _list_lights(network: Any, names: Sequence[int]) -> list[tuple[int, list[Any
 def _turn(network: Any, name: int, names: Sequence[int]) -> str:
     # where the ego's way leads from an incoming lanelet
     incomings = [one for each in network.intersections for one in each.incomings]
-    ways = ((turn, _outgoing(one, turn)) for one in incomings if name in (one.incoming_lanelets or ())
-            for turn in _TURNS)  # fmt: skip
+    ways = (
+        (turn, _outgoing(one, turn))
+        for one in incomings
+        if name in (one.incoming_lanelets or ())
+        for turn in _TURNS
+    )
     return next((turn for turn, after in ways if after & set(names)), "straight")
 
 

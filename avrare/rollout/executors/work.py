@@ -70,9 +70,12 @@ Executor = protocols.Executor[Work, Task, Any]
 
 
 def run_errand(
-    executor: Executor, purpose: str, function: Callable[Concatenate[Problem, P], T],
-    *arguments: P.args, **_: P.kwargs,
-) -> T:  # fmt: skip
+    executor: Executor,
+    purpose: str,
+    function: Callable[Concatenate[Problem, P], T],
+    *arguments: P.args,
+    **_: P.kwargs,
+) -> T:
     """Return what ``function`` gives for the problem of an open executor, where that runs the system."""
     (answer,) = executor.map([Errand(purpose, function, arguments)])
     return answer  # type: ignore[no-any-return]

@@ -16,9 +16,14 @@ from avrare.rollout.scores.term_sizes import PROBE_ROWS, ScaledMonitor, Select, 
 
 
 def find_flat_parts(
-    system: System, steps: int, formula: Formula, select: Select | None = None,
-    guide: ScaledMonitor | None = None, *, by_sample: bool = False,
-) -> tuple[str, ...]:  # fmt: skip
+    system: System,
+    steps: int,
+    formula: Formula,
+    select: Select | None = None,
+    guide: ScaledMonitor | None = None,
+    *,
+    by_sample: bool = False,
+) -> tuple[str, ...]:
     """Return the parts of a formula, each of which must hold, that are flat in 64 rollouts.
 
     A part is flat if all the rollouts that keep it, at least half of them, keep it by the same robustness.

@@ -81,6 +81,11 @@ def _compare(wanted: Outputs, found: Outputs, when: str) -> None:
 
 
 CHECKS: tuple[Callable[[Subject], None], ...] = (
-    outputs_are_rows, same_noise_same_bits, draws_no_numbers_of_its_own, rows_are_independent,
-    states_can_be_copied, states_are_values, nan_stays_in_its_row,
-)  # fmt: skip
+    outputs_are_rows,
+    same_noise_same_bits,
+    draws_no_numbers_of_its_own,
+    rows_are_independent,
+    states_can_be_copied,
+    states_are_values,
+    nan_stays_in_its_row,
+)

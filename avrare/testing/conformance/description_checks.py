@@ -139,6 +139,10 @@ def _inside(annotation: object) -> list[type[BaseModel]]:
 
 
 CHECKS = (
-    description_is_light, summary_is_one_line, config_is_strict, options_are_described, options_pickle,
+    description_is_light,
+    summary_is_one_line,
+    config_is_strict,
+    options_are_described,
+    options_pickle,
     factory_builds,
-)  # fmt: skip
+)

@@ -145,9 +145,16 @@ class Scipy:
 
 
 def beam(
-    distance: Number, most: Number, *, std: Number, decay: Number, hit: float, short: float = 0.0,
-    nothing: float = 0.0, anything: float = 0.0,
-) -> Mixture:  # fmt: skip
+    distance: Number,
+    most: Number,
+    *,
+    std: Number,
+    decay: Number,
+    hit: float,
+    short: float = 0.0,
+    nothing: float = 0.0,
+    anything: float = 0.0,
+) -> Mixture:
     """Return the law of a range sensor's readings (beam model of Thrun, Burgard and Fox, section 6.3).
 
     Args:

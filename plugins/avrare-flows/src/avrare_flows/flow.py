@@ -25,9 +25,17 @@ from avrare_flows.health_messages import WARNINGS
 KINDS = ("affine_coupling", "spline_autoregressive")
 _FORMAT = 1
 _DAMAGED = (
-    ValueError, LookupError, EOFError, TypeError, AttributeError, ArithmeticError, NotImplementedError,
-    RuntimeError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
+    ValueError,
+    LookupError,
+    EOFError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    NotImplementedError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 """Exceptions of reading a file that is not a flow, or a damaged one."""
 _LEAST, _MOST = -5.0, 3.0
 """Bounds of an affine coupling's log scale."""
@@ -179,9 +187,13 @@ class Flow:
             UsageError: The file cannot be written.
         """
         arrays: dict[str, Any] = {
-            "format": _FORMAT, "kind": self.kind, "shift": self.shift, "scale": self.scale,
-            "samples": self.samples, "blocks": len(self.blocks),
-        }  # fmt: skip
+            "format": _FORMAT,
+            "kind": self.kind,
+            "shift": self.shift,
+            "scale": self.scale,
+            "samples": self.samples,
+            "blocks": len(self.blocks),
+        }
         for i, block in enumerate(self.blocks):
             if not isinstance(block, AffineCoupling | SplineAutoregressive):
                 raise UsageError(f"a {type(block).__name__} cannot be written to a file")

@@ -47,9 +47,15 @@ class Fit:
 
 
 def fit(
-    samples: Floats, kind: str = "affine_coupling", *, steps: int = 2000, seed: int = 0,
-    blocks: int | None = None, hidden: int = 32, rate: float = 2e-3,
-) -> Fit:  # fmt: skip
+    samples: Floats,
+    kind: str = "affine_coupling",
+    *,
+    steps: int = 2000,
+    seed: int = 0,
+    blocks: int | None = None,
+    hidden: int = 32,
+    rate: float = 2e-3,
+) -> Fit:
     """Fit a flow to rows of physical noise.
 
     Args:

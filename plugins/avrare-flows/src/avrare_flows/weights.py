@@ -126,9 +126,13 @@ class WeightedSystem:
 
 
 def weighted(
-    system: System, flow: WarpedLaw, log_density: Callable[[Floats], Floats] | None = None, *,
-    weights: Weights = "importance", initial: Law | None = None,
-) -> WeightedSystem:  # fmt: skip
+    system: System,
+    flow: WarpedLaw,
+    log_density: Callable[[Floats], Floats] | None = None,
+    *,
+    weights: Weights = "importance",
+    initial: Law | None = None,
+) -> WeightedSystem:
     """Adapt a system over physical noise to a flow with weights; for the estimator ``ess``.
 
     Args:

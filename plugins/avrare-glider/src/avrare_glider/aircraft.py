@@ -55,11 +55,14 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
     wing = DENSITY * WING * (sine * vx - cosine * vz) * wing_speed  # along the plate's normal, backwards
     tail = DENSITY * ELEVATOR * (up * tail_x - along * tail_z) * tail_speed
     return (
-        vx, vz, turn, elevator_rate,
+        vx,
+        vz,
+        turn,
+        elevator_rate,
         -(wing * sine + tail * up) / MASS,
         (wing * cosine + tail * along) / MASS - GRAVITY,
         -tail * (HINGE * straight + CHORD) / INERTIA,
-    )  # fmt: skip
+    )
 
 
 def advance(state: Columns, elevator_rate: Any) -> Columns:

@@ -25,9 +25,11 @@ def bits(noise: Floats) -> int:
 def reseed(generator: np.random.Generator, state: int) -> None:
     """Set the state of a PCG64 generator in place, since others may hold it too."""
     generator.bit_generator.state = {
-        "bit_generator": "PCG64", "state": {"state": state, "inc": _INCREMENT},
-        "has_uint32": 0, "uinteger": 0,
-    }  # fmt: skip
+        "bit_generator": "PCG64",
+        "state": {"state": state, "inc": _INCREMENT},
+        "has_uint32": 0,
+        "uinteger": 0,
+    }
 
 
 class TapeGenerator(np.random.Generator):

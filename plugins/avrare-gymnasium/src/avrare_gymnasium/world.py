@@ -182,9 +182,10 @@ def _check_number(environment: Any, name: str) -> None:
     value = getattr(environment, name, None)
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         known = [
-            one for one, found in vars(environment).items()
+            one
+            for one, found in vars(environment).items()
             if isinstance(found, int | float | np.number) and not isinstance(found, bool)
-        ]  # fmt: skip
+        ]
         text = f"attributes.{name}: {type(environment).__name__} has no number of this name"
         raise UsageError(text, did_you_mean(name, known) or "it has none")
     try:
@@ -230,9 +231,12 @@ def build(config: GymnasiumConfig, scene: object | None = None) -> DrawnWorlds:
         PluginError: The environment needs a package that is not installed.
     """
     return DrawnWorlds(
-        functools.partial(make_world, config), dt=config.dt, copy=config.copy_by,
-        step_timeout=config.step_timeout, reuse=config.reuse,
-    )  # fmt: skip
+        functools.partial(make_world, config),
+        dt=config.dt,
+        copy=config.copy_by,
+        step_timeout=config.step_timeout,
+        reuse=config.reuse,
+    )
 
 
 def make_world(config: GymnasiumConfig) -> World:

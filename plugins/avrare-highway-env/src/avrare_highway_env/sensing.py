@@ -68,8 +68,9 @@ def _slab(begin: Floats, towards: Floats, half: float) -> tuple[Floats, Floats]:
     return np.minimum(first, second), np.maximum(first, second)
 
 
-def closing(vx: Floats, vy: Floats, ego_vx: Floats, ego_vy: Floats, hit: np.ndarray,
-            rays: tuple[Floats, Floats]) -> Floats:  # fmt: skip
+def closing(
+    vx: Floats, vy: Floats, ego_vx: Floats, ego_vy: Floats, hit: np.ndarray, rays: tuple[Floats, Floats]
+) -> Floats:
     """Return the radial speed (N, R) of hit objects relative to the ego, positive away [m/s]."""
     if vx.shape[1] == 0:
         return np.zeros(hit.shape)

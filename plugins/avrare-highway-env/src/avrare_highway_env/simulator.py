@@ -249,9 +249,13 @@ class HighwayEnvSimulator:
         others = others_of(table)
         x, y, heading, speed, acceleration, steering = (column.copy() for column in table.T[:6])
         ego = self.sensors.observe(
-            Vehicles(x, y, heading, speed, acceleration), steering, others,
-            self._lengths, self._widths, noise[:, self._rays],
-        )  # fmt: skip
+            Vehicles(x, y, heading, speed, acceleration),
+            steering,
+            others,
+            self._lengths,
+            self._widths,
+            noise[:, self._rays],
+        )
         crashed, arrived, on_road, over = (column.astype(bool) for column in table.T[6 : len(EGO)])
         numbered = np.array(ways, dtype=np.float64) if self.junction is not None else None
         return HighwayWorld(snapshots, ego, others, crashed, arrived, on_road, over, numbered)

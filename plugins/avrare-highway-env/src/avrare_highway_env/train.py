@@ -81,9 +81,13 @@ def train(plan: Plan) -> Network:
 
 
 def _drive(
-    plan: Plan, simulator: HighwayEnvSimulator, expert: Expert, network: Network | None, share: float,
+    plan: Plan,
+    simulator: HighwayEnvSimulator,
+    expert: Expert,
+    network: Network | None,
+    share: float,
     rng: np.random.Generator,
-) -> tuple[Floats, Floats]:  # fmt: skip
+) -> tuple[Floats, Floats]:
     """Return visited states and the expert's actions; the expert drives ``share`` of the worlds."""
     n = plan.worlds
     by_expert = (np.arange(n) < share * n)[:, None]
@@ -135,9 +139,15 @@ def _exported(
         "license": "BSD-3-Clause",
     }
     return Network(
-        tuple(weights), tuple(biases), "tanh", mean.astype(np.float32).astype(float),
-        scale.astype(np.float32).astype(float), np.full(2, -1.0), np.full(2, 1.0), provenance,
-    )  # fmt: skip
+        tuple(weights),
+        tuple(biases),
+        "tanh",
+        mean.astype(np.float32).astype(float),
+        scale.astype(np.float32).astype(float),
+        np.full(2, -1.0),
+        np.full(2, 1.0),
+        provenance,
+    )
 
 
 def main() -> None:

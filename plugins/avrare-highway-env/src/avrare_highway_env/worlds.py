@@ -114,8 +114,9 @@ def others_of(readings: Floats) -> Vehicles:
     return Vehicles(*(np.ascontiguousarray(table[:, :, k]) for k in range(5)))
 
 
-def gap_ahead(ego: Vehicles, ego_size: tuple[float, float], others: Vehicles, lengths: Floats,
-              widths: Floats) -> Floats:  # fmt: skip
+def gap_ahead(
+    ego: Vehicles, ego_size: tuple[float, float], others: Vehicles, lengths: Floats, widths: Floats
+) -> Floats:
     """Return the gap (N,) to the nearest vehicle in the ego's corridor ahead [m]; inf if it is free."""
     dx, dy = others.x - ego.x[:, None], others.y - ego.y[:, None]
     cos, sin = np.cos(ego.heading)[:, None], np.sin(ego.heading)[:, None]

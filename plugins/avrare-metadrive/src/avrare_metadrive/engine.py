@@ -60,9 +60,12 @@ class Engine:
     def picture(self, width: int, height: int, scaling: float) -> Any:
         """Return a top view around the car, (height, width, 3) bytes; ``scaling`` in pixels per metre."""
         return self.environment.render(
-            mode="topdown", window=False, screen_size=(width, height), scaling=scaling,
+            mode="topdown",
+            window=False,
+            screen_size=(width, height),
+            scaling=scaling,
             film_size=(int(500 * scaling), int(500 * scaling)),
-        )  # fmt: skip
+        )
 
     def _numbers(self) -> Floats:
         car, outcome = self.environment.agent, self._outcome

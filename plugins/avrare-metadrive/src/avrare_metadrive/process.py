@@ -85,10 +85,14 @@ class RootProcess(Process):
         # New session: an interrupt reaches only the owner, who may want to finish first.
         # -P: files in the current folder are not imported.
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", module, str(theirs.fileno())], pass_fds=[theirs.fileno()],
-            env=os.environ | _ENVIRONMENT, start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            [sys.executable, "-P", "-m", module, str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            env=os.environ | _ENVIRONMENT,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         theirs.close()
         weakref.finalize(self, _end, ours, process)
 

@@ -32,9 +32,11 @@ def build(config: MetaDriveConfig, scene: object | None = None) -> Worlds:
     if not hasattr(os, "fork"):
         raise UsageError("the simulator metadrive needs an operating system with fork, such as Linux")
     return Worlds(
-        functools.partial(MetaDriveWorld, config), dt=DT,
-        copy="hook" if config.copy_by == "fork" else "replay", step_timeout=config.step_timeout,
-    )  # fmt: skip
+        functools.partial(MetaDriveWorld, config),
+        dt=DT,
+        copy="hook" if config.copy_by == "fork" else "replay",
+        step_timeout=config.step_timeout,
+    )
 
 
 _roots: dict[tuple[MetaDriveConfig, int], tuple[Process, Floats]] = {}

@@ -179,10 +179,12 @@ class TrajectoryPlan(PlannerConfig):
         default=31.29, description="Preferred speed [m/s]."
     )
     steps: int = Field(
-        default=80, ge=3, le=2000,
+        default=80,
+        ge=3,
+        le=2000,
         description="Number of samples of the trajectory, the start included; then the vehicle keeps its "
         "velocity.",
-    )  # fmt: skip
+    )
     schedule: tuple[LaneSchedule, ...] = Field(
         default=(), description="Stretches with a fixed lane; at other steps every lane of `lanes` attracts."
     )

@@ -20,9 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--low", type=float, default=-math.inf, metavar="X", help="least action (none)")
     parser.add_argument("--high", type=float, default=math.inf, metavar="X", help="largest action (none)")
     parser.add_argument(
-        "--squash", action=argparse.BooleanOptionalAction, default=None,
+        "--squash",
+        action=argparse.BooleanOptionalAction,
+        default=None,
         help="tanh squashes the last layer into the range of the action; by default as the library does",
-    )  # fmt: skip
+    )
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -86,9 +86,16 @@ def convert(
     inputs, actions = sizes[0][0], sizes[-1][1]
     provenance = {"source": path.name, "read as": layout.name}
     network = Network(
-        matrices, tuple(bias for _, bias in layers), activation or layout.activation, np.zeros(inputs),
-        np.ones(inputs), np.full(actions, low), np.full(actions, high), provenance, squashed,
-    )  # fmt: skip
+        matrices,
+        tuple(bias for _, bias in layers),
+        activation or layout.activation,
+        np.zeros(inputs),
+        np.ones(inputs),
+        np.full(actions, low),
+        np.full(actions, high),
+        provenance,
+        squashed,
+    )
     return network, layout
 
 

@@ -149,7 +149,7 @@ def _chosen(
                 continue  # there is no such lane here
             safe, gain = _incentive(
                 x, v, lengths, order, rank, lanes, i, here, to, p, drivers, own, end, new_end
-            )  # fmt: skip
+            )
             if safe and (merging or gain > best):
                 best, chosen = gain, to
     return chosen

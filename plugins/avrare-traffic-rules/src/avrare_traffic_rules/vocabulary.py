@@ -21,9 +21,14 @@ from avrare_traffic_rules.config import Parameters, Scales
 from avrare_traffic_rules.traffic import Bodies, Extents, Lanes
 
 UNITS = {
-    "longitudinal": "m", "lateral": "m", "speed": "m/s", "acceleration": "m/s^2", "heading": "rad",
-    "time": "s", "mixed": "",
-}  # fmt: skip
+    "longitudinal": "m",
+    "lateral": "m",
+    "speed": "m/s",
+    "acceleration": "m/s^2",
+    "heading": "rad",
+    "time": "s",
+    "mixed": "",
+}
 """Units by kind of scale; ``mixed`` predicates scale their parts themselves."""
 
 Function = Callable[..., Floats]

@@ -109,9 +109,16 @@ def _entry(sources: str) -> Callable[..., str]:
 
     @entry
     def solve_all(
-        p: Programme, bounds: Bounds, tuning: Tuning, jobs: Jobs, count: int, answer: Answer, path: Path,
-        trial: Path, work: Workspace,
-    ) -> str:  # fmt: skip
+        p: Programme,
+        bounds: Bounds,
+        tuning: Tuning,
+        jobs: Jobs,
+        count: int,
+        answer: Answer,
+        path: Path,
+        trial: Path,
+        work: Workspace,
+    ) -> str:
         store(work.status, JOB, splat(-1.0))
         following = running = 0
         for lane in range(min(WIDTH, count)):

@@ -71,9 +71,13 @@ class RiccatiSolver:
     """
 
     def __init__(
-        self, config: MpcConfig, scene: Scene, quick: Tuning = QUICK, patient: Tuning = PATIENT,
+        self,
+        config: MpcConfig,
+        scene: Scene,
+        quick: Tuning = QUICK,
+        patient: Tuning = PATIENT,
         near: Tuning | None = NEAR,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.programme = programme(config, scene)
         self._addressed = addressed(self.programme)
         self._tunings, self._near = (quick, patient), near
@@ -110,9 +114,15 @@ class RiccatiSolver:
         return found
 
     def improve(
-        self, found: Solutions, index: Integers, start: Floats, other_x: Floats, other_y: Floats,
-        rows: Integers, guesses: Floats,
-    ) -> None:  # fmt: skip
+        self,
+        found: Solutions,
+        index: Integers,
+        start: Floats,
+        other_x: Floats,
+        other_y: Floats,
+        rows: Integers,
+        guesses: Floats,
+    ) -> None:
         """Search from other guesses, roughly first, and replace ``found[index]`` by cheaper plans.
 
         Args:
@@ -130,9 +140,14 @@ class RiccatiSolver:
         self._improve(found, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *every))
 
     def _improve(
-        self, found: Solutions, index: Integers, rough: Tuning, problems: Problems, rows: Integers,
+        self,
+        found: Solutions,
+        index: Integers,
+        rough: Tuning,
+        problems: Problems,
+        rows: Integers,
         guesses: Floats,
-    ) -> None:  # fmt: skip
+    ) -> None:
         first = self._run(self._bounds[0], rough, problems, rows, guesses)
         several = len(index), -1
         found.iterations[index] += first.iterations.reshape(several).sum(axis=1)

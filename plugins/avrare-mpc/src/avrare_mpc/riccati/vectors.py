@@ -157,8 +157,11 @@ def _nothing(emit: Callable[..., Any]) -> Callable[..., Any]:
 
 
 for _function, _name in {
-    operator.add: "fadd", operator.sub: "fsub", operator.mul: "fmul", operator.truediv: "fdiv",
-}.items():  # fmt: skip
+    operator.add: "fadd",
+    operator.sub: "fsub",
+    operator.mul: "fmul",
+    operator.truediv: "fdiv",
+}.items():
     _define(_function, LANES, (LANES, LANES), lambda builder, a, b, name=_name: getattr(builder, name)(a, b))
 for _function, _name in {operator.lt: "<", operator.le: "<=", operator.gt: ">", operator.ge: ">="}.items():
     _define(

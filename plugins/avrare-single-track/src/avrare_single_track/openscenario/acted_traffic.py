@@ -264,9 +264,15 @@ class ActedTraffic:
         target = lane_middle(self.roads, lane) + memory.table[:, action.offset]
         span = _span(action.transition, target - now, memory.table[:, action.transition.value])
         return memory.across.begin(
-            number, action.actor, rows, start=now, target=target, span=span,
-            form=FORMS.index(action.transition.form), by_way=action.transition.dimension == "distance",
-        )  # fmt: skip
+            number,
+            action.actor,
+            rows,
+            start=now,
+            target=target,
+            span=span,
+            form=FORMS.index(action.transition.form),
+            by_way=action.transition.dimension == "distance",
+        )
 
     def _move(self, memory: StoryMemory, others: Vehicles) -> tuple[StoryMemory, Vehicles]:
         active = memory.speed.action >= 0
