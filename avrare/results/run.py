@@ -80,7 +80,6 @@ class Run(Mapping[str, Result]):
         folder: Folder that it was read from or written to; None where there is none.
         files: Digests of scenario.yaml and of the files that the estimators leave, by name.
         changes: Lines on files that have changed since the run.
-        refusal: Reason why the scenario cannot be loaded; None where it can be.
         replies: Lines of the installed result callbacks.
     """
 
@@ -95,7 +94,6 @@ class Run(Mapping[str, Result]):
     folder: Path | None = None
     files: Mapping[str, str] = field(default_factory=dict)
     changes: tuple[str, ...] = ()
-    refusal: AvrareError | None = None
     replies: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Result:
@@ -114,7 +112,7 @@ class Run(Mapping[str, Result]):
     def of_scenario(scenario: Scenario, results: Sequence[Result], budget: Budget | None = None) -> Run:
         """Return the run of a scenario that this process has made."""
         text = dump(scenario.resolved)
-        files = {SCENARIO: text, **_encode_artifacts(results)}
+        files = _encode_files(text, results)
         return Run(
             scenario.name,
             Results(results),
@@ -161,20 +159,22 @@ class Run(Mapping[str, Result]):
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(map(str, first["loc"]))
-            raise UsageError(
-                f"{path / RESULT}: it cannot be read: {place}: {first['msg']}", RUN_AGAIN
-            ) from None
+            text = f"{path / RESULT}: it cannot be read: {place}: {first['msg']}"
+            raise UsageError(text, RUN_AGAIN) from None
         check_seal(path / RESULT, content, f"restore the file, or {RUN_AGAIN}")
-        definition, refusal = _load_definition(path)
-        scenario = None if definition is None else LoadedScenario(definition)
-        failures, samples, call = read_failures(path), read_rollouts(path), _command(path)
+        loaded = _load_scenario(path)
+        failures, samples = read_failures(path), read_rollouts(path)
+        artifacts, lost = _read_artifacts(path, stored.files)
+        text = _read_scenario_text(path)
+        provenance, damage = Provenance.read(path / PROVENANCE)
+        call = _describe_command(path, provenance) if text else ""
         results = []
         for entry in stored.estimates:
             name = entry.specification
-            origin = Origin(partial(_build, scenario, name, refusal), stored.seed, call)
-            results.append(entry.to_result(failures.get(name), samples.get(name), origin))
-        text = _read_scenario_text(path)
-        provenance, damage = Provenance.read(path / PROVENANCE)
+            origin = Origin(partial(_build, loaded, name), stored.seed, call)
+            result = entry.to_result(failures.get(name), samples.get(name), origin)
+            left = {file: entries[name] for file, entries in artifacts.items() if name in entries}
+            results.append(replace(result, artifacts=left))
         return Run(
             stored.scenario,
             Results(results),
@@ -182,12 +182,11 @@ class Run(Mapping[str, Result]):
             stored.fingerprint,
             stored.versions,
             provenance,
-            definition,
+            loaded.definition if isinstance(loaded, LoadedScenario) else None,
             text,
             path,
             stored.files,
-            (*_find_changes(path, stored.files, text), *damage),
-            refusal,
+            (*_find_changes(path, stored.files, text), *lost, *damage),
         )
 
     def write(self, folder: str | os.PathLike[str]) -> Run:
@@ -199,18 +198,19 @@ class Run(Mapping[str, Result]):
             The run with its ``folder``.
         """
         path, results = Path(folder), list(self.values())
+        files = _encode_files(self.scenario_text, results)
+        run = replace(self, folder=path, files={name: digest(text) for name, text in files.items()})
         hint = "free some disk space and --resume the run, or choose another --out"
         with explain_file_errors(f"{path}: cannot write the result", hint):
-            artifacts = _encode_artifacts(results)
-            _remove_stale(path, {SCENARIO, *artifacts})
-            write_text(path / SCENARIO, self.scenario_text)
+            path.mkdir(parents=True, exist_ok=True)
+            _remove_stale(path, files)
             write_text(path / PROVENANCE, json.dumps(self.provenance.to_dict(), indent=2) + "\n")
             write_failures(path, results)
             write_rollouts(path, results)
-            for name, text in artifacts.items():
+            for name, text in files.items():
                 write_text(path / name, text)
-            write_text(path / RESULT, json.dumps(self.to_dict(), indent=2) + "\n")
-        return replace(self, folder=path)
+            write_text(path / RESULT, json.dumps(run.to_dict(), indent=2) + "\n")
+        return run
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of result.json, with its checksum."""
@@ -240,12 +240,10 @@ class Run(Mapping[str, Result]):
     @property
     def reproduction(self) -> str:
         """Commands or calls that give the numbers again."""
-        if self.folder is None:
+        if self.folder is None or not self.provenance.command:
             calls = (result.origin.call for result in self.values() if result.origin is not None)
-            return "\n".join(dict.fromkeys(calls))
-        # scenario.yaml contains the seed, but not the budget
-        budget = ["--budget", self.provenance.budget] if self.provenance.budget else []
-        return shlex.join(["avrare", "run", str(self.folder / SCENARIO), *budget])
+            return "\n".join(dict.fromkeys(filter(None, calls)))
+        return _describe_command(self.folder, self.provenance)
 
     def thresholds(self, specification: str) -> list[Threshold]:
         """List the thresholds that the scenario sets for a specification."""
@@ -324,24 +322,24 @@ def _read_result(path: Path) -> dict[str, Any]:
     return content
 
 
-def _load_definition(path: Path) -> tuple[Scenario | None, AvrareError | None]:
+def _load_scenario(path: Path) -> LoadedScenario | AvrareError:
+    """Return the scenario, or the reason why it cannot be loaded."""
     try:
-        return load(path / SCENARIO), None
+        return LoadedScenario(load(path / SCENARIO))
     except AvrareError as error:
-        return None, error
+        return error
 
 
-def _build(
-    scenario: LoadedScenario | None, name: str, refusal: AvrareError | None
-) -> tuple[Problem, Estimator]:
-    if scenario is None:
-        assert refusal is not None
-        raise refusal
-    return scenario.problem(name), scenario.estimator()
+def _build(loaded: LoadedScenario | AvrareError, name: str) -> tuple[Problem, Estimator]:
+    if isinstance(loaded, AvrareError):
+        raise loaded
+    return loaded.problem(name), loaded.estimator()
 
 
-def _command(path: Path) -> str:
-    return shlex.join(["avrare", "run", str(path / SCENARIO)])
+def _describe_command(path: Path, provenance: Provenance) -> str:
+    # scenario.yaml contains the seed, but not the budget
+    budget = ["--budget", provenance.budget] if provenance.budget else []
+    return shlex.join(["avrare", "run", str(path / SCENARIO), *budget])
 
 
 def _read_scenario_text(path: Path) -> str:
@@ -359,13 +357,29 @@ def _find_changes(path: Path, files: Mapping[str, str], text: str) -> tuple[str,
     return (f"{path / SCENARIO}: it was changed after the run, or is missing",)
 
 
-def _encode_artifacts(results: Sequence[Result]) -> dict[str, str]:
-    """Return the files that estimators leave, by name: each has an entry by specification."""
+def _encode_files(scenario_text: str, results: Sequence[Result]) -> dict[str, str]:
+    """Return scenario.yaml and the files that estimators leave: each has an entry by specification."""
     entries: dict[str, dict[str, Any]] = {}
     for result in results:
         for name, artifact in result.artifacts.items():
             entries.setdefault(name, {})[result.specification] = artifact
-    return {name: json.dumps(entries[name], indent=1) + "\n" for name in sorted(entries)}
+    files = {SCENARIO: scenario_text} if scenario_text else {}
+    return files | {name: json.dumps(entries[name], indent=1) + "\n" for name in sorted(entries)}
+
+
+def _read_artifacts(
+    path: Path, files: Mapping[str, str]
+) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
+    """Return the files that estimators have left, and a line on each that has changed or is missing."""
+    artifacts, lost = {}, []
+    for name in files:
+        if name == SCENARIO or Path(name).name != name:
+            continue
+        try:
+            artifacts[name] = read_json(path / name, RUN_AGAIN)
+        except UsageError:
+            lost.append(f"{path / name}: it was changed after the run, or is missing")
+    return artifacts, tuple(lost)
 
 
 def _remove_stale(folder: Path, written: Collection[str]) -> None:
@@ -375,7 +389,8 @@ def _remove_stale(folder: Path, written: Collection[str]) -> None:
         return
     with suppress(UsageError):  # a damaged result names no files
         files = read_json(file, RUN_AGAIN).get("files")
-    names = [name for name in files if Path(name).name == name] if isinstance(files, dict) else []
+    files = list(files) if isinstance(files, dict) else ["learned.json"]
+    names = [name for name in files if Path(name).name == name]
     stale = [folder / name for name in names if name not in written]
     for path in [*stale, *(path for pattern in _DERIVED for path in folder.glob(pattern))]:
         if path.is_file():

@@ -7,6 +7,7 @@ import shlex
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.checkpoint import SCENARIO
 from avrare.results.run import Run
+from avrare.results.stored_results import RUN_AGAIN
 
 
 def select_failing(run: Run, specification: str | None = None) -> list[str]:
@@ -52,8 +53,13 @@ def select_failure(run: Run, specification: str | None, index: int | None) -> tu
 
 
 def _explain_absence(run: Run, specification: str | None) -> UsageError:
-    # An error is no failure: where rollouts broke down, more of them would not help.
+    # A rollout that broke down has not failed: more of them would not help.
     results = [result for name, result in run.items() if specification in (None, name)]
+    lost = next((result for result in results if result.failures.count), None)
+    if lost is not None:
+        count = f"{lost.failures.count} failures of {lost.specification}"
+        text = f"{_place(run)}: {count} are counted, but not stored"
+        return UsageError(text, f"failures.npz is missing, or of another run: restore it, or {RUN_AGAIN}")
     worst = max(results, key=lambda result: result.errors)
     warning = worst.health.get("errors")
     counts = f"{worst.errors} of {worst.rollouts} rollouts ended in an error" if worst.errors else ""

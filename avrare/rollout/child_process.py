@@ -1,8 +1,8 @@
 """First runs of a system in a child process, so that a native crash there does not end the program.
 
 A kind of system that has run in this process runs here; any other is tried in a forked child first, which has
-the system without sending it. A child that answers decides. One that raises, hangs on a lock that was held
-when it was forked, or cannot send its answer decides nothing: the function then runs here.
+the system without sending it, but none of its connections. A child that answers decides. One that raises,
+hangs on a lock that was held at the fork, or cannot send its answer decides nothing: the function runs here.
 """
 
 from __future__ import annotations
@@ -15,20 +15,27 @@ import re
 import signal
 import sys
 import sysconfig
+import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import NoReturn, TypeVar
 
 from avrare.base.errors import AvrareError, ExitCode
 
 _CHILD_SECONDS = 20.0
 """Time that a child has for its answer."""
-_CAN_FORK = sys.platform == "linux"
-"""Elsewhere a fork is not to be had, or the system's own libraries forbid it."""
+_POLL_SECONDS = 0.1
+_IDLE_SECONDS = 1.5
+"""Time without work after which a child hangs; so will the next one, and none is forked any more."""
+_PARTS_DEPTH, _MAX_PARTS = 3, 1000
+"""How deep, and how many, parts of a system are looked at to tell its kind."""
+_may_fork = sys.platform == "linux"
+"""False where a fork is not to be had, or the system's own libraries forbid it, and once a child has hung."""
 
 _LIBRARIES = tuple(
     f"{folder}{os.sep}"
@@ -39,7 +46,8 @@ _END_WITH_PARENT = 1
 """Option of Linux' ``prctl``."""
 
 T = TypeVar("T")
-_KINDS_RUN_HERE: set[frozenset[type]] = set()
+Kind = frozenset[type | CodeType | str]
+_KINDS_RUN_HERE: set[Kind] = set()
 
 
 class SystemCrashed(AvrareError):
@@ -59,7 +67,7 @@ def run_guarded(purpose: str, system: object, function: Callable[[], T]) -> T:
     Raises:
         SystemCrashed: The system ends its process.
     """
-    if not _CAN_FORK or _kind_of(system) in _KINDS_RUN_HERE or sys.gettrace() is not None:  # a debugger
+    if not _may_fork or _kind_of(system) in _KINDS_RUN_HERE or sys.gettrace() is not None:  # a debugger
         return function()
     with open(os.memfd_create("stack"), "r+b") as stack:
         answer, exit_code = _fork(function, system, stack.fileno())
@@ -91,14 +99,31 @@ def describe_exit(code: int) -> str:
     return f"exit code {code}"
 
 
-def _kind_of(system: object) -> frozenset[type]:
-    """Return the classes of a system and of its parts."""
-    classes = map(type, (system, *getattr(system, "__dict__", {}).values()))
-    return frozenset(kind for kind in classes if kind.__module__ != "builtins")
+def _kind_of(system: object) -> Kind:
+    """Return the classes, functions and texts of a system and of its parts."""
+    kind: set[type | CodeType | str] = set()
+    parts, count = [system], 0
+    for _ in range(_PARTS_DEPTH):
+        inner: list[object] = []
+        for part in parts[: _MAX_PARTS - count]:
+            if isinstance(part, str):
+                kind.add(part)
+            elif isinstance(part, FunctionType):
+                kind.add(part.__code__)
+            elif isinstance(part, dict):
+                inner += part.values()
+            elif isinstance(part, list | tuple):
+                inner += part
+            elif type(part).__module__ != "builtins":
+                kind.add(type(part))
+                inner += getattr(part, "__dict__", {}).values()
+        parts, count = inner, count + len(parts)
+    return frozenset(kind)
 
 
 def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[bytes, int | None]:
     """Return the answer of a child, empty where it has none, and its exit code where it died without one."""
+    global _may_fork
     ours, theirs = Pipe(duplex=False)
     with ours:
         _flush_output()  # or the child would print it, too
@@ -113,9 +138,10 @@ def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[b
             _answer(function, theirs, stack)
         theirs.close()
         try:
-            if ours.poll(_CHILD_SECONDS):
+            if _wait(ours, child):
                 return ours.recv_bytes(), None
             hangs = os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+            _may_fork = _may_fork and not hangs
         except EOFError:
             hangs = False
         finally:
@@ -123,10 +149,36 @@ def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[b
     return b"", None if hangs else exit_code
 
 
+def _wait(connection: Connection, child: int) -> bool:
+    """Return whether a child has answered or died, rather than hung."""
+    end, work, idle = time.monotonic() + _CHILD_SECONDS, "", 0.0
+    while time.monotonic() < end and idle < _IDLE_SECONDS:
+        if connection.poll(_POLL_SECONDS):
+            return True
+        with suppress(OSError):
+            before, work = (
+                work,
+                " ".join(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13]),
+            )
+            idle = idle + _POLL_SECONDS if work == before else 0.0
+    return False
+
+
+def _close_connections(kept: Connection) -> None:
+    """Close the sockets and pipes that a child shares with its parent, whose other ends would advance."""
+    for name in os.listdir("/proc/self/fd"):
+        number = int(name)
+        with suppress(OSError):
+            is_connection = os.readlink(f"/proc/self/fd/{name}").startswith(("socket:", "pipe:"))
+            if is_connection and number > 2 and number != kept.fileno():
+                os.close(number)
+
+
 def _answer(function: Callable[[], object], connection: Connection, stack: int) -> NoReturn:
     try:
         os.setpgid(0, 0)  # what the system starts ends with the child, and Ctrl-C is for the parent
         ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
+        _close_connections(connection)
         faulthandler.enable(stack, all_threads=False)
         answer = b""
         with suppress(BaseException), warnings.catch_warnings():

@@ -4,9 +4,14 @@ import json
 
 import pytest
 
+import avrare
+from avrare.base.errors import UsageError
 from avrare.base.stored_files import digest
 from avrare.cli.main import main
+from avrare.results.run import Run
 from avrare.results.run_folder import choose, fresh
+from avrare.results.stored_failures import select_failing
+from avrare.testing.faulty_systems import Walk
 from pushed_point import pushed_point
 
 LEARNED = ("--estimator", "is", "--set", "estimator.rollouts=3000")
@@ -88,3 +93,45 @@ def test_a_damaged_result_is_replaced(run, content):
     (folder / "result.json").write_text(content)
     assert run() == folder
     assert json.loads((folder / "result.json").read_text())["scenario"] == "plane"
+
+
+def test_a_run_that_was_read_is_written_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "point.yaml").write_text(pushed_point(2.0))
+    avrare.run("point.yaml", out="a", estimator="is", budget="rollouts=3000")
+    first = Run.read("a")
+    assert first.reproduction == "avrare run a/scenario.yaml --budget rollouts=3000.0"
+    name = next(iter(first))
+    assert first[name].origin.call == first.reproduction
+    first.write("b/c")
+    again = Run.read("b/c")
+    assert again.to_dict() == first.to_dict()
+    assert again.changes == ()
+    for file in ("learned.json", "scenario.yaml", "failures.npz", "rollouts.npz"):
+        assert (tmp_path / "b/c" / file).read_bytes() == (tmp_path / "a" / file).read_bytes()
+    assert again.write("b/c")[name].trace().robustness == first[name].worst.robustness
+    assert (tmp_path / "b/c/learned.json").exists()
+
+
+def test_results_of_a_problem_are_written_without_a_scenario(tmp_path):
+    problem = avrare.Problem(Walk(), avrare.stl("always (x < 1)"), steps=4)
+    run = Run.of_results([avrare.estimate(problem, rollouts=50)]).write(tmp_path / "a")
+    assert run.reproduction.startswith("avrare.estimate(problem, ")
+    assert not (tmp_path / "a" / "scenario.yaml").exists()
+    assert Run.read(tmp_path / "a").reproduction == ""
+
+
+def test_failures_that_are_counted_but_gone(tmp_path):
+    problem = avrare.Problem(Walk(), avrare.stl("always (x < 0.1)"), steps=4)
+    Run.of_results([avrare.estimate(problem, rollouts=50)]).write(tmp_path)
+    (tmp_path / "failures.npz").unlink()
+    with pytest.raises(UsageError, match="failures of specification are counted, but not stored"):
+        select_failing(Run.read(tmp_path))
+
+
+def test_a_damaged_result_leaves_nothing_learned(tmp_path):
+    problem = avrare.Problem(Walk(), avrare.stl("always (x < 1)"), steps=4)
+    for name in ("result.json", "learned.json"):
+        (tmp_path / name).write_text("{")
+    Run.of_results([avrare.estimate(problem, rollouts=50)]).write(tmp_path)
+    assert not (tmp_path / "learned.json").exists()

@@ -1,8 +1,10 @@
 """First runs of a system in a child process: which answer counts, and what a crash there says."""
 
 import ctypes
+import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +17,11 @@ from avrare.rollout import child_process
 from avrare.rollout.child_process import SystemCrashed, run_guarded, run_here
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+
+
+@pytest.fixture(autouse=True)
+def _forking(monkeypatch):
+    monkeypatch.setattr(child_process, "_may_fork", True)
 
 
 @pytest.fixture
@@ -89,6 +96,43 @@ def test_a_child_that_hangs_is_replaced_by_this_process(system, monkeypatch):
     assert run_guarded("a test", system, hang_elsewhere) == home
     monkeypatch.setattr(child_process, "_CHILD_SECONDS", 60.0)
     assert run_guarded("a test", system, hang_elsewhere) == home, "no other child hangs"
+
+
+def test_after_a_child_that_hangs_none_is_forked(system, monkeypatch):
+    monkeypatch.setattr(child_process, "_IDLE_SECONDS", 0.2)
+    home = os.getpid()
+    assert run_guarded("a test", system, lambda: os.getpid() == home or time.sleep(60.0)) is True
+    assert run_guarded("a test", type("Other", (), {})(), os.getpid) == home
+
+
+def test_a_child_does_not_talk_to_the_other_end_of_a_connection(system):
+    here, there = multiprocessing.Pipe()
+    there_socket, here_socket = socket.socketpair()
+
+    def talk():
+        here.send(os.getpid())
+        here_socket.send(b"x")
+        return os.getpid()
+
+    assert run_guarded("a test", system, talk) == os.getpid()
+    assert there.recv() == os.getpid()
+    assert not there.poll(0.1)
+    assert there_socket.recv(10) == b"x"
+
+
+def test_systems_with_other_functions_or_texts_are_of_another_kind(system):
+    def first():
+        return 1
+
+    def second():
+        return 2
+
+    system.part = type("Part", (), {})()
+    for name, value in (("act", first), ("act", second), ("model", "a"), ("model", "b")):
+        setattr(system.part, name, value)
+        assert run_guarded("a test", system, os.getpid) != os.getpid()
+        run_here(system)
+        assert run_guarded("a test", system, os.getpid) == os.getpid()
 
 
 def test_what_the_system_has_started_ends_with_the_child(system):

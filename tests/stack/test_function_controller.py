@@ -187,8 +187,8 @@ def test_what_a_function_raises_is_told_by_validate_and_no_run_passes(scenario, 
 
 
 def test_a_command_that_is_ended_by_a_part_of_the_stack_has_not_passed(scenario, capsys, monkeypatch):
-    from avrare.cli import validate
+    from avrare.analysis.check import validation
 
-    monkeypatch.setattr(validate, "load", lambda *_: exit(0))
+    monkeypatch.setattr(validation, "load", lambda *_: exit(0))
     assert main(["validate", str(scenario)]) == 5
     assert "a part of the stack ends the program, by exit(0)" in capsys.readouterr().err
