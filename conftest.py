@@ -11,7 +11,9 @@ import pytest
 
 MAY_BE_SKIPPED = {
     r"no Chromium here": "a browser is no Python package",
-    r"(are|is) not here|not beside the checkout": "data in ../shared that the repository may not ship",
+    r"the (recorded trajectories|sample scenario|training data) (are|is) not here|not beside the checkout": (
+        "data in ../shared that the repository may not ship"
+    ),
     r"'rerun(\.chunk)?'": "rerun-sdk takes 170 MB",
     r"'mlflow'": "mlflow brings some twenty packages",
     r"'commonroad_clcs\.pycrccosy'": "commonroad-clcs is a second opinion, compiled, and used by one test",
