@@ -63,10 +63,9 @@ def _check_plugin(proposal: Mapping[str, Any]) -> Mapping[str, Any]:
 def _check_object(proposal: Any) -> Any:
     if isinstance(proposal, NoiseProposal) or (is_perception(proposal) and not isinstance(proposal, Mapping)):
         return proposal
-    shown = repr(proposal) if isinstance(proposal, Mapping) else type(proposal).__name__
     raise ValueError(
-        f"{shown} is not a proposal: give learned, {{name: gaussian, mean: ..., std: ...}}, {{plugin: NAME, "
-        "...}, or an object with sample(rng, n) and log_ratio(noise), or with observe and log_prob"
+        "should be learned, {name: gaussian, mean: ..., std: ...}, {plugin: NAME, ...}, or in Python an "
+        "object with sample(rng, n) and log_ratio(noise), or with observe and log_prob"
     )
 
 
