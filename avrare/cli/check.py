@@ -211,7 +211,7 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
     write_files(out, {UNFINISHED: "avrare check was writing here\n"})
     for one in outcome.targets:
         results = outcome.results[one.definition.name]
-        folder = rundir.choose(out, one.definition.name, len(outcome.targets) > 1)
+        folder = rundir.make_folder(out, one.definition.name, len(outcome.targets) > 1)
         Run.of_scenario(one.definition, results).write(folder)
         told += call_back(folder)
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})

@@ -191,7 +191,7 @@ class _Runner:
         self, phase: Phase, scenario: LoadedScenario, budget: Budget | None, rules: Sequence[str]
     ) -> Run:
         definition, resumed = scenario.definition, self.args.resume is not None
-        folder = rundir.choose(self.out / phase, definition.name, True)
+        folder = rundir.make_folder(self.out / phase, definition.name, True)
         finished = rundir.read_finished(folder, [definition])
         if finished:
             run = finished[0]

@@ -72,11 +72,11 @@ def execute(args: argparse.Namespace) -> int:
         print_warnings(scenario.warnings)
     built = _check_all(scenarios, budget)
     names = [scenario.name for scenario in scenarios]
-    home = out or rundir.fresh(names)
+    home = out or rundir.make_new_folder(names)
     try:
-        rundir.choose(home, names[0], several=False)
+        rundir.make_folder(home, names[0], several=False)
         with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
-            folders = [rundir.choose(home, name, len(scenarios) > 1) for name in names]
+            folders = [rundir.make_folder(home, name, len(scenarios) > 1) for name in names]
             runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:

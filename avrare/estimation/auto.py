@@ -72,7 +72,9 @@ class Auto(MonteCarlo):
         aim, refusal = self._aim(problem, settings)
         work = _Work(problem, settings, execute, aim, self.choice)
         if refusal:
-            return [work.told(result, refusal, [], shared=len(problem.names)) for result in work.plain()]
+            return [
+                work.add_choice(result, refusal, [], shared=len(problem.names)) for result in work.plain()
+            ]
         return work.estimate()
 
     def _aim(self, problem: Problem, settings: Settings) -> tuple[Aim, str]:
@@ -162,7 +164,7 @@ class _Work:
             group = self.problem.subset(frequent)
             for result in self._monte_carlo(group, before, "mc"):
                 reason = self.aim.describe(evidence[result.specification])
-                found[result.specification] = self.told(result, reason, before, shared=len(frequent))
+                found[result.specification] = self.add_choice(result, reason, before, shared=len(frequent))
         for name, one in evidence.items():
             if name not in found:
                 found[name] = self._rare(self.problem.subset([name]), one, before)
@@ -172,7 +174,7 @@ class _Work:
         """Return the results of Monte Carlo without a pilot."""
         return self._monte_carlo(self.problem, [], "mc")
 
-    def told(self, result: Result, reason: str, spent: Sequence[_Attempt], shared: int = 1) -> Result:
+    def add_choice(self, result: Result, reason: str, spent: Sequence[_Attempt], shared: int = 1) -> Result:
         """Return a result with the cost of what was tried before, and why its estimator was chosen."""
         choice = {
             "estimator": result.estimator,
@@ -212,11 +214,11 @@ class _Work:
             attempt = self._learn if role.gives_up else self._try
             result = attempt(self._build(component, role), problem, evidence, spent)
             if result is not None:
-                return self.told(self._against_pilot(result, evidence), reason, spent)
+                return self.add_choice(self._against_pilot(result, evidence), reason, spent)
         # 4. Nothing pays.
         tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
         (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
-        return self.told(result, f"{reason}; tried in vain: {tried}", spent)
+        return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
 
     def _learn(
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]

@@ -19,7 +19,7 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_percent, format_probability
 from avrare.estimation import health
 from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings, check_system, planned
+from avrare.estimation.loop import Settings, build_plan, check_system
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.note import Note
 from avrare.estimation.plan import Estimator
@@ -75,14 +75,14 @@ def parse_cross_check(value: CrossCheck | Mapping[str, Any] | bool, estimator: s
     return check
 
 
-def without_check(budget: Budget | None, check: CrossCheck | None) -> Budget | None:
+def subtract_check(budget: Budget | None, check: CrossCheck | None) -> Budget | None:
     """Return the part of a budget that is left for the estimate itself."""
     if budget is None or check is None:
         return budget
     return replace(budget, amount=budget.amount / (1.0 + check.share))
 
 
-def cross_checked(
+def add_cross_check(
     problem: Problem, result: Result, check: CrossCheck, settings: Settings, execute: Execute, parts: int = 1
 ) -> Result:
     """Return the result with its cross-check, and with a health warning where the two disagree.
@@ -132,7 +132,7 @@ def cross_checked(
     return replace(checked, health=result.health | warning)
 
 
-def shared_by(result: Result, group: int) -> int:
+def count_sharers(result: Result, group: int) -> int:
     """Return the number of specifications that share a result's cost, of a group estimated together."""
     choice = result.diagnostics.get("choice")
     return group if choice is None else int(choice["shared_by"])
@@ -169,7 +169,7 @@ def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool
     if needing is not None and "branches" in needing.needs and not problem.steps:
         return False
     try:
-        check_system(planned(problem, estimator, settings)[0], estimator)
+        check_system(build_plan(problem, estimator, settings)[0], estimator)
     except UsageError:
         return False
     return True

@@ -20,7 +20,7 @@ from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.renderers import render
 from avrare.estimation.budget import Budget
 from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.cross_check import cross_checked, parse_cross_check, shared_by, without_check
+from avrare.estimation.cross_check import add_cross_check, count_sharers, parse_cross_check, subtract_check
 from avrare.estimation.ensemble import include_model
 from avrare.estimation.loop import Progress, Settings, check_estimate, run
 from avrare.estimation.memory import Forecast
@@ -130,7 +130,7 @@ class _Call:
 
             exit_if_unguarded()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)
-        paid = without_check(Budget.parse(self.budget), check)
+        paid = subtract_check(Budget.parse(self.budget), check)
         suppress = (self.suppress,) if isinstance(self.suppress, str) else tuple(self.suppress)
         settings = Settings(self.seed, self.confidence, paid, suppress=suppress)
         built = _estimator(name, self.options)
@@ -149,8 +149,8 @@ class _Call:
                 for part, result in zip(group.separate(), results, strict=True):
                     if check is not None:
                         one = partial(_first, execute)
-                        parts = shared_by(result, len(results))
-                        result = cross_checked(part, result, check, settings, one, parts=parts)
+                        parts = count_sharers(result, len(results))
+                        result = add_cross_check(part, result, check, settings, one, parts=parts)
                     origin = Origin(partial(_pair, part, built), self.seed, self._describe(built))
                     found.append(dataclasses.replace(result, origin=origin))
             return found
@@ -274,7 +274,7 @@ def _settings(scenario: LoadedScenario, budget: Budget | None) -> Settings:
     return Settings(
         definition.seed,
         definition.confidence,
-        without_check(budget, definition.cross_check),
+        subtract_check(budget, definition.cross_check),
         definition.max_error_rate,
         definition.suppress,
     )
@@ -320,8 +320,8 @@ def estimate_specifications(
         for name, result in zip(group, found, strict=True):
             if check is not None:
                 alone = problem if len(group) == 1 else scenario.problem(name)
-                parts = shared_by(result, len(group))
-                result = cross_checked(alone, result, check, settings, execute, parts=parts)
+                parts = count_sharers(result, len(group))
+                result = add_cross_check(alone, result, check, settings, execute, parts=parts)
             results.append(result)
     if not definition.members:
         return results

@@ -27,7 +27,7 @@ from avrare.estimation.plan import (
     UsesFinalScores,
 )
 from avrare.estimation.result import Result
-from avrare.estimation.result_builder import examined
+from avrare.estimation.result_builder import examine
 from avrare.plugin.registry import default_registry
 from avrare.protocols import (
     NeedsCapabilities,
@@ -97,7 +97,7 @@ def run(
 @contextmanager
 def _begin(given: Problem, estimator: Estimator, settings: Settings, executor: Executor) -> Iterator[_Task]:
     """Yield an estimate that may begin; the executor is open until it ends."""
-    problem, plan = planned(given, estimator, settings)
+    problem, plan = build_plan(given, estimator, settings)
     work = Work(problem, plan.noise, scored=estimator.single)
     executor.open(work)
     with closing(executor):
@@ -137,13 +137,13 @@ class _Task:
         replayed = problem is self.given and not _stops_early(estimator)
         found = estimator.estimate(state)
         suppress, seed = self.settings.suppress, self.settings.seed
-        results = examined(
+        results = examine(
             problem, found, self.warnings, executor, replay=replayed, suppress=suppress, seed=seed
         )
         return [replace(result, seconds=seconds) for result in results]
 
 
-def planned(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
+def build_plan(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
     """Prepare the problem and the plan; run nothing."""
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")

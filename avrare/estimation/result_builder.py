@@ -66,7 +66,7 @@ def missing_worst(plan: Plan) -> Worst:
     return Worst(np.zeros((plan.steps + 1, plan.noise.noise_size)), math.nan)
 
 
-def examined(
+def examine(
     problem: Problem,
     results: Sequence[Result],
     warnings: Mapping[str, str],

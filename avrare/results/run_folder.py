@@ -23,7 +23,7 @@ from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
 
 
-def choose(out: str | Path, name: str, several: bool) -> Path:
+def make_folder(out: str | Path, name: str, several: bool) -> Path:
     """Make the folder of one scenario of a run: ``out``, or a folder in it when there are several."""
     folder = Path(out) / name if several else Path(out)
     with explain_file_errors(f"{folder}: cannot make this folder", "choose another --out"):
@@ -31,7 +31,7 @@ def choose(out: str | Path, name: str, several: bool) -> Path:
     return folder
 
 
-def fresh(names: Sequence[str]) -> Path:
+def make_new_folder(names: Sequence[str]) -> Path:
     """Make a new folder under ``runs/`` for a run of these scenarios."""
     name = names[0] if len(names) == 1 else f"{len(names)}-scenarios"
     stem = f"{name}-{datetime.now():%Y%m%d-%H%M%S}"

@@ -11,7 +11,7 @@ import pytest
 import avrare
 from avrare.base.errors import UsageError
 from avrare.estimation import intervals
-from avrare.estimation.cross_check import compare, cross_checked
+from avrare.estimation.cross_check import add_cross_check, compare
 from avrare.estimation.loop import Settings, run
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.schema import CrossCheck
@@ -85,7 +85,7 @@ def test_a_check_that_would_not_notice_a_factor_of_ten_says_nothing(estimate):
 @pytest.mark.parametrize("suppress", [(), ("estimators_disagree",)])
 def test_disagreement_is_a_health_warning_with_both_numbers(estimate, suppress):
     wrong = splitting(estimate, 1e-6, 0.2)
-    result = cross_checked(problem(), wrong, CrossCheck(), Settings(1, suppress=suppress), execute)
+    result = add_cross_check(problem(), wrong, CrossCheck(), Settings(1, suppress=suppress), execute)
     found = result.cross_check
     assert (found.estimator, found.outcome) == ("ess", "disagree")
     assert 1e-4 < found.probability < 4e-3  # about 8e-4
@@ -96,9 +96,9 @@ def test_disagreement_is_a_health_warning_with_both_numbers(estimate, suppress):
 
 
 def test_the_cost_is_a_share_of_the_estimate_s(estimate):
-    result = cross_checked(problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(), Settings(1), execute)
+    result = add_cross_check(problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(), Settings(1), execute)
     assert 0.07 < result.cross_check.simulated_steps / result.simulated_steps < 0.2
-    half = cross_checked(
+    half = add_cross_check(
         problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(share=0.5), Settings(1), execute, parts=5
     )
     assert 0.4 < half.cross_check.simulated_steps / result.cross_check.simulated_steps < 1.0
@@ -217,7 +217,7 @@ def test_its_noise_is_its_own(estimate):
 
     result = splitting(estimate, 1e-3, 0.2)
     for seed in (0, 1, 1):
-        cross_checked(problem(), result, CrossCheck(), Settings(seed), spy)
+        add_cross_check(problem(), result, CrossCheck(), Settings(seed), spy)
     assert len({*seeds, 0, 1}) == 4
     assert seeds[1] == seeds[2]
     assert np.min(seeds) >= 0

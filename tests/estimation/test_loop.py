@@ -8,7 +8,7 @@ import avrare
 import odd_systems
 from avrare.base.errors import UsageError
 from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings, planned, run
+from avrare.estimation.loop import Settings, build_plan, run
 from avrare.estimation.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo_config import McConfig
 from avrare.estimation.result import verdict
@@ -164,7 +164,7 @@ def test_a_budget_beyond_reason_is_refused(kind, amount):
 
 def test_very_large_numbers_of_rollouts_are_accepted():
     estimator = MonteCarlo(McConfig(rollouts=10**15, runs=10**6))
-    _, plan = planned(problem(), estimator, Settings())
+    _, plan = build_plan(problem(), estimator, Settings())
     request = estimator.ask(estimator.init(plan)[0])
     assert request.particle.tolist() == list(range(request.rows))
     with pytest.raises(ValidationError):

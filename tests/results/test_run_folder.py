@@ -9,7 +9,7 @@ from avrare.base.errors import UsageError
 from avrare.base.stored_files import digest
 from avrare.cli.main import main
 from avrare.results.run import Run
-from avrare.results.run_folder import choose, fresh
+from avrare.results.run_folder import make_folder, make_new_folder
 from avrare.results.stored_failures import select_failing
 from avrare.testing.faulty_systems import Walk
 from pushed_point import pushed_point
@@ -32,19 +32,23 @@ def run(tmp_path, monkeypatch):
 
 def test_runs_of_the_same_second_have_separate_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    folders = [fresh(["lane_change"]) for _ in range(5)]
+    folders = [make_new_folder(["lane_change"]) for _ in range(5)]
     assert len(set(folders)) == 5
     assert all(folder.is_dir() and folder.name.startswith("lane_change-") for folder in folders)
 
 
 def test_several_scenarios_share_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert fresh(["one", "two"]).name.startswith("2-scenarios-")
+    assert make_new_folder(["one", "two"]).name.startswith("2-scenarios-")
 
 
 def test_a_named_folder_is_reused(tmp_path):
-    assert choose(tmp_path, "drive", several=False) == choose(tmp_path, "drive", several=False) == tmp_path
-    assert choose(tmp_path, "drive", several=True) == tmp_path / "drive"
+    assert (
+        make_folder(tmp_path, "drive", several=False)
+        == make_folder(tmp_path, "drive", several=False)
+        == tmp_path
+    )
+    assert make_folder(tmp_path, "drive", several=True) == tmp_path / "drive"
 
 
 def files_of(folder):

@@ -69,8 +69,8 @@ def run(
             "resume needs the folder of the interrupted run", "avrare.run(path, out=FOLDER, resume=True)"
         )
     _ = scenario.stack  # what cannot be built leaves no folder
-    home = run_folder.fresh([definition.name]) if out is None else Path(out)
-    folder = run_folder.choose(home, definition.name, several=False)
+    home = run_folder.make_new_folder([definition.name]) if out is None else Path(out)
+    folder = run_folder.make_folder(home, definition.name, several=False)
     with run_folder.begin_checkpoint(home, [definition], paid, resume) as checkpoint:
         journal = cache(lambda name: checkpoint.journal(f"{definition.name}/{name}"))
         found = estimate_specifications(

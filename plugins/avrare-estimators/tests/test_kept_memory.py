@@ -8,7 +8,7 @@ import pytest
 import avrare
 from avrare.estimation import memory
 from avrare.estimation.estimate_problem import _estimator
-from avrare.estimation.loop import Settings, planned, run
+from avrare.estimation.loop import Settings, build_plan, run
 from avrare.rollout.executors.serial import SerialExecutor
 
 STEPS, SIZE = 40, 4
@@ -43,7 +43,7 @@ def problem(limit=1.0, chunk=200, steps=STEPS):
 
 def estimated(name, **options):
     estimator = _estimator(name, {**SIZES[name], **options})
-    prepared, plan = planned(problem(), estimator, Settings(seed=3))
+    prepared, plan = build_plan(problem(), estimator, Settings(seed=3))
     foretold = memory.forecast(estimator, plan, memory.measure_carry(prepared))
     tracemalloc.start()
     try:
