@@ -39,6 +39,7 @@ NOT_RUN = {
     r"make .*": "sets up or uses the checkout's environment; continuous integration runs the targets",
     r"pip install .*": "installs; tests/packaging/test_wheels.py installs the wheels",
     r"python (benchmarks/|-m benchmarks\.).*": "a study of minutes to hours, whose results the page shows",
+    r"avrare compare scenarios/.* --against .* --budget rollouts=5000": "a study, shown on the page",
     r"export .*": "sets a variable of the reader's shell",
     r"avrare run .* --executor ray .*": "needs a cluster; plugins/avrare-ray has tests of the executor",
     r"avrare run scenarios/merge_metadrive.yaml( .*)?": "needs MetaDrive in an environment of its own",
