@@ -48,12 +48,13 @@ class Provenance:
         except UsageError as error:
             return Provenance(), (error.message,)
         budget, python, command = (content.get(key) for key in ("budget", "python", "command"))
+        changed = content.get("uncommitted_changes")
         provenance = Provenance(
             command=tuple(map(str, command)) if isinstance(command, list) else (),
             budget=str(budget) if budget else None,
             python=None if python is None else str(python),
             commit=str(content.get("commit") or ""),
-            uncommitted_changes=bool(content.get("uncommitted_changes")),
+            uncommitted_changes=changed if isinstance(changed, bool) else None,
             date=_date(content.get("date")),
         )
         return provenance, ()

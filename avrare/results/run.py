@@ -372,12 +372,15 @@ def _read_artifacts(
 ) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
     """Return the files that estimators have left, and a line on each that has changed or is missing."""
     artifacts, lost = {}, []
-    for name in files:
+    for name, written in files.items():
         if name == SCENARIO or Path(name).name != name:
             continue
         try:
             artifacts[name] = read_json(path / name, RUN_AGAIN)
+            changed = digest((path / name).read_text()) != written
         except UsageError:
+            changed = True
+        if changed:
             lost.append(f"{path / name}: it was changed after the run, or is missing")
     return artifacts, tuple(lost)
 

@@ -19,6 +19,7 @@ import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import islice
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -105,15 +106,15 @@ def _kind_of(system: object) -> Kind:
     parts, count = [system], 0
     for _ in range(_PARTS_DEPTH):
         inner: list[object] = []
-        for part in parts[: _MAX_PARTS - count]:
+        for part in parts[: max(_MAX_PARTS - count, 0)]:
             if isinstance(part, str):
                 kind.add(part)
             elif isinstance(part, FunctionType):
                 kind.add(part.__code__)
             elif isinstance(part, dict):
-                inner += part.values()
+                inner += islice(part.values(), _MAX_PARTS)
             elif isinstance(part, list | tuple):
-                inner += part
+                inner += part[:_MAX_PARTS]
             elif type(part).__module__ != "builtins":
                 kind.add(type(part))
                 inner += getattr(part, "__dict__", {}).values()
@@ -155,13 +156,16 @@ def _wait(connection: Connection, child: int) -> bool:
     while time.monotonic() < end and idle < _IDLE_SECONDS:
         if connection.poll(_POLL_SECONDS):
             return True
-        with suppress(OSError):
-            before, work = (
-                work,
-                " ".join(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13]),
-            )
-            idle = idle + _POLL_SECONDS if work == before else 0.0
+        before, work = work, _read_work(child)
+        idle = idle + _POLL_SECONDS if work == before else 0.0
     return False
+
+
+def _read_work(child: int) -> str:
+    """Return the processor time of a child, of its own code and of the kernel's; empty once it has ended."""
+    with suppress(OSError):
+        return " ".join(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13])
+    return ""
 
 
 def _close_connections(kept: Connection) -> None:

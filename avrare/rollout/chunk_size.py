@@ -11,7 +11,7 @@ from avrare.protocols import HasLimits, Specification, System, find_ability, fin
 
 LEAST, MOST = 25, 4096
 WORLD_ROWS = 50
-"""Rows of worlds that are simulated one at a time; a policy that acts on 25 of them takes 15 % longer."""
+"""Rows of worlds that are simulated one at a time: a policy that acts on them all at once pays for fewer."""
 _BYTES = 2**22
 """Bytes of the rows of a chunk, states and monitors; fewer rows cost more overhead than a cache saves."""
 _STEPS = 2**17

@@ -167,12 +167,12 @@ class Place:
 
     @property
     def has_law(self) -> bool:
-        """Whether a law stands in the place of a number that may be drawn."""
+        """True where a law stands in the place of a number that may be drawn."""
         return self.is_drawable and "law" in self.node.entries
 
     @property
     def is_drawable(self) -> bool:
-        """Whether the value is a number that may be drawn."""
+        """True where the value is a number that may be drawn."""
         return any(isinstance(kind, DrawableMark) for kind in self.types)
 
     def is_marked(self, mark: str) -> bool:

@@ -117,6 +117,21 @@ def test_a_run_that_was_read_is_written_again(tmp_path, monkeypatch):
     assert (tmp_path / "b/c/learned.json").exists()
 
 
+def test_a_changed_artifact_is_named(run):
+    folder = run(*LEARNED)
+    content = json.loads((folder / "learned.json").read_text())
+    (folder / "learned.json").write_text(json.dumps(content))
+    assert Run.read(folder).changes == (
+        f"{folder}/learned.json: it was changed after the run, or is missing",
+    )
+
+
+def test_an_unknown_state_of_the_checkout_stays_unknown(run):
+    origin = run() / "provenance.json"
+    origin.write_text(json.dumps(json.loads(origin.read_text()) | {"uncommitted_changes": None}))
+    assert Run.read(origin.parent).provenance.to_dict()["uncommitted_changes"] is None
+
+
 def test_results_of_a_problem_are_written_without_a_scenario(tmp_path):
     problem = avrare.Problem(Walk(), avrare.stl("always (x < 1)"), steps=4)
     run = Run.of_results([avrare.estimate(problem, rollouts=50)]).write(tmp_path / "a")

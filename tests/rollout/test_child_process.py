@@ -120,6 +120,13 @@ def test_a_child_does_not_talk_to_the_other_end_of_a_connection(system):
     assert there_socket.recv(10) == b"x"
 
 
+def test_a_large_system_is_looked_at_in_part():
+    system = type("Recorded", (), {})()
+    system.samples = [[float(k)] * 10 for k in range(5000)]
+    system.names = {str(k): str(k) for k in range(5000)}
+    assert len(child_process._kind_of(system)) <= child_process._MAX_PARTS + 1
+
+
 def test_systems_with_other_functions_or_texts_are_of_another_kind(system):
     def first():
         return 1

@@ -42,7 +42,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Answer:
-    """How often a specification is broken, in words; ``index`` is that of its section."""
+    """Sentence on how often a specification is broken; ``index`` is that of its section."""
 
     index: int
     sentence: str
@@ -246,7 +246,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Origin:
-    """How the numbers were made; a fact is its name, its value, and whether that is code."""
+    """Origin of the numbers; a fact is its name, its value, and whether that is code."""
 
     reproduction: str
     original: str
