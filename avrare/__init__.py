@@ -29,11 +29,11 @@ if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads i
     from avrare.base.errors import ScenarioError as ScenarioError
     from avrare.base.errors import UsageError as UsageError
     from avrare.base.version import __version__ as __version__
-    from avrare.estimation.budget import Budget as Budget
     from avrare.estimation.estimate_problem import estimate as estimate
     from avrare.estimation.estimate_problem import estimate_all as estimate_all
-    from avrare.estimation.result import Result as Result
-    from avrare.estimation.result import Results as Results
+    from avrare.estimation.plan.budget import Budget as Budget
+    from avrare.estimation.result.result import Result as Result
+    from avrare.estimation.result.result import Results as Results
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
     from avrare.report.session.scenario_run import run as run

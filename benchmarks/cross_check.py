@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run from anywhere
 
 import avrare
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from benchmarks.studies.untuned_problems import Untuned, untuned_problems
 
 EASY = ("plain_walk", "plain_ou", "unequal")

@@ -29,8 +29,8 @@ from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.pooling import SHARES, pool
 from avrare.base.special_functions import bisect
-from avrare.estimation import intervals
-from avrare.estimation.result import Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Regression, Threshold

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import avrare
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 from avrare_linear.gaussian import TrajectoryGaussian
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "double_integrator.yaml"

@@ -19,7 +19,7 @@ import numpy as np
 
 from avrare.analysis.rates.allocation import allocate
 from avrare.analysis.rates.combination import FEW, Quantity, combine, from_count, from_rollouts
-from avrare.estimation.intervals import clopper_pearson, cox, log_normal
+from avrare.estimation.result.intervals import clopper_pearson, cox, log_normal
 
 PILOT = 0.1
 """Share of the budget that the pilots take."""

@@ -36,7 +36,7 @@ import numpy as np
 from studies import kept, pages, table2_figures, table2_page
 
 import avrare
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 

@@ -14,7 +14,7 @@ from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
-from avrare.estimation.checkpoint import SCENARIO
+from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.results.run import Run
 from avrare.results.stored_causes import ATTRIBUTION_FILE
 from avrare.results.stored_failures import select_failing

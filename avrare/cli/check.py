@@ -39,9 +39,9 @@ from avrare.cli.output import (
     write_file,
     write_files,
 )
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import Checkpoint, resume_hint
-from avrare.estimation.result import Result
+from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import Result
 from avrare.report.documents.check_documents import junit, markdown
 from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
 from avrare.report.terminal.check_table import print_check, print_plan

@@ -12,7 +12,7 @@ from typing import Any
 from avrare.base.atomic_files import ensure_writable, explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.visible_text import spell_controls
-from avrare.estimation.result import finite
+from avrare.estimation.result.result import finite
 
 
 def say(*lines: str, error: bool = False) -> None:
@@ -101,7 +101,7 @@ def refuse_overwrite(out: Path, summary: str, names: Sequence[str], resume: bool
     ``out`` itself, would be taken for theirs. A folder that a killed command has left unfinished is taken,
     and to ``resume`` one with an interrupted run.
     """
-    from avrare.estimation.checkpoint import FOLDER, Checkpoint, read_index, resume_hint
+    from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, read_index, resume_hint
 
     hint = "choose another folder, or remove it" if resume else "choose another --out, or remove it"
     if not resume and read_index(out / FOLDER) is not None and Checkpoint(out / FOLDER, {}).chunks:

@@ -17,7 +17,7 @@ import pytest
 if TYPE_CHECKING:
     from avrare.analysis.check.gate import CheckResult
     from avrare.analysis.check.targets import CheckTarget
-    from avrare.estimation.result import Result
+    from avrare.estimation.result.result import Result
 
 _MARK = "avrare(scenario, specification, set=(), budget=None, workers=1): what `avrare_result` estimates"
 
@@ -161,7 +161,7 @@ def _estimate(
 ) -> Result:
     from avrare.analysis.check.targets import ExecutionSettings, estimate_look, plan_looks
     from avrare.base.errors import UsageError
-    from avrare.estimation.budget import Budget
+    from avrare.estimation.plan.budget import Budget
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.scenario.load import load
 

@@ -20,7 +20,7 @@ from avrare.base.stored_files import read_json
 from avrare.cli.options import display
 from avrare.cli.output import print_warnings, resumed_folder, say, write_files
 from avrare.cli.run import check_start, estimate_run
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.report.html.rate_page import render_rates
 from avrare.report.terminal.console import make_console
 from avrare.report.terminal.rate_table import print_rates

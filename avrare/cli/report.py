@@ -9,7 +9,7 @@ from pathlib import Path
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
-from avrare.estimation.checkpoint import FOLDER, INDEX, resume_hint
+from avrare.estimation.loop.checkpoint import FOLDER, INDEX, resume_hint
 from avrare.report.session.python_report import render_report
 
 

@@ -18,10 +18,10 @@ from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, 
 from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import Checkpoint, SaveError
 from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
-from avrare.estimation.result import with_verdict
+from avrare.estimation.loop.checkpoint import Checkpoint, SaveError
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import with_verdict
 from avrare.plugin.registry import default_registry
 from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.report.plots.rollout_plot import draw_run

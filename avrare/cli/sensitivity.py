@@ -11,7 +11,7 @@ from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
 from avrare.cli.output import show_or_write
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.results.run import Run
 from avrare.scenario.load import load
 

@@ -18,14 +18,19 @@ import numpy as np
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.renderers import render
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.cross_check import add_cross_check, count_sharers, parse_cross_check, subtract_check
-from avrare.estimation.ensemble import include_model
-from avrare.estimation.loop import Progress, Settings, check_estimate, run
-from avrare.estimation.memory import Forecast
-from avrare.estimation.plan import Estimator, Journal
-from avrare.estimation.result import Origin, Result, Results
+from avrare.estimation.combine.cross_check import (
+    add_cross_check,
+    count_sharers,
+    parse_cross_check,
+    subtract_check,
+)
+from avrare.estimation.combine.ensemble import include_model
+from avrare.estimation.loop.checkpoint import Checkpoint
+from avrare.estimation.loop.loop import Progress, Settings, check_estimate, run
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.memory import Forecast
+from avrare.estimation.plan.plan import Estimator, Journal
+from avrare.estimation.result.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import Executor, build_executor

@@ -96,8 +96,8 @@ class AutoRole:
         order: Candidates with smaller numbers are tried first.
         with_steps: True: for problems with steps only; False: for those without; None: for both.
         gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
-            candidate has ``scaled`` (``avrare.estimation.cross_check.ScalesToCost``), and is chosen where a
-            small trial of it promises a gain.
+            candidate has ``scaled`` (``estimation.combine.cross_check.ScalesToCost``), and is chosen where a small
+            trial of it promises a gain.
         options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
             to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.
             ``relative_error`` and ``memory`` are given to estimators that have them. Must import nothing
@@ -142,7 +142,7 @@ class Component:
         family: Method of an estimator: estimators of one family do not cross-check each other. Default: its
             name.
         cross_check: Role of an estimator in cross-checks; it then has ``scaled``
-            (``avrare.estimation.cross_check.ScalesToCost``). None: it checks no others.
+            (``avrare.estimation.combine.cross_check.ScalesToCost``). None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
     """
 

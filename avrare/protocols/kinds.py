@@ -150,7 +150,7 @@ class Specification(Protocol):
 class Estimator(Protocol[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
     """Estimator: owns no loop, but asks for rollouts and is given their outcome.
 
-    ``avrare.estimation.plan.Estimator`` names the value types. Optional: ``PreparesProblem``,
+    ``avrare.estimation.plan.plan.Estimator`` names the value types. Optional: ``PreparesProblem``,
     ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``, ``ScalesToCost`` (``estimation.cross_check``).
 
     Attributes:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from avrare.analysis.causes.attribution import Attribution
     from avrare.analysis.causes.kinds import Kinds
-    from avrare.estimation.loop import Progress
-    from avrare.estimation.result import Result
+    from avrare.estimation.loop.loop import Progress
+    from avrare.estimation.result.result import Result
     from avrare.report.session.plot import Plot
     from avrare.report.session.trace import Trace
     from avrare.results.run import Run

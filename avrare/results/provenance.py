@@ -11,7 +11,7 @@ from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.results.checkout import describe_checkout
 from avrare.results.stored_results import RUN_AGAIN
 from avrare.scenario.schema import Scenario

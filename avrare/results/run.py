@@ -25,10 +25,10 @@ from avrare.base.errors import AvrareError, UsageError
 from avrare.base.records import Records
 from avrare.base.renderers import render
 from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import SCENARIO, resume_hint
-from avrare.estimation.plan import Estimator
-from avrare.estimation.result import Origin, Result, Results, worst_verdict
+from avrare.estimation.loop.checkpoint import SCENARIO, resume_hint
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Estimator
+from avrare.estimation.result.result import Origin, Result, Results, worst_verdict
 from avrare.results.provenance import Provenance
 from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
 from avrare.results.stored_results import (

@@ -13,8 +13,8 @@ from typing import Any
 from avrare.base.atomic_files import explain_file_errors, remove_torn
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.stored_files import read_json
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
+from avrare.estimation.loop.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
+from avrare.estimation.plan.budget import Budget
 from avrare.results.run import RESULT, Run
 from avrare.results.stored_results import RUN_AGAIN
 from avrare.scenario.fingerprint import comparable, fingerprint

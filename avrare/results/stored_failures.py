@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.checkpoint import SCENARIO
+from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.results.run import Run
 from avrare.results.stored_results import RUN_AGAIN
 

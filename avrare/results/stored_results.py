@@ -18,9 +18,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_arrays, write_arrays
 from avrare.base.visible_text import spell_line
-from avrare.estimation.intervals import Interval
-from avrare.estimation.note import Note
-from avrare.estimation.result import CrossCheckResult, Failures, Origin, Result, Worst
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import CrossCheckResult, Failures, Origin, Result, Worst
 from avrare.results.stored_diagnostics import check_diagnostics
 
 RUN_AGAIN = "run the scenario again"

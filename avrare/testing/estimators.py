@@ -22,7 +22,7 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.estimation.estimate_problem import estimate
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.logic.formula import stl
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem

@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.summary import Row, trusted
 

@@ -9,11 +9,11 @@ from scipy.special import ndtr
 
 import avrare
 from avrare import Problem, stl
-from avrare.estimation.auto import Auto
-from avrare.estimation.auto_config import AutoConfig
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.plan import Estimator, Execute
-from avrare.estimation.result import Result
+from avrare.estimation.choice.auto import Auto
+from avrare.estimation.choice.auto_config import AutoConfig
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.plan.plan import Estimator, Execute
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.executors.work import build_executor
 

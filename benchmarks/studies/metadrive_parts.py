@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import avrare
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 from avrare.rollout.problem import Problem
 from avrare_estimators.common import health
 

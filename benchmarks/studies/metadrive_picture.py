@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import avrare
-from avrare.estimation.result import spread
+from avrare.estimation.result.result import spread
 from avrare_metadrive.config import DT, SIGNALS, NoiseConfig
 from avrare_metadrive.world import MetaDriveWorld
 

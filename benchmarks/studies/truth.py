@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 
 TAIL = 1e-3
 """Share of the rollouts that a tail keeps."""

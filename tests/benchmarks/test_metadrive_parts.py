@@ -7,7 +7,7 @@ import pytest
 from metadrive_study import LEAST_REWARD, LEAST_SPEED, danger
 from studies import metadrive_parts as parts
 
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 from avrare.testing.static_problems import linear
 
 MC = {"rollouts": 40, "scenario": "a"}

@@ -336,7 +336,7 @@ def test_an_earlier_result_is_not_overwritten(drive, capsys):
 
 
 def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):
-    from avrare.estimation.checkpoint import Checkpoint
+    from avrare.estimation.loop.checkpoint import Checkpoint
 
     monkeypatch.setattr(Checkpoint, "remove", lambda self: None)  # as if it had been killed at its end
     assert main(["run", drive(BOUND % 0.1), "--quiet", "--out", "results"]) == 0

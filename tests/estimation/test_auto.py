@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation import auto
-from avrare.estimation.auto import Auto, _Work
-from avrare.estimation.auto_config import AutoConfig
-from avrare.estimation.auto_rules import Aim, promised_gain
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import SaveError
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.plan import GaveUp
+from avrare.estimation.choice import auto
+from avrare.estimation.choice.auto import Auto, _Work
+from avrare.estimation.choice.auto_config import AutoConfig
+from avrare.estimation.choice.auto_rules import Aim, promised_gain
+from avrare.estimation.loop.checkpoint import SaveError
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import GaveUp
+from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
@@ -223,7 +223,7 @@ def test_the_pilot_forecasts_the_failures_at_which_it_stops():
 @pytest.mark.parametrize("part", ["is", "try-ams", "ams"])
 def test_a_part_that_breaks_is_told(part, monkeypatch):
     """Pass the error on: a full disk or a damaged file is no reason to take another estimator."""
-    monkeypatch.setattr("avrare.estimation.auto.pays", lambda gain: True)
+    monkeypatch.setattr("avrare.estimation.choice.auto.pays", lambda gain: True)
     stuck = problem("always (x > 1)", system=Scrambled(5, 2e-3), steps=5)
 
     def execute(problem, estimator, settings, name):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import damage
-from avrare.estimation.checkpoint import decode, decode_seconds, digest, encode
+from avrare.estimation.loop.checkpoint import decode, decode_seconds, digest, encode
 from avrare.rollout.request import Request, Rollouts
 
 OUTCOME = Rollouts(

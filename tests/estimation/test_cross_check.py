@@ -10,9 +10,9 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation import intervals
-from avrare.estimation.cross_check import add_cross_check, compare
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.combine.cross_check import add_cross_check, compare
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.schema import CrossCheck
 from avrare.testing import faulty_systems as systems

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 
 CONFIDENCES = (0.5, 0.9, 0.95, 0.999, 1 - 1e-9)
 TRIALS = (1, 2, 10, 1000, 1_000_000)

@@ -7,11 +7,11 @@ from pydantic import ValidationError
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
-from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings, build_plan, run
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.result import verdict
+from avrare.estimation.loop.loop import Settings, build_plan, run
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import verdict
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 

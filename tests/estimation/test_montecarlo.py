@@ -9,8 +9,8 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
-from avrare.estimation.intervals import clopper_pearson, inverse_binomial
-from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.result.intervals import clopper_pearson, inverse_binomial
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
@@ -89,8 +89,8 @@ def test_counters_are_summed():
 
 def test_scores_over_time_are_not_kept():
     """Hold a few numbers for each rollout, whatever the number of steps."""
-    from avrare.estimation.loop import Settings, run
-    from avrare.estimation.monte_carlo import MonteCarlo
+    from avrare.estimation.loop.loop import Settings, run
+    from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
     from avrare.rollout.executors.serial import SerialExecutor
 
     states = []

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.outlier_probe import probe_cost, probe_outliers
-from avrare.estimation.pair_probe import pair_probe_cost, probe_pairs
+from avrare.estimation.checks.outlier_probe import probe_cost, probe_outliers
+from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
 from avrare.testing import faulty_systems as systems
 
 STEPS = 8

@@ -7,12 +7,12 @@ import pytest
 
 import avrare
 from avrare.base.errors import Interrupted
-from avrare.estimation import loop
-from avrare.estimation.budget import Budget
-from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.loop import loop
+from avrare.estimation.loop.checkpoint import Checkpoint
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.budget import Budget
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.worlds.determinism import probe

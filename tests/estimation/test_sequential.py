@@ -8,8 +8,8 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation.intervals import anytime
-from avrare.estimation.stopping_rules import AtThreshold
+from avrare.estimation.monte_carlo.stopping_rules import AtThreshold
+from avrare.estimation.result.intervals import anytime
 from avrare.testing.problems import linear
 
 
@@ -117,7 +117,7 @@ def test_the_number_of_looks_is_limited():
             return super().at(violated, error)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("avrare.estimation.monte_carlo.AtThreshold", Counting)
+        patch.setattr("avrare.estimation.monte_carlo.monte_carlo.AtThreshold", Counting)
         result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
     assert len(looks) < 120
     assert sum(looks) < 30 * result.rollouts

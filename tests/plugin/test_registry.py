@@ -37,7 +37,7 @@ def the_row(registry, name):
 
 def test_the_cores_own_components_come_through_the_same_hook():
     registry = Registry()
-    assert registry.get("estimator", "mc").factory == "avrare.estimation.monte_carlo:build"
+    assert registry.get("estimator", "mc").factory == "avrare.estimation.monte_carlo.monte_carlo:build"
     assert registry.names("executor") == ["processes", "serial"]
     assert {row.distribution for row in registry.rows()} == {"avrare"}
 

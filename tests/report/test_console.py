@@ -8,7 +8,7 @@ from rich.console import Console
 
 import avrare
 from avrare.base.number_format import format_confidence, format_probability
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.plan import Info
 from avrare.report.terminal.console import make_console, make_table, print_lines, print_table
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.result_table import note_lines, result_table, warning_lines

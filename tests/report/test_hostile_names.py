@@ -26,9 +26,9 @@ from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.driving import Road
-from avrare.estimation.budget import Budget
-from avrare.estimation.note import describe_counts
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Info
+from avrare.estimation.result.note import describe_counts
 from avrare.plugin.registry import default_registry
 from avrare.report.documents import (
     check_documents,

@@ -12,8 +12,8 @@ import pytest
 
 import avrare
 from avrare.cli.main import main
-from avrare.estimation.ensemble import combine
-from avrare.estimation.note import NoteKind
+from avrare.estimation.combine.ensemble import combine
+from avrare.estimation.result.note import NoteKind
 from avrare.report.terminal.console import make_console, print_lines
 from avrare.report.terminal.result_table import note_lines, warning_lines
 from avrare.results.stored_results import StoredEstimate

@@ -15,8 +15,8 @@ import pytest
 import avrare
 from avrare.base.number_format import format_clock
 from avrare.cli.main import main
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.plan import Info
 from avrare.report.terminal.progress_line import Progress
 from avrare.report.terminal.time_left import TimeLeft
 

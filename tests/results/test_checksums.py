@@ -10,7 +10,7 @@ from avrare.analysis.check import baseline_files
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import CHECKSUM
 from avrare.cli.main import main
-from avrare.estimation.checkpoint import Checkpoint, read_index
+from avrare.estimation.loop.checkpoint import Checkpoint, read_index
 from avrare.results.run import Run
 from avrare.scenario.load import load
 

@@ -8,10 +8,10 @@ import pytest
 
 import avrare
 from avrare.base.errors import Interrupted
-from avrare.estimation.checkpoint import Checkpoint
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.loop.checkpoint import Checkpoint
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.rollout.chunk_size import LEAST, MOST, WORLD_ROWS, spread
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request

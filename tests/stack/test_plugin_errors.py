@@ -78,7 +78,7 @@ def test_an_estimator_that_cannot_be_built_is_told_too(monkeypatch):
     def broken(config, scene):
         raise ValueError("no rollouts today")
 
-    monkeypatch.setattr("avrare.estimation.monte_carlo.build", broken)
+    monkeypatch.setattr("avrare.estimation.monte_carlo.monte_carlo.build", broken)
     scenario = load(str(SCENARIOS / "double_integrator.yaml"), ("estimator={plugin: mc}",))
     with pytest.raises(PluginError, match="estimator 'mc' of avrare cannot be built: ValueError: no roll"):
         LoadedScenario(scenario).estimator()

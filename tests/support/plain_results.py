@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from avrare.estimation.result import Failures, Result, Worst
+from avrare.estimation.result.result import Failures, Result, Worst
 
 
 def plain_result(

@@ -31,9 +31,9 @@ from avrare.analysis.causes.noise_groups import (
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.records import Records
-from avrare.estimation import intervals
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor, t_factor
-from avrare.estimation import intervals
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Failures, Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures, Result
 from avrare.protocols import Bools, Floats
 
 

@@ -22,8 +22,8 @@ from avrare.analysis.causes.first_violation import FirstViolation, find_first_vi
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_interval, format_probability
 from avrare.base.records import Records
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Result
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals

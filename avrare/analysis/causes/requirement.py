@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from avrare.analysis.causes.reweighed_trial import Nearby, Score
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
-from avrare.estimation.intervals import Interval
+from avrare.estimation.result.intervals import Interval
 
 
 @dataclass(frozen=True)

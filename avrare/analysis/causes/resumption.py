@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.base.errors import AvrareError, ExitCode, Interrupted
-from avrare.estimation.checkpoint import FOLDER, Checkpoint, FileJournal
+from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal
 from avrare.results.run import Run
 from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.schema import Scenario

@@ -16,9 +16,9 @@ import numpy as np
 
 from avrare.analysis.causes.failure_sample import count_trials
 from avrare.base.errors import UsageError
-from avrare.estimation import intervals
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Failures, Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures, Result
 from avrare.protocols import Floats
 from avrare.rollout.observation_ratios import log_ratios
 from avrare.rollout.problem import Problem

@@ -23,8 +23,8 @@ from avrare.analysis.causes.sensitivity import (
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
-from avrare.estimation import intervals
-from avrare.estimation.intervals import Interval
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario, load, select_specification
 from avrare.rollout.problem import Problem

@@ -19,8 +19,8 @@ from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Failures
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats, find_ability
 from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
 from avrare.rollout.problem import Problem

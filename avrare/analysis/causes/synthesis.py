@@ -19,7 +19,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.estimation.intervals import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 

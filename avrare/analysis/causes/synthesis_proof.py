@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from avrare.analysis.compare.paired_comparison import PairedCounts, compare_pairs
 from avrare.base.number_format import format_interval, format_probability, format_signed_interval
-from avrare.estimation import intervals
-from avrare.estimation.intervals import Interval
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
 from avrare.rollout.executors.work import Executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Journal
+from avrare.estimation.plan.plan import Journal
 from avrare.protocols import Bools, Floats
 from avrare.rollout.executors.work import Executor, Work, build_executor, check_reproduces
 from avrare.rollout.noise import NoiseSource

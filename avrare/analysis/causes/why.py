@@ -9,7 +9,7 @@ from avrare.analysis.causes.attribution import Attribution, attribution_of_resul
 from avrare.analysis.causes.kinds import Kinds, kinds_of_result
 from avrare.base.errors import UsageError
 from avrare.base.records import Records
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failing
 

@@ -19,13 +19,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import check_seal, read_json, seal
-from avrare.estimation.confidence_distributions import (
+from avrare.estimation.result.confidence_distributions import (
     ConfidenceDistribution,
     decode_distribution,
     derive_distribution,
     encode_distribution,
 )
-from avrare.estimation.result import Result, finite
+from avrare.estimation.result.result import Result, finite
 from avrare.results.checkout import describe_checkout
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario

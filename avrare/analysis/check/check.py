@@ -10,8 +10,8 @@ from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.targets import ExecutionSettings, load_scenarios, load_targets, plan_looks
 from avrare.base.errors import UsageError
-from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import Watch
+from avrare.estimation.plan.budget import Budget
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
 

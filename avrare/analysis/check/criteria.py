@@ -21,9 +21,9 @@ from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_most,
     ratio_interval,
 )
-from avrare.estimation.confidence_distributions import derive_distribution
-from avrare.estimation.intervals import Interval
-from avrare.estimation.result import Result
+from avrare.estimation.result.confidence_distributions import derive_distribution
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.scenario.schema import Regression, Threshold
 
 _ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_failures"})

@@ -23,7 +23,7 @@ from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
-from avrare.estimation.result import Result, finite, worst_verdict
+from avrare.estimation.result.result import Result, finite, worst_verdict
 from avrare.results.run import Run
 
 SCHEMA = 1

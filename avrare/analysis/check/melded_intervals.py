@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from avrare.estimation.confidence_distributions import ConfidenceDistribution
+from avrare.estimation.result.confidence_distributions import ConfidenceDistribution
 
 _TEST_POINTS = 384
 _INTERVAL_POINTS = 96  # enough for an interval that is only shown

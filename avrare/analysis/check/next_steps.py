@@ -15,7 +15,7 @@ from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import CheckTarget
 from avrare.analysis.failures.failure import record_failure
 from avrare.base.errors import UsageError
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 
 
 def with_next_steps(outcome: CheckResult, targets: Sequence[CheckTarget], out: Path | None) -> CheckResult:

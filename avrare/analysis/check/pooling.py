@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation import health
-from avrare.estimation.confidence_distributions import (
+from avrare.estimation.result import health
+from avrare.estimation.result.confidence_distributions import (
     Binomial,
     ConfidenceDistribution,
     LogNormal,
     derive_distribution,
 )
-from avrare.estimation.intervals import cox
-from avrare.estimation.note import Note
-from avrare.estimation.result import CrossCheckResult, Failures, Result
+from avrare.estimation.result.intervals import cox
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import CrossCheckResult, Failures, Result
 
 SHARES = (0.125, 0.125, 0.25, 0.5)
 """Share of the budget and of the error rate that each look uses; each from the second doubles the total."""

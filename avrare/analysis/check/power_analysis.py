@@ -14,7 +14,7 @@ from statistics import NormalDist
 from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion
 from avrare.base.special_functions import beta_cdf
-from avrare.estimation.confidence_distributions import Binomial, InverseBinomial
+from avrare.estimation.result.confidence_distributions import Binomial, InverseBinomial
 from avrare.scenario.schema import Regression, Threshold
 
 POWER = 0.9

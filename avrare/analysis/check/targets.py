@@ -21,10 +21,10 @@ from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
 from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import Watch, estimate_specifications
-from avrare.estimation.plan import Journal
-from avrare.estimation.result import Result
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Journal
+from avrare.estimation.result.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests

@@ -17,7 +17,7 @@ from avrare.analysis.compare.repetition_statistics import (
 from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_confidence, format_narrow
 from avrare.base.records import Records
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.plan import Estimator
+from avrare.estimation.plan.plan import Estimator
 from avrare.plugin.component import Component
 from avrare.plugin.registry import Registry
 from avrare.scenario.overrides import override

@@ -19,9 +19,9 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_signed, format_signed_interval
 from avrare.base.records import Records
 from avrare.base.special_functions import bisect, normal_factor
-from avrare.estimation.budget import Budget
-from avrare.estimation.intervals import Interval
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Info
+from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Bools
 from avrare.rollout.executors.work import Executor, Work, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario

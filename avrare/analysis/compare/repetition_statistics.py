@@ -11,8 +11,8 @@ import numpy as np
 
 from avrare.analysis.compare.case import GroundTruth
 from avrare.base.special_functions import t_factor
-from avrare.estimation import intervals
-from avrare.estimation.result import Interval, Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Interval, Result
 from avrare.protocols import Floats
 
 MIN_REPETITIONS = 2

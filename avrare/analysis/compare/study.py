@@ -19,10 +19,10 @@ from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesig
 from avrare.analysis.compare.estimator_options import Arm, make_arm, parse_arms, split_settings
 from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Progress, Settings, prepare_problem, run
-from avrare.estimation.plan import Plan
-from avrare.estimation.result import Result
+from avrare.estimation.loop.loop import Progress, Settings, prepare_problem, run
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Plan
+from avrare.estimation.result.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.noise import NoiseSource

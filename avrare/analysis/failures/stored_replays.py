@@ -24,8 +24,8 @@ from avrare.analysis.failures.failure import (
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.base.errors import UsageError
 from avrare.base.records import Records
-from avrare.estimation.checkpoint import SCENARIO
-from avrare.estimation.result import Failures
+from avrare.estimation.loop.checkpoint import SCENARIO
+from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failure

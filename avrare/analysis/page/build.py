@@ -11,7 +11,7 @@ from avrare.analysis.page.model import Estimate, Limit, Notice, Origin, ReportMo
 from avrare.analysis.page.section import build_sections
 from avrare.analysis.page.verdict import build_summary
 from avrare.base.chart import Scale, make_log_scale
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 
 

@@ -10,7 +10,7 @@ from avrare.analysis.page.model import Causes, Command, Kind, Kinds, Savings
 from avrare.analysis.page.player import name_rollout
 from avrare.analysis.page.stored_rollouts import MonitoredRollout
 from avrare.base.number_format import describe_share, format_typeset
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 from avrare.results.stored_causes import (
     StoredAttribution,

@@ -10,8 +10,8 @@ import numpy as np
 
 from avrare.base.chart import Chart, Scale, make_linear_scale, make_log_scale
 from avrare.base.number_format import format_percent
-from avrare.estimation import intervals
-from avrare.estimation.result import Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 
 _BINS = 32

@@ -10,7 +10,7 @@ import numpy as np
 from avrare.analysis.failures.lost import Continuations, continue_without_noise
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.recordings.replayed_failure import record_rollout
 from avrare.results.run import Run

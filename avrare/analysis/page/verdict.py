@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from avrare.analysis.page.model import Answer, Estimate, Limit, Summary
 from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result import worst_verdict
+from avrare.estimation.result.result import worst_verdict
 from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1  # a smaller probability is written as one in so many

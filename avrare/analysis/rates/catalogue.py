@@ -11,7 +11,7 @@ from typing import Literal
 from avrare.analysis.rates.catalogue_document import CatalogueDocument, SceneEntry
 from avrare.base.errors import AvrareError, ScenarioError, UsageError, did_you_mean
 from avrare.base.stored_files import open_regular
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.scenario.load import check_estimator, load
 from avrare.scenario.safe_mode import TRUST, is_safe, refuse_outside
 from avrare.scenario.schema import Scenario

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.scenario.exposure import Exposure, Positive, Unit
 from avrare.scenario.schema import Probability, Slug
 

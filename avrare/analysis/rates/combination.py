@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from avrare.base.special_functions import normal_factor
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 from avrare.scenario.exposure import Exposure
 
 Interval = tuple[float, float]

@@ -13,8 +13,8 @@ from avrare.analysis.rates.catalogue_document import RateThreshold
 from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
 from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
-from avrare.estimation.budget import Budget
-from avrare.estimation.result import finite, worst_verdict
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import finite, worst_verdict
 
 
 @dataclass(frozen=True)

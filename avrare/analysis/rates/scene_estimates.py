@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from avrare.analysis.check.criteria import find_doubts
 from avrare.analysis.rates.combination import Interval, Quantity, from_rollouts
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 
 _HARMLESS = "rounding"
 """Warning that says nothing against an estimate."""

@@ -9,7 +9,7 @@ from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
 from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements
 from avrare.base import version
-from avrare.estimation.result import finite
+from avrare.estimation.result.result import finite
 from avrare.scenario.fingerprint import fingerprint
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import write_text
-from avrare.estimation.result import finite
+from avrare.estimation.result.result import finite
 from avrare.results.recordings.recording import Recording
 
 

@@ -13,7 +13,7 @@ from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.report.plots import hide_spines, make_figure, plain, save_figure
 from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.loaded_scenario import LoadedScenario

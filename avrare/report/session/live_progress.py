@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.plan import Info
 from avrare.report.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from avrare.base.number_format import format_typeset, format_typeset_interval
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 
 _COLUMNS = ("specification", "probability", "interval", "estimator", "rollouts", "failures", "verdict")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.analysis.page.build import build_report
 from avrare.base.atomic_files import explain_file_errors, write_text
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.report.html.page import render_page
 from avrare.results.run import Run
 

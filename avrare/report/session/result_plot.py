@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.number_format import format_interval, format_probability
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.report.plots import hide_spines, make_figure
 from avrare.report.session.plot import Plot
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.estimation.budget import Budget
 from avrare.estimation.estimate_problem import estimate_specifications
-from avrare.estimation.loop import Progress
-from avrare.estimation.plan import Estimator
-from avrare.estimation.result import Origin, Result, with_verdict
+from avrare.estimation.loop.loop import Progress
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Estimator
+from avrare.estimation.result.result import Origin, Result, with_verdict
 from avrare.report.session.live_progress import show_progress
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back

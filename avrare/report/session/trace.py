@@ -13,7 +13,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.number_format import format_robustness
 from avrare.base.records import Records
 from avrare.driving import Scene
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.logic.formula import find_formula
 from avrare.protocols import Floats
 from avrare.report.plots import hide_spines, make_figure

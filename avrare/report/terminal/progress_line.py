@@ -14,8 +14,8 @@ from rich.text import Text
 
 from avrare.base.number_format import format_clock
 from avrare.base.visible_text import spell_line
-from avrare.estimation.intervals import clopper_pearson
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.plan import Info
+from avrare.estimation.result.intervals import clopper_pearson
 from avrare.report.terminal.console import Mode, make_console
 from avrare.report.terminal.time_left import TimeLeft
 from avrare.rollout.executors.interruption import Stopping

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.base.number_format import format_interval, format_probability
-from avrare.estimation.result import Result
+from avrare.estimation.result.result import Result
 from avrare.report.terminal.console import colour_verdict, make_table
 
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from avrare.base.number_format import format_clock
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.plan import Info
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.plan import Info
 
 _LONG_STAGE = 5.0
 """Seconds that a stage still takes, from which on that is told."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.result import Failures
+from avrare.estimation.result.result import Failures
 from avrare.results.recordings.recording import Recording
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failure

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.samples.agreement import find_doubts, missed_probability
 from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation import memory
 from avrare.estimation.estimate_problem import _estimator
-from avrare.estimation.loop import Settings, build_plan, run
+from avrare.estimation.loop.loop import Settings, build_plan, run
+from avrare.estimation.plan import memory
 from avrare.rollout.executors.serial import SerialExecutor
 
 STEPS, SIZE = 40, 4

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.loop.loop import Settings, run
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, ornstein_uhlenbeck, walk

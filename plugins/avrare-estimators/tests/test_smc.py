@@ -10,9 +10,9 @@ from interruptions import estimate_through_interruptions
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation import intervals
 from avrare.estimation.estimate_problem import _estimator
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem

@@ -9,7 +9,7 @@ from scipy import stats
 
 import avrare
 import odd_systems
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import count_down, reference_problem
 from avrare.testing.walk_problems import Lag, Lattice
@@ -288,7 +288,7 @@ def test_one_specification_at_a_time():
 
 
 def test_progress_shows_levels():
-    from avrare.estimation.loop import Settings, run
+    from avrare.estimation.loop.loop import Settings, run
     from avrare.rollout.executors.serial import SerialExecutor
     from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting

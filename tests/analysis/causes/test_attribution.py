@@ -10,7 +10,7 @@ from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_
 from avrare.analysis.causes.sensitivity import sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
-from avrare.estimation.result import Failures
+from avrare.estimation.result.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
 from noisy_loop import Drawn, noisy_problem

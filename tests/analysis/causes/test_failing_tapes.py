@@ -10,7 +10,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.sensitivity import sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
-from avrare.estimation.result import Failures
+from avrare.estimation.result.result import Failures
 from noisy_loop import exact, noisy_problem
 
 

@@ -12,8 +12,8 @@ from avrare.analysis.causes.failure_sample import FailureSample, ModelInterval
 from avrare.analysis.causes.kinds import describe_noise
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
-from avrare.estimation.ensemble import combine
-from avrare.estimation.result import Failures
+from avrare.estimation.combine.ensemble import combine
+from avrare.estimation.result.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
 from avrare.testing.walk_problems import walk

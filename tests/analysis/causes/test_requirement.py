@@ -16,7 +16,7 @@ from avrare.base.errors import UsageError
 from avrare.base.special_functions import bisect
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
-from avrare.estimation.intervals import clopper_pearson
+from avrare.estimation.result.intervals import clopper_pearson
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
 

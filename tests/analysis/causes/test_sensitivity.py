@@ -12,7 +12,7 @@ from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
-from avrare.estimation.checkpoint import Checkpoint
+from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.testing.faulty_systems import Walk
 from noisy_loop import Drawn, Sensor, exact, noisy_problem
 

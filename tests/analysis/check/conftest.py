@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.estimation.confidence_distributions import Binomial
-from avrare.estimation.result import Failures, Result, Worst
+from avrare.estimation.result.confidence_distributions import Binomial
+from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.plugin.registry import default_registry
 
 TOY = Path(__file__).parent / "toy"

@@ -8,7 +8,7 @@ import pytest
 from avrare.analysis.check import baseline_files as baseline
 from avrare.analysis.check.baseline_files import BaselineEntry, find_differences, summarise_differences
 from avrare.base.errors import UsageError
-from avrare.estimation.confidence_distributions import Binomial, LogNormal
+from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
 from avrare.scenario.load import load
 
 

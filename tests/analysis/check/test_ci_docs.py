@@ -11,7 +11,7 @@ import yaml
 from avrare.analysis.check.targets import load_target
 from avrare.base.errors import ExitCode
 from avrare.cli.main import main
-from avrare.estimation.confidence_distributions import _TAILS
+from avrare.estimation.result.confidence_distributions import _TAILS
 from avrare.scenario.load import load
 from avrare.scenario.schema import Regression
 

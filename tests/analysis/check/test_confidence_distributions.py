@@ -6,8 +6,8 @@ from functools import partial
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.estimation import intervals
-from avrare.estimation.confidence_distributions import (
+from avrare.estimation.result import intervals
+from avrare.estimation.result.confidence_distributions import (
     Binomial,
     InverseBinomial,
     LogNormal,

@@ -7,9 +7,9 @@ from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, assess, decide_criteria, find_objections
 from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import SHARES, plan_looks
-from avrare.estimation.budget import Budget
-from avrare.estimation.confidence_distributions import Binomial, LogNormal
-from avrare.estimation.result import verdict
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
+from avrare.estimation.result.result import verdict
 from avrare.scenario.schema import Regression, Threshold
 
 

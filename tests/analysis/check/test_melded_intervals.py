@@ -10,8 +10,8 @@ from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_most,
     ratio_interval,
 )
-from avrare.estimation import intervals
-from avrare.estimation.confidence_distributions import Binomial, LogNormal, Tabulated
+from avrare.estimation.result import intervals
+from avrare.estimation.result.confidence_distributions import Binomial, LogNormal, Tabulated
 
 TABLES = [(12, 1000, 1, 1000), (7, 500, 0, 1000), (0, 100, 3, 200), (90, 4000, 45, 4000), (5, 5, 2, 5),
           (3, 7, 0, 9), (20, 80, 9, 90), (0, 50, 0, 70), (30, 30, 30, 30)]  # fmt: skip

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from avrare.analysis.check.pooling import pool
-from avrare.estimation import intervals
-from avrare.estimation.confidence_distributions import Binomial, LogNormal, Tabulated, derive_distribution
-from avrare.estimation.note import Note
-from avrare.estimation.result import CrossCheckResult
+from avrare.estimation.result import intervals
+from avrare.estimation.result.confidence_distributions import (
+    Binomial,
+    LogNormal,
+    Tabulated,
+    derive_distribution,
+)
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import CrossCheckResult
 
 
 def runs(estimate, values, **changes):

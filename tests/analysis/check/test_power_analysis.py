@@ -8,7 +8,7 @@ import pytest
 from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.power_analysis import estimate_costs
-from avrare.estimation.confidence_distributions import Binomial, LogNormal
+from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
 from avrare.scenario.schema import Regression, Threshold
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from avrare.analysis.compare.estimator_options import parse_arms, split_settings
 from avrare.base.errors import AvrareError, PluginError, UsageError
-from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.monte_carlo.config import McConfig
 from avrare.plugin.registry import default_registry
 from avrare.scenario.schema import Block
 

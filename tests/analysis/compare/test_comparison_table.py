@@ -11,7 +11,7 @@ from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.plugin.registry import default_registry
 from avrare.report.plots import comparison_plot
 from avrare.report.terminal.comparison_table import comparison_table, markdown

@@ -10,7 +10,7 @@ from avrare.analysis.compare.comparison import StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.study import run_study
 from avrare.base.errors import AvrareError, ExitCode, UsageError
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from avrare.plugin.registry import default_registry
 from avrare.report.documents.comparison_documents import comparison_document
 from avrare.testing.problems import conjunction, count_down

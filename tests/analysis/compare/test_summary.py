@@ -7,7 +7,7 @@ import pytest
 
 from avrare.analysis.compare.case import GroundTruth
 from avrare.analysis.compare.repetition_statistics import Repetition, find_disagreements, summarise
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 
 P = 1e-3
 

@@ -13,7 +13,7 @@ from avrare.analysis.failures.stored_replays import (
     replay_failures,
     store_worst,
 )
-from avrare.estimation.result import Failures
+from avrare.estimation.result.result import Failures
 
 
 @pytest.fixture

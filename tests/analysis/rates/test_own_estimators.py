@@ -13,7 +13,7 @@ from avrare.analysis.rates.rates import compute, divide
 from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 from benchmarks.rates import REGIMES, Splitting, study
 from plain_results import plain_result
 
@@ -119,7 +119,7 @@ def test_workers_and_interruptions_change_no_bit(catalogue, capsys, monkeypatch)
 def test_an_estimate_of_its_own_goes_on_from_its_chunks(catalogue, chunks, monkeypatch):
     path = catalogue((OWN, "{plugin: ess, chains: 20, runs: 4}"))
     main(["rate", path, "--out", "one", "--quiet"])
-    from avrare.estimation.checkpoint import FileJournal
+    from avrare.estimation.loop.checkpoint import FileJournal
 
     write, written = FileJournal.write, []
 

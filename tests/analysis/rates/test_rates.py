@@ -12,7 +12,7 @@ from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
-from avrare.estimation.budget import Budget
+from avrare.estimation.plan.budget import Budget
 
 SCENARIO = """\
 name: tank

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from avrare.cli.main import main
-from avrare.estimation import checkpoint
+from avrare.estimation.loop import checkpoint
 
 ROOT = Path(__file__).parents[3]
 TOY = Path(__file__).parent / "toy"

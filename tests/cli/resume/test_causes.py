@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from avrare.cli.main import main
-from avrare.estimation import checkpoint
+from avrare.estimation.loop import checkpoint
 
 COMMANDS = {
     "attribution": ["attribution", "night", "--specification", "near", "--fresh", "40"],

@@ -10,7 +10,7 @@ import pytest
 from avrare.base.errors import Interrupted
 from avrare.cli import run as command
 from avrare.cli.main import main
-from avrare.estimation import checkpoint
+from avrare.estimation.loop import checkpoint
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +36,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
 @pytest.mark.slow
 def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
     """Resume two scenarios, of which splitting would run one specification after another."""
-    monkeypatch.setattr("avrare.estimation.monte_carlo.MonteCarlo.single", True)
+    monkeypatch.setattr("avrare.estimation.monte_carlo.monte_carlo.MonteCarlo.single", True)
     words = (night.scenario(name="one"), night.scenario(name="two"))
     assert run(*words, "--out", "whole") == 0
     interrupted(130, *words, "--out", "torn")  # 40 chunks for each of four estimates

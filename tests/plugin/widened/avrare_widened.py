@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base.health_messages import fill
-from avrare.estimation.intervals import log_normal, unknown
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Worst
-from avrare.estimation.result_builder import build_result
+from avrare.estimation.checks.result_builder import build_result
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.intervals import log_normal, unknown
+from avrare.estimation.result.result import Failures, Worst
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
 from avrare.rollout.request import Request, Rollouts
 

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from avrare.cli.main import main
-from avrare.estimation import checkpoint
+from avrare.estimation.loop import checkpoint
 from avrare.scenario.yaml import dump
 from pushed_point import pushed_point
 

@@ -55,7 +55,10 @@ WRONG = {
 
 GOOD = {
     "simulator": ("wrong:Options", "wrong:good"),
-    "estimator": ("avrare.estimation.monte_carlo_config:McConfig", "avrare.estimation.monte_carlo:build"),
+    "estimator": (
+        "avrare.estimation.monte_carlo.config:McConfig",
+        "avrare.estimation.monte_carlo.monte_carlo:build",
+    ),
     "executor": ("avrare.rollout.executors.serial:ExecutorConfig", "avrare.rollout.executors.serial:build"),
 }
 

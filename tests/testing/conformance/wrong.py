@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request, Rollouts
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.estimation.loop import Settings, run
+from avrare.estimation.loop.loop import Settings, run
 from avrare.logic.formula import Formula, stl
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor

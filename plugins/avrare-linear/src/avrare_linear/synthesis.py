@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.loop import Settings, run
-from avrare.estimation.result import Result
+from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.result.result import Result
 from avrare.logic.formula import Formula
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor

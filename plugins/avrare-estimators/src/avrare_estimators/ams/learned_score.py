@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import UsageError
-from avrare.estimation.note import Note
-from avrare.estimation.plan import Info, Plan
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.note import Note
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.ams.gain import Promise, promise_gain

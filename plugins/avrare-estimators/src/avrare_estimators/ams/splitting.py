@@ -9,10 +9,10 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.plan import Info, Plan
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Integers
 from avrare_estimators.ams.leaps import Leaps

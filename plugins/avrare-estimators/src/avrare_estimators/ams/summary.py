@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.result import Failures, Interval, Result, Worst
-from avrare.estimation.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Failures, Interval, Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.ams.config import AmsConfig

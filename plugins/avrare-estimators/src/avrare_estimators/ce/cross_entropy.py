@@ -13,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.memory import allowance
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 
 
 def affordable_runs(plan: Plan, runs: int, method: str, rollouts: int, stages: float, size: str) -> int:

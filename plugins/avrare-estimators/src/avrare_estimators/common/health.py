@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from avrare.base.health_messages import MESSAGES, fill
-from avrare.estimation.health import check_errors
+from avrare.estimation.result.health import check_errors
 from avrare_estimators.common.health_messages import WARNINGS
 
 __all__ = ["check_errors", "check_runs", "check_ties", "check_weights", "warn"]

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.note import Note, describe_missed_goal, describe_precision
-from avrare.estimation.result import Interval
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
+from avrare.estimation.result.result import Interval
 from avrare_estimators.common import health
 
 LEAST_RUNS = 10

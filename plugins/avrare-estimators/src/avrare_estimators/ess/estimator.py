@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from avrare.base.memory import allowance
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.result import Result
 from avrare.protocols import OffersWeights, find_ability, find_notes
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem

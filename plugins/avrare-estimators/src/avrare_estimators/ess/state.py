@@ -7,10 +7,10 @@ from hashlib import blake2b
 
 import numpy as np
 
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Worst
-from avrare.estimation.result_builder import missing_worst
+from avrare.estimation.checks.result_builder import missing_worst
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Failures, Worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.common.chains.level_pass import LevelPass

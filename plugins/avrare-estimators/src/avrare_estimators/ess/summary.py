@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.result import Failures, Interval, Result
-from avrare.estimation.result_builder import build_result
+from avrare.estimation.checks.result_builder import build_result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Failures, Interval, Result
 from avrare.protocols import Floats
 from avrare_estimators.common import health
 from avrare_estimators.common.chains.kernel import Kernel

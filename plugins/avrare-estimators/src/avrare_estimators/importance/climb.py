@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation.plan import Plan
-from avrare.estimation.result import Failures, spread
+from avrare.estimation.plan.plan import Plan
+from avrare.estimation.result.result import Failures, spread
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts

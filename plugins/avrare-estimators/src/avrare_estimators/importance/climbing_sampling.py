@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
-from avrare.estimation.note import Note
-from avrare.estimation.result import Result
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import Result
 from avrare_estimators.common.lessons.coverage import find_coverage_doubts
 from avrare_estimators.common.lessons.stored_proposal import FILE
 from avrare_estimators.common.looks import Looks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from avrare.estimation.plan import Info, Plan
+from avrare.estimation.plan.plan import Info, Plan
 from avrare.rollout.problem import Problem
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.common.cost import affordable_rollouts

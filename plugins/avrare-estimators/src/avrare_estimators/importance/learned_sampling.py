@@ -11,10 +11,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.note import Note, describe_missed_goal, describe_precision
-from avrare.estimation.plan import GaveUp, Info, Plan
-from avrare.estimation.result import Result
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.plan import GaveUp, Info, Plan
+from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
+from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.lessons.coverage import find_coverage_doubts

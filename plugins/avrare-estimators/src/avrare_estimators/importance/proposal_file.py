@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare_estimators.common.lessons.stored_proposal import AGAIN, FILE, check_digest, check_shape
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.route import Route

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare_estimators.common.chains.level_pass import LevelPass, LevelRecord
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.entry import LENGTH, Entry, climb_cost, start_variance

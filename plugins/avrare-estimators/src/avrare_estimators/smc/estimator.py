@@ -9,10 +9,10 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result, Worst
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem

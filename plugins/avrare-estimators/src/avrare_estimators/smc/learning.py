@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw

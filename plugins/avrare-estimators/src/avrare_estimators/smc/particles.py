@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widened
 from avrare.rollout.tape_law import TapeLaw

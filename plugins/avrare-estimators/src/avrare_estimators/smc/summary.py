@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.note import Note
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Interval, Result, Worst, spread
-from avrare.estimation.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import Failures, Interval, Result, Worst, spread
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Rollouts
 from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, StepOutcome

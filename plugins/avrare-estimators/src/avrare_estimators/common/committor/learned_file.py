@@ -11,7 +11,7 @@ from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare_estimators.common.committor.potentials import Potentials
 from avrare_estimators.common.lessons.stored_proposal import AGAIN, FILE, check_digest, check_shape, described
 from avrare_estimators.common.lessons.words import NoiseNames

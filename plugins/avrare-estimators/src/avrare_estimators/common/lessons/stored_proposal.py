@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare_estimators.common.lessons.words import NoiseNames
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 

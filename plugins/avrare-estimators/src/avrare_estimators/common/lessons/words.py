@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation.note import Note
+from avrare.estimation.result.note import Note
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from avrare.base.number_format import format_interval, format_probability
-from avrare.estimation import intervals
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.result import Interval
+from avrare.estimation.result import intervals
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Interval
 from avrare_estimators.common import health
 from avrare_estimators.common.samples.cross_check import CrossCheckResult
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from avrare.estimation.result import Failures
+from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats
 
 

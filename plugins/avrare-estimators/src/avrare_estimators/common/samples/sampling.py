@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from avrare.base.memory import allowance
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
+from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Carry, Integers, Request, Rollouts
 from avrare_estimators.common.samples.sources import BLOCK, Source, Stratum

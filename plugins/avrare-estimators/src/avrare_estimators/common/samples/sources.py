@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Floats
 from avrare.rollout.request import FROM_START, Integers, Request, Rollouts
 from avrare.rollout.tape_law import CHOICES, TapeLaw

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from avrare.base.memory import allowance
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.common.config import WeightedConfig

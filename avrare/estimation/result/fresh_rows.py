@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from avrare.estimation import intervals
-from avrare.estimation.result import Interval
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Interval
 from avrare.rollout.request import Rollouts
 
 NEAR = 1.5

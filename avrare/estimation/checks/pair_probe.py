@@ -13,8 +13,8 @@ from statistics import NormalDist
 
 import numpy as np
 
-from avrare.estimation import intervals
-from avrare.estimation.outlier_probe import DEPTH, LARGEST_TAIL, Outliers, find_failures
+from avrare.estimation.checks.outlier_probe import DEPTH, LARGEST_TAIL, Outliers, find_failures
+from avrare.estimation.result import intervals
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem

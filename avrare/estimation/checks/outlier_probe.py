@@ -15,7 +15,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem

@@ -126,7 +126,7 @@ class Checkpoint:
 
 @dataclass(frozen=True)
 class FileJournal:
-    """Outcomes of one estimate (``avrare.estimation.plan.Journal``)."""
+    """Outcomes of one estimate (``avrare.estimation.plan.plan.Journal``)."""
 
     folder: Path
     owner: str  # identity of the estimate, part of every key

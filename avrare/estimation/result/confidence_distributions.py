@@ -16,8 +16,8 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import beta_cdf
-from avrare.estimation import intervals
-from avrare.estimation.result import Interval, Result
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Interval, Result
 
 
 class ConfidenceDistribution(Protocol):

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 from avrare import protocols
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.budget import Budget
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
-from avrare.estimation.result import Result
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.result.fresh_rows import NO_ROWS, FreshRows
+from avrare.estimation.result.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 

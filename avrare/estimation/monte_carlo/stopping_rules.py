@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from avrare.estimation import intervals
+from avrare.estimation.result import intervals
 from avrare.protocols import Bools, Floats
 
 

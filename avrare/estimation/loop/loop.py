@@ -11,12 +11,12 @@ from typing import Any, cast
 
 from avrare.base.errors import Interrupted, UsageError
 from avrare.base.health_messages import MESSAGES
-from avrare.estimation.budget import Budget
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.fresh_rows import NO_ROWS, FreshRows
-from avrare.estimation.memory import Forecast, forecast, measure_carry
-from avrare.estimation.pace import Pace
-from avrare.estimation.plan import (
+from avrare.estimation.checks.result_builder import examine
+from avrare.estimation.loop.pace import Pace
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
+from avrare.estimation.plan.plan import (
     DelegatesEstimates,
     Estimator,
     GaveUp,
@@ -26,8 +26,8 @@ from avrare.estimation.plan import (
     Refused,
     UsesFinalScores,
 )
-from avrare.estimation.result import Result
-from avrare.estimation.result_builder import examine
+from avrare.estimation.result.fresh_rows import NO_ROWS, FreshRows
+from avrare.estimation.result.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.protocols import (
     NeedsCapabilities,

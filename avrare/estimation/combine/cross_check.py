@@ -17,13 +17,13 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_percent, format_probability
-from avrare.estimation import health
-from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings, build_plan, check_system
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.note import Note
-from avrare.estimation.plan import Estimator
-from avrare.estimation.result import CrossCheckResult, Result
+from avrare.estimation.loop.loop import Settings, build_plan, check_system
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Estimator
+from avrare.estimation.result import health
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import CrossCheckResult, Result
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.protocols import NeedsCapabilities, find_ability

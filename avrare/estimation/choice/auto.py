@@ -15,27 +15,27 @@ import numpy as np
 
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_interval
-from avrare.estimation import health, intervals
-from avrare.estimation.auto_config import AutoConfig
-from avrare.estimation.auto_rules import (
+from avrare.estimation.checks.result_builder import add_counts
+from avrare.estimation.choice.auto_config import AutoConfig
+from avrare.estimation.choice.auto_rules import (
     GOAL,
     ROLLOUTS,
     Aim,
-    monte_carlo_cost,
     pays,
     promised_gain,
 )
-from avrare.estimation.budget import Budget
-from avrare.estimation.cross_check import ScalesToCost
-from avrare.estimation.fresh_rows import FreshRows
-from avrare.estimation.loop import Settings
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.note import Note
-from avrare.estimation.plan import Estimator, Execute, GaveUp, Plan, Refused
-from avrare.estimation.result import Result
-from avrare.estimation.result_builder import add_counts
-from avrare.estimation.stopping_rules import AtFailures, Stopping
+from avrare.estimation.combine.cross_check import ScalesToCost
+from avrare.estimation.loop.loop import Settings
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.counts import monte_carlo_cost
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo.stopping_rules import AtFailures, Stopping
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused
+from avrare.estimation.result import health, intervals
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import Result
 from avrare.plugin.component import AutoRole, Component
 from avrare.plugin.registry import default_registry
 from avrare.protocols import find_ability
@@ -57,7 +57,7 @@ def build(config: AutoConfig, scene: object | None = None) -> Auto:
 class Auto(MonteCarlo):
     """Choice among the installed estimators; whoever drives it step by step gets Monte Carlo.
 
-    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.DelegatesEstimates``).
+    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.plan.DelegatesEstimates``).
     """
 
     name = "auto"

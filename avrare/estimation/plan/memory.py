@@ -11,7 +11,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.base.memory import format_memory, usable_memory, used_memory
-from avrare.estimation.plan import Plan
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import find_ability
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Carry

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation import intervals
-from avrare.estimation.memory import Demand
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Result, Worst
-from avrare.estimation.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result import intervals
+from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts

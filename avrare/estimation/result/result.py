@@ -18,7 +18,7 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
 from avrare.base.renderers import render
-from avrare.estimation.note import Note
+from avrare.estimation.result.note import Note
 from avrare.protocols import Estimator, Floats
 
 if TYPE_CHECKING:

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.estimation import health, intervals
-from avrare.estimation.cost_forecast import CostForecast
-from avrare.estimation.memory import Demand
-from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.monte_carlo_counts import MOST_ROBUSTNESS, Counts
-from avrare.estimation.note import Note, describe_missed_goal, describe_stop
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Failures, Result, Worst
-from avrare.estimation.result_builder import build_result, missing_worst
-from avrare.estimation.stopping_rules import AtFailures, AtThreshold, Stopping
+from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.counts import MOST_ROBUSTNESS, Counts
+from avrare.estimation.monte_carlo.stopping_rules import AtFailures, AtThreshold, Stopping
+from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.memory import Demand
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result import health, intervals
+from avrare.estimation.result.note import Note, describe_missed_goal, describe_stop
+from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Request, Rollouts
 
@@ -54,8 +54,8 @@ class MonteCarlo:
     """Binomial estimate with the exact interval of Clopper and Pearson.
 
     With ``relative_error`` or ``threshold`` it stops by a rule that keeps its confidence
-    (``avrare.estimation.stopping_rules``); stopping by a fixed-size interval would not. Each specification
-    has its own stop: rollouts beyond it count in the cost, but not in the estimate.
+    (``stopping_rules``); stopping by a fixed-size interval would not. Each specification has its own stop:
+    rollouts beyond it count in the cost, but not in the estimate.
     """
 
     name = "mc"

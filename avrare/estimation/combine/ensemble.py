@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.estimation import health
-from avrare.estimation.intervals import Interval
-from avrare.estimation.model_share import ModelShare
-from avrare.estimation.note import Note
-from avrare.estimation.result import Result
+from avrare.estimation.combine.model_share import ModelShare
+from avrare.estimation.result import health
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats, find_ability
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.observation_ratios import HasLogRatio, log_ratios

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.special_functions import bisect, chi_square_quantiles
-from avrare.estimation.intervals import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Floats
 
 _POINTS = 400

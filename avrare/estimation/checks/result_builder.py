@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation import health
-from avrare.estimation.note import describe_blind_bound, describe_counts
-from avrare.estimation.outlier_probe import probe_cost, probe_outliers
-from avrare.estimation.pair_probe import pair_probe_cost, probe_pairs
-from avrare.estimation.plan import Info, Plan
-from avrare.estimation.result import Result, Worst
+from avrare.estimation.checks.outlier_probe import probe_cost, probe_outliers
+from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
+from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.result import health
+from avrare.estimation.result.note import describe_blind_bound, describe_counts
+from avrare.estimation.result.result import Result, Worst
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, find_ability, find_notes

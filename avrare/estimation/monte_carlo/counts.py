@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -126,3 +127,15 @@ class Counts:
             kept = found[column] if self.ordered else _NONE
             found[column] = kept.plus(self.trials + rows, robustness[rows, column])
         return tuple(found)
+
+
+def monte_carlo_cost(probability: float, relative_error: float) -> int | None:
+    """Return the rollouts with which Monte Carlo is as exact; None where that is not known."""
+    if not (probability > 0.0 and relative_error > 0.0 and math.isfinite(relative_error)):
+        return None
+    return round_to_two_digits((1.0 - probability) / probability / relative_error**2)
+
+
+def round_to_two_digits(number: float) -> int:
+    """Round a positive number to two digits."""
+    return int(float(f"{number:.1e}"))

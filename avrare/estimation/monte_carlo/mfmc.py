@@ -1,7 +1,7 @@
 """Estimator ``mfmc``: Monte Carlo with two fidelities, a cheap twin on many tapes and the stack on few.
 
-A pilot of both on the same tapes plans the design (``avrare.estimation.two_phase``), which is fixed before
-the rollouts that count; it has a seed of its own and counts in no estimate.
+A pilot of both on the same tapes plans the design (``two_phase``), which is fixed before the rollouts that
+count; it has a seed of its own and counts in no estimate.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_percent
-from avrare.estimation import health, intervals
-from avrare.estimation.auto_rules import monte_carlo_cost
-from avrare.estimation.budget import Budget
-from avrare.estimation.loop import Settings
-from avrare.estimation.mfmc_config import MfmcConfig
-from avrare.estimation.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo_config import McConfig
-from avrare.estimation.note import Note
-from avrare.estimation.plan import FAILURE_LIMIT, Execute
-from avrare.estimation.result import Failures, Result, spread
-from avrare.estimation.result_builder import add_counts
-from avrare.estimation.tape_recorder import Record, Recorder, draw_tapes, take_record
-from avrare.estimation.two_phase import Design, plan_design, scaled
+from avrare.estimation.checks.result_builder import add_counts
+from avrare.estimation.loop.loop import Settings
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.counts import monte_carlo_cost
+from avrare.estimation.monte_carlo.mfmc_config import MfmcConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo.tape_recorder import Record, Recorder, draw_tapes, take_record
+from avrare.estimation.monte_carlo.two_phase import Design, plan_design, scaled
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.plan import FAILURE_LIMIT, Execute
+from avrare.estimation.result import health, intervals
+from avrare.estimation.result.note import Note
+from avrare.estimation.result.result import Failures, Result, spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.noise import NoiseSource
@@ -48,7 +48,7 @@ def build(config: MfmcConfig, scene: object | None = None) -> Mfmc:
 class Mfmc(MonteCarlo):
     """Two-phase sampling with a cheap twin; whoever drives it step by step gets Monte Carlo.
 
-    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.DelegatesEstimates``).
+    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.plan.DelegatesEstimates``).
     """
 
     name = "mfmc"

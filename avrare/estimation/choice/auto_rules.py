@@ -10,7 +10,8 @@ import math
 from dataclasses import dataclass
 
 from avrare.base.number_format import format_percent
-from avrare.estimation.fresh_rows import FreshRows
+from avrare.estimation.monte_carlo.counts import round_to_two_digits
+from avrare.estimation.result.fresh_rows import FreshRows
 
 GOAL = 0.2
 """Relative error aimed at where nothing is given."""
@@ -90,7 +91,7 @@ class Aim:
         wanted = format_percent(0.1 if self.goal is None else self.goal)
         return (
             f"{seen} in {evidence.rows:,} rollouts of the pilot, so Monte Carlo needs {at_least}about "
-            f"{_rounded(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
+            f"{round_to_two_digits(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
         )
 
 
@@ -112,15 +113,3 @@ def promised_gain(evidence: FreshRows, probability: float, relative_error: float
 def pays(gain: float) -> bool:
     """Return whether a promised gain is large enough to leave Monte Carlo."""
     return gain >= _GAIN
-
-
-def monte_carlo_cost(probability: float, relative_error: float) -> int | None:
-    """Return the rollouts with which Monte Carlo is as exact; None where that is not known."""
-    if not (probability > 0.0 and relative_error > 0.0 and math.isfinite(relative_error)):
-        return None
-    return _rounded((1.0 - probability) / probability / relative_error**2)
-
-
-def _rounded(number: float) -> int:
-    """Round to two digits."""
-    return int(float(f"{number:.1e}"))

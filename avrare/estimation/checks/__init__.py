@@ -1,0 +1,1 @@
+"""Checks after sampling: probes for failures that the scores do not lead to."""

@@ -1,0 +1,1 @@
+"""The estimator `auto`: which method, with which share of the budget."""

@@ -1,0 +1,1 @@
+"""Intervals from several estimates: cross-checks and ensembles of models."""

@@ -1,0 +1,1 @@
+"""The loop that drives an estimator, its pace and its checkpoints."""

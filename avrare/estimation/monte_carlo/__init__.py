@@ -1,0 +1,1 @@
+"""Monte Carlo, its stopping rules, and two-fidelity Monte Carlo."""

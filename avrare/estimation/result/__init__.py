@@ -1,0 +1,1 @@
+"""Values of an estimate: result, interval, notes, confidence distributions."""
