@@ -9,7 +9,7 @@ import functools
 from typing import TYPE_CHECKING
 
 import avrare.base.renderers as _table
-import avrare.report.renderers as _renderers
+import avrare.output.renderers as _renderers
 
 if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads it, too
     from avrare.analysis.causes.require import require as require
@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads i
     from avrare.estimation.result.result import Results as Results
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
-    from avrare.report.session.scenario_run import run as run
+    from avrare.output.session.scenario_run import run as run
     from avrare.results.run import Run as Run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem

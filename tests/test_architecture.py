@@ -128,7 +128,7 @@ def test_no_modules_import_each_other_circularly(package):
 def test_import_avrare_is_cheap():
     loaded = loaded_by("import avrare")
     assert not loaded & {"numpy", "pydantic", "pluggy", "rich", "lark", "yaml"}
-    table = {"avrare.base", "avrare.base.renderers", "avrare.report", "avrare.report.renderers"}
+    table = {"avrare.base", "avrare.base.renderers", "avrare.output", "avrare.output.renderers"}
     assert {name for name in loaded if name.startswith("avrare")} == {"avrare", *table}
 
 

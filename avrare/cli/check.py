@@ -42,10 +42,10 @@ from avrare.cli.output import (
 from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
-from avrare.report.documents.check_documents import junit, markdown
-from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
-from avrare.report.terminal.check_table import print_check, print_plan
-from avrare.report.terminal.progress_line import Progress
+from avrare.output.documents.check_documents import junit, markdown
+from avrare.output.documents.github_output import annotate_rows, is_github_job, write_summary
+from avrare.output.terminal.check_table import print_check, print_plan
+from avrare.output.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run

@@ -13,8 +13,8 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.cli import rate
 from avrare.cli.output import ensure_files, write_file
-from avrare.report.documents.check_documents import junit, markdown
-from avrare.report.documents.github_output import annotate_rows, is_github_job, write_summary
+from avrare.output.documents.check_documents import junit, markdown
+from avrare.output.documents.github_output import annotate_rows, is_github_job, write_summary
 
 _OF_SCENARIOS = (
     "set",

@@ -18,12 +18,12 @@ from avrare.base.atomic_files import ensure_writable, explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import display
 from avrare.cli.output import can_draw, write_files
-from avrare.report.documents.comparison_documents import comparison_document, paired_document
-from avrare.report.plots import comparison_plot
-from avrare.report.terminal.comparison_table import comparison_table, markdown
-from avrare.report.terminal.console import make_console, print_lines, print_table
-from avrare.report.terminal.paired_table import paired_table
-from avrare.report.terminal.progress_line import Progress
+from avrare.output.documents.comparison_documents import comparison_document, paired_document
+from avrare.output.plots import comparison_plot
+from avrare.output.terminal.comparison_table import comparison_table, markdown
+from avrare.output.terminal.console import make_console, print_lines, print_table
+from avrare.output.terminal.paired_table import paired_table
+from avrare.output.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
 from avrare.testing.problems import reference_problems
 

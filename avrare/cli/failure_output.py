@@ -13,7 +13,7 @@ from typing import Any
 from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.cli.output import say, write_file
-from avrare.report.terminal.failure_text import MAX_BLOB
+from avrare.output.terminal.failure_text import MAX_BLOB
 
 
 @contextmanager

@@ -14,10 +14,10 @@ from avrare.cli import monitor_batch
 from avrare.cli.options import LANE_WIDTH
 from avrare.cli.output import can_draw, print_warnings, write_files
 from avrare.driving import Road
-from avrare.report.documents.monitoring_documents import monitoring_document, write_monitoring_csv
-from avrare.report.plots import monitoring_plot
-from avrare.report.terminal.console import make_console
-from avrare.report.terminal.monitoring_text import draw_chart, headline
+from avrare.output.documents.monitoring_documents import monitoring_document, write_monitoring_csv
+from avrare.output.plots import monitoring_plot
+from avrare.output.terminal.console import make_console
+from avrare.output.terminal.monitoring_text import draw_chart, headline
 from avrare.results.recordings.recording import parse_road
 from avrare.results.run import Run
 from avrare.scenario.load import load

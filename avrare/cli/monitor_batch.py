@@ -12,8 +12,8 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.output import write_files
 from avrare.driving import Road
 from avrare.estimation.result.result import finite
-from avrare.report.documents.batch_documents import write_batch_csv
-from avrare.report.terminal.batch_table import print_batch
+from avrare.output.documents.batch_documents import write_batch_csv
+from avrare.output.terminal.batch_table import print_batch
 from avrare.results.recordings.drives import list_recordings
 
 EVERY = "all"

@@ -13,7 +13,7 @@ from avrare.cli.epilogs import EPILOGS
 from avrare.plugin.component import KINDS
 
 if TYPE_CHECKING:
-    from avrare.report.terminal.console import Mode
+    from avrare.output.terminal.console import Mode
 
 LANE_WIDTH = 3.5
 

@@ -66,7 +66,7 @@ def show_or_write(
 
 def can_draw() -> bool:
     """Return whether matplotlib is installed; print a note if it is not."""
-    from avrare.report.plots import has_matplotlib
+    from avrare.output.plots import has_matplotlib
 
     if not has_matplotlib():
         print("no pictures: matplotlib is not installed; pip install 'avrare[plot]'", file=sys.stderr)

@@ -16,9 +16,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.cli.output import say
+from avrare.output.terminal.console import make_console
 from avrare.plugin.component import GROUP
 from avrare.plugin.registry import VARIABLE, Row, default_registry
-from avrare.report.terminal.console import make_console
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 

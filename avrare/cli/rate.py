@@ -21,9 +21,9 @@ from avrare.cli.options import display
 from avrare.cli.output import print_warnings, resumed_folder, say, write_files
 from avrare.cli.run import check_start, estimate_run
 from avrare.estimation.plan.budget import Budget
-from avrare.report.html.rate_page import render_rates
-from avrare.report.terminal.console import make_console
-from avrare.report.terminal.rate_table import print_rates
+from avrare.output.html.rate_page import render_rates
+from avrare.output.terminal.console import make_console
+from avrare.output.terminal.rate_table import print_rates
 from avrare.results import run_folder as rundir
 from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping

@@ -15,9 +15,9 @@ from avrare.analysis.failures.stored_replays import FailureReplay, replay
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say, write_file
-from avrare.report.documents.mcap_recording import write_mcap
-from avrare.report.documents.rerun_recording import write_rerun
-from avrare.report.terminal.failure_text import describe_shrinking
+from avrare.output.documents.mcap_recording import write_mcap
+from avrare.output.documents.rerun_recording import write_rerun
+from avrare.output.terminal.failure_text import describe_shrinking
 from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
 from avrare.results.recordings.replayed_failure import record_rollout

@@ -10,7 +10,7 @@ from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, resume_hint
-from avrare.report.session.python_report import render_report
+from avrare.output.session.python_report import render_report
 
 
 def execute(args: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import display
 from avrare.cli.output import show_or_write
 from avrare.cli.sensitivity import read_rollouts
-from avrare.report.terminal.progress_line import Progress
+from avrare.output.terminal.progress_line import Progress
 
 _ROLLOUTS = 20_000
 

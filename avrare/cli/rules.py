@@ -15,9 +15,9 @@ from rich.text import Text
 
 from avrare.cli.output import say
 from avrare.cli.plugins import print_wide
+from avrare.output.terminal.console import make_console
 from avrare.plugin.registry import default_registry
 from avrare.plugin.rule_catalogue import Catalogue, Offer
-from avrare.report.terminal.console import make_console
 
 _NARROWEST, _WIDTH = 40, 100
 

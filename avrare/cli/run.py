@@ -22,17 +22,17 @@ from avrare.estimation.estimate_problem import check_scenario, estimate_specific
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import with_verdict
-from avrare.plugin.registry import default_registry
-from avrare.protocols import ReplacesWorkers, find_ability
-from avrare.report.plots.rollout_plot import draw_run
-from avrare.report.terminal.console import make_console, print_lines, print_table
-from avrare.report.terminal.progress_line import Progress
-from avrare.report.terminal.result_table import (
+from avrare.output.plots.rollout_plot import draw_run
+from avrare.output.terminal.console import make_console, print_lines, print_table
+from avrare.output.terminal.progress_line import Progress
+from avrare.output.terminal.result_table import (
     note_lines,
     result_table,
     verdict_lines,
     warning_lines,
 )
+from avrare.plugin.registry import default_registry
+from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run

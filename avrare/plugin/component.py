@@ -96,7 +96,7 @@ class AutoRole:
         order: Candidates with smaller numbers are tried first.
         with_steps: True: for problems with steps only; False: for those without; None: for both.
         gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
-            candidate has ``scaled`` (``estimation.combine.cross_check.ScalesToCost``), and is chosen where a small
+            candidate has ``scaled`` (``cross_check.ScalesToCost``), and is chosen where a small
             trial of it promises a gain.
         options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
             to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.

@@ -209,7 +209,7 @@ class Problem:
         return part
 
     def trace(self, noise: Any = None) -> Any:
-        """Run one rollout and return its signals over time, an ``avrare.report.session.trace.Trace``.
+        """Run one rollout and return its signals over time, an ``avrare.output.session.trace.Trace``.
 
         Args:
             noise: Noise tape (steps + 1, noise_size), or anything that has one as ``noise``, such as

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from avrare.cli.main import main
-from avrare.report.terminal.progress_line import Progress
+from avrare.output.terminal.progress_line import Progress
 
 BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
 

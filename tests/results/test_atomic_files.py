@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrare.base.atomic_files import remove_torn, write_atomic, write_text
-from avrare.report.plots import make_figure, save_figure
+from avrare.output.plots import make_figure, save_figure
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.estimation.result.note import describe_blind_bound
-from avrare.report.documents.check_documents import junit, markdown
+from avrare.output.documents.check_documents import junit, markdown
 
 NASTY = 'a <b> & "c" | `d` *e* \x00\x1b[31m ]]> \ud800 é\nnew line'
 

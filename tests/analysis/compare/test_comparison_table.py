@@ -12,9 +12,9 @@ from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.plan.budget import Budget
+from avrare.output.plots import comparison_plot
+from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
-from avrare.report.plots import comparison_plot
-from avrare.report.terminal.comparison_table import comparison_table, markdown
 from avrare.testing.problems import conjunction, walk
 
 P = 1.165e-4

@@ -11,8 +11,8 @@ from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.study import run_study
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.estimation.plan.budget import Budget
+from avrare.output.documents.comparison_documents import comparison_document
 from avrare.plugin.registry import default_registry
-from avrare.report.documents.comparison_documents import comparison_document
 from avrare.testing.problems import conjunction, count_down
 
 LATTICE = count_down(5, 9, "1/5")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import PluginError, UsageError
-from avrare.report.documents.mcap_recording import write_mcap
-from avrare.report.documents.rerun_recording import write_rerun
+from avrare.output.documents.mcap_recording import write_mcap
+from avrare.output.documents.rerun_recording import write_rerun
 from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
 from avrare.results.recordings.csv_recording import csv_vehicle_names, read_csv, to_csv
 from avrare.results.recordings.recording import FIELDS, Recording

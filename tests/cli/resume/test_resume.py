@@ -27,7 +27,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
     interrupted(7, scenario, "--out", "torn")
     seen = []
     monkeypatch.setattr(
-        "avrare.report.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
+        "avrare.output.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
     )
     assert run("--resume", "torn") == 0
     assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 90]

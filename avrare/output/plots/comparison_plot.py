@@ -1,0 +1,101 @@
+"""Plot of a comparison: every estimate with its interval, by estimator, on a logarithmic axis."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from avrare.analysis.compare.comparison import ArmResult, Comparison
+from avrare.analysis.compare.repetition_statistics import Summary
+from avrare.base.number_format import format_amount
+from avrare.output.plots import hide_spines, make_figure, plain, save_figure
+
+_COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
+_BAND = 0.7  # share of an estimator's band that its repetitions fill
+_LABEL_WIDTH = 32  # letters per line
+
+
+def draw(comparison: Comparison, path: Path) -> None:
+    """Draw the comparison as a PNG."""
+    pairs = zip(comparison.arms, comparison.summaries, strict=True)
+    shown = [(result, summary) for result, summary in pairs if summary]
+    figure = make_figure(10.0, 1.4 + 1.15 * len(shown))
+    ax = figure.subplots()
+    low, high = _find_range(comparison)
+    truth = comparison.truth.probability if comparison.truth else None
+    for place, (result, summary) in enumerate(shown):
+        _draw_estimates(ax, place, result, truth, low)
+        _draw_summary(ax, place, summary)
+    if truth is not None:
+        ax.axvline(truth, color=_TRUTH, lw=1.2, zorder=1)
+    _frame(ax, [_label(result) for result, _ in shown], low, high)
+    figure.suptitle(plain("\n".join(comparison.headline())), fontsize=10, x=0.01, ha="left")
+    _add_legend(figure)
+    save_figure(figure, path)
+
+
+def _find_range(comparison: Comparison) -> tuple[float, float]:
+    # A decade around all estimates and the truth; zeros lie at the left end.
+    estimates = [one.probability for result in comparison.arms for one in result.repetitions]
+    if comparison.truth:
+        estimates.append(comparison.truth.probability)
+    seen = [value for value in estimates if value > 0.0]
+    if not seen:
+        return 1e-9, 1.0
+    return 10.0 ** (math.log10(min(seen)) - 1.0), min(1.0, 10.0 ** (math.log10(max(seen)) + 1.0))
+
+
+def _draw_estimates(ax: Any, place: int, result: ArmResult, truth: float | None, low: float) -> None:
+    count = len(result.repetitions)
+    for r, one in enumerate(result.repetitions):
+        y = place + _BAND * ((r + 0.5) / count - 0.5)
+        colour = _COVERS if truth is None or one.interval[0] <= truth <= one.interval[1] else _MISSES
+        ax.plot([max(end, low) for end in one.interval], [y, y], color=colour, lw=1.0, alpha=0.55)
+        at, marker = (one.probability, "o") if one.probability > 0.0 else (low, "<")
+        ax.plot([at], [y], marker, color=colour, ms=4.0, mec="white", mew=0.4, clip_on=False, zorder=4)
+
+
+def _draw_summary(ax: Any, place: int, summary: Summary) -> None:
+    if summary.mean > 0.0:
+        ends = [place - 0.5 * _BAND - 0.06, place + 0.5 * _BAND + 0.06]
+        ax.plot([summary.mean] * 2, ends, color=_MEAN, lw=1.6, zorder=3)
+    if summary.accuracy and summary.accuracy.speed_up is not None:
+        text, beside = f"{format_amount(summary.accuracy.speed_up)}x MC", ax.get_yaxis_transform()
+        ax.text(1.01, place, text, transform=beside, fontsize=8, va="center")
+
+
+def _label(result: ArmResult) -> str:
+    return plain(
+        "\n".join(line for word in result.arm.label_parts for line in textwrap.wrap(word, _LABEL_WIDTH))
+    )
+
+
+def _frame(ax: Any, labels: list[str], low: float, high: float) -> None:
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    ax.set_ylim(len(labels) - 0.5, -0.5)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set_xlabel("failure probability", fontsize=9)
+    ax.tick_params(labelsize=8)
+    ax.tick_params(axis="y", length=0)
+    for edge in range(1, len(labels)):
+        ax.axhline(edge - 0.5, color="#d5dae0", lw=0.8, zorder=0)
+    hide_spines(ax, "top", "right", "left")
+
+
+def _add_legend(figure: Any) -> None:
+    from matplotlib.lines import Line2D
+
+    keys: list[Any] = [
+        Line2D([], [], label=label, color=colour, marker=marker, ms=4.0, lw=width)
+        for label, colour, marker, width in (
+            ("estimate, interval", _COVERS, "o", 1.0),
+            ("interval misses the truth", _MISSES, "o", 1.0),
+            ("estimate is zero", _COVERS, "<", 0.0),
+            ("mean", _MEAN, None, 1.6),
+            ("truth", _TRUTH, None, 1.2),
+        )
+    ]
+    figure.legend(handles=keys, loc="outside lower center", ncols=5, fontsize=8, frameon=False)

@@ -1,0 +1,152 @@
+"""Plots of a rollout: road, true boxes, observations, estimates and predictions at a few moments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avrare.base.number_format import format_robustness
+from avrare.driving import Scene
+from avrare.driving.geometry import Rectangle
+from avrare.driving.lanes import list_lanes
+from avrare.driving.markings import list_markings
+from avrare.estimation.result.result import Result
+from avrare.output.plots import hide_spines, make_figure, plain, save_figure
+from avrare.rollout.frames import Frame, extract_frames
+from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.replay import replay_tapes
+
+_MOMENTS = 6
+_WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
+_MAX_ROAD = 300.0  # length of a road [m] above which the plot follows the ego, since cars would be specks
+_BEHIND, _AHEAD = 70.0, 150.0  # distances from the ego that are drawn then [m]
+_EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
+_SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
+
+
+def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) -> list[Path]:
+    """Draw the noise-free rollout and the worst rollout of each result into ``folder``."""
+    problem = scenario.problem(scenario.specifications)
+    quiet = np.zeros((problem.steps + 1, problem.noise_size))
+    tapes = [("nominal", "noise-free rollout", quiet)]
+    for result in results:
+        if not np.isnan(result.worst.robustness):
+            least = f"robustness {format_robustness(result.worst.robustness)}"
+            title = f"{result.specification}: worst of {result.rollouts} rollouts, {least}"
+            tapes.append((f"worst_{result.specification}", title, result.worst.noise))
+    rollouts = replay_tapes(problem, np.stack([tape for _, _, tape in tapes]))
+    paths = [folder / f"{name}.png" for name, _, _ in tapes]
+    assert problem.scene is not None
+    for path, (_, title, _), rollout in zip(paths, tapes, rollouts, strict=True):
+        draw_drive(extract_frames(problem, rollout), problem.scene, f"{scenario.name}: {title}", path)
+    return paths
+
+
+def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) -> None:
+    """Draw a few moments of a rollout below one another as a PNG."""
+    chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
+    figure = make_figure(_WIDTH, _MIN_ROW_HEIGHT * len(chosen) + 0.9)
+    follow = scene.road.end - scene.road.begin > _MAX_ROAD
+    axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=not follow, sharey=True))
+    for ax, frame in zip(axes, chosen, strict=True):
+        draw_road(ax, scene)
+        if follow:
+            x = float(frame.world.ego.x[0])
+            ax.set_xlim(x - _BEHIND, x + _AHEAD)
+        draw_frame(ax, frame, scene)
+    for ax, frame in zip(axes, chosen, strict=True):  # after all roads: each resets the shared y limits
+        _widen_limits(ax, frame)
+    (left, right), (low, high) = axes[-1].get_xlim(), axes[-1].get_ylim()
+    row = (high - low) / (right - left) * _WIDTH + (0.35 if follow else 0.15)
+    figure.set_figheight(max(row, _MIN_ROW_HEIGHT) * len(chosen) + 0.9)
+    axes[-1].set_xlabel("x [m]")
+    figure.suptitle(plain(title), fontsize=11, x=0.01, ha="left")
+    handles, labels = axes[-1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    save_figure(figure, path)
+
+
+def draw_road(ax: Any, scene: Scene) -> None:
+    """Draw the lanes into matplotlib axes, along the reference line; those without end between its ends."""
+    road = scene.road
+    lanes = list_lanes(road)
+    for index, lane in enumerate(lanes):
+        s = np.clip(lane.stations, road.begin, road.end)
+        apart = index in (*road.access_ramp, *road.shoulder, *road.opposing)
+        ax.fill_between(s, lane.right, lane.left, color="#e2e6ea" if apart else "#eef0f2", lw=0, zorder=0)
+    for one in list_markings(road):
+        width, dashes = (0.8, (0, (8, 8))) if one.inner else (1.2, "-")
+        s = np.clip(one.x, road.begin, road.end)
+        ax.plot(s, one.y, color="#9aa3ad", lw=width, ls=dashes, zorder=1)
+    ax.set_xlim(road.begin, road.end)
+    low, high = min(float(lane.right.min()) for lane in lanes), max(float(lane.left.max()) for lane in lanes)
+    ax.set_ylim(low - 0.8, high + 0.8)
+    ax.set_aspect("equal")
+    if not road.lanes:
+        ax.set_yticks(road.lane_centres)
+    ax.tick_params(labelsize=7)
+    hide_spines(ax, "top", "right", "left", "bottom")
+
+
+def _widen_limits(ax: Any, frame: Frame) -> None:
+    # Vehicles beside the lanes, as on a ramp, and the label of the highest one must fit.
+    left, right = ax.get_xlim()
+    ego, others = frame.world.ego, frame.world.others
+    x, y = np.append(others.x[0], ego.x[0]), np.append(others.y[0], ego.y[0])
+    seen = y[(x >= left) & (x <= right)]
+    low, high = ax.get_ylim()
+    if seen.size:
+        ax.set_ylim(min(low, seen.min() - 1.8), max(high, seen.max() + 4.0))
+
+
+def draw_frame(
+    ax: Any, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
+) -> None:
+    """Draw the vehicles of one moment into matplotlib axes, those ``marked`` by name highlighted.
+
+    ``clock`` is the time [s] as text, by default that from the start.
+    """
+    ego, others = frame.world.ego, frame.world.others
+    for v, name in enumerate(scene.names):
+        colour = _MARKED if name in marked else _OTHER if scene.moving[v] else _PARKED
+        _draw_box(ax, others, (0, v), scene.lengths[v], scene.widths[v], colour, name)
+    _draw_box(ax, ego, (0,), scene.ego_length, scene.ego_width, _EGO, "ego")
+    if frame.plan is not None:
+        ax.plot(frame.plan[:, 0], frame.plan[:, 1], color=_PLAN, lw=1.0, label="ego plan", zorder=4)
+    if frame.prediction is not None:
+        x, y = frame.prediction.x[0], frame.prediction.y[0]
+        ax.plot(x.T, y.T, ":", color=_ESTIMATE, lw=1.1, zorder=4)
+        ax.plot(x[:, 0], y[:, 0], "o", color=_ESTIMATE, ms=3.0, label="estimate, prediction", zorder=5)
+    if frame.observation is not None:
+        seen = frame.observation
+        ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
+        missed = ~seen.detected[0, : len(scene.names)]
+        box = {"mfc": "none", "color": _SEEN, "ms": 9.0, "label": "missed", "zorder": 6}
+        ax.plot(others.x[0, missed], others.y[0, missed], "s", **box)
+    text = f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s"
+    ax.text(1.005, 0.5, text, transform=ax.transAxes, fontsize=8, va="center")
+
+
+def _draw_box(
+    ax: Any, vehicle: Any, at: tuple[int, ...], length: float, width: float, colour: str, name: str
+) -> None:
+    x, y, heading = (np.asarray(getattr(vehicle, key)[at]) for key in ("x", "y", "heading"))
+    corners = Rectangle(x, y, heading, np.asarray(length), np.asarray(width)).corners()
+    ax.fill(*corners, facecolor=colour, edgecolor="white", lw=0.6, alpha=0.9, zorder=3)
+    above = y + 0.5 * width + 0.25
+    box = {"facecolor": "#eef0f2", "edgecolor": "none", "pad": 0.3, "alpha": 0.8}
+    ax.text(
+        float(x),
+        float(above),
+        plain(name),
+        fontsize=6,
+        color=colour,
+        ha="center",
+        va="bottom",
+        zorder=7,
+        clip_on=True,
+        bbox=box,
+    )

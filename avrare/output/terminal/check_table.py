@@ -1,0 +1,78 @@
+"""Table of a check's verdicts with their reasons, and table of predicted costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from avrare.analysis.check.gate import CheckResult
+from avrare.analysis.check.power_analysis import CostEstimate
+from avrare.base.number_format import format_duration
+from avrare.output.documents.check_documents import format_numbers, list_notes
+from avrare.output.terminal.console import (
+    VERDICT_COLOURS,
+    Mode,
+    colour_verdict,
+    make_console,
+    make_table,
+    print_table,
+)
+
+_PLAN_WIDTH = 100  # columns that a plan needs; a narrower terminal wraps its lines
+
+
+def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
+    """Print the verdicts; in quiet mode one line each and the overall verdict."""
+    console = make_console(mode)
+    if mode == "quiet":
+        for line in outcome.lines():
+            console.print(line, markup=False)
+        return
+    print_table(console, _verdict_table(outcome))
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for one in outcome.decisions:
+        reasons.setdefault((one.scenario, one.verdict, one.reason), []).append(one.name)
+    for (scenario, verdict, reason), names in reasons.items():
+        if reason:
+            text = f"{scenario}  {', '.join(names)}: {reason}"
+            console.print(text, style=VERDICT_COLOURS[verdict], markup=False)
+    for one in outcome.decisions:
+        if one.next_step:
+            console.print(f"{one.scenario}  {one.name}: {one.next_step}", markup=False)
+    for note in (*outcome.notes, *list_notes(outcome)):
+        console.print(note, markup=False)
+    console.print(f"{colour_verdict(outcome.verdict)}{outcome.details}")
+
+
+def _verdict_table(outcome: CheckResult) -> Table:
+    several = len(outcome.results) > 1
+    compared = any(one.change_interval for one in outcome.decisions)
+    table = make_table(
+        "check  " + ", ".join(outcome.results),
+        [*(["scenario"] if several else []), "specification", "required"],
+        ["probability", "interval", *(["baseline", "change"] if compared else [])],
+    )
+    table.add_column("verdict", no_wrap=True)
+    for one in outcome.decisions:
+        cells = [*([one.scenario] if several else []), one.specification, one.question]
+        numbers = list(format_numbers(one).values())
+        cells += numbers if compared else numbers[:2]
+        table.add_row(*map(escape, cells), colour_verdict(one.verdict))
+    return table
+
+
+def print_plan(costs: Sequence[CostEstimate], mode: Mode = "auto") -> None:
+    """Print the predicted costs of verdicts."""
+    console = make_console(mode)
+    console.width = max(console.width, _PLAN_WIDTH)
+    texts, numbers = ("scenario", "specification", "required"), ("rollouts", "steps", "time")
+    table = make_table("predicted cost of a verdict", texts, numbers)
+    table.add_column("reason")
+    for one in costs:
+        cost = ["-"] * 3
+        if one.rollouts is not None:
+            cost = [f"{one.rollouts:,}", f"{one.steps:,}", format_duration(one.seconds)]
+        table.add_row(*map(escape, [one.scenario, one.specification, one.question, *cost, one.reason]))
+    console.print(table)

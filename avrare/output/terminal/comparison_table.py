@@ -1,0 +1,122 @@
+"""Table of a comparison, for the terminal and as Markdown, with the notes below it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from rich.markup import escape
+from rich.table import Table
+
+from avrare.analysis.compare.comparison import ArmResult, Comparison
+from avrare.analysis.compare.repetition_statistics import (
+    Accuracy,
+    Summary,
+)
+from avrare.base.number_format import format_amount, format_narrow
+from avrare.base.visible_text import escape_markdown, spell_line
+from avrare.estimation.result.result import Interval
+from avrare.output.terminal.console import make_table
+
+
+class _Cell(NamedTuple):
+    value: str = "-"
+    interval: str = ""
+
+
+_Column = tuple[str, Callable[[Summary], _Cell]]  # head of one or two lines, cell of an estimator
+
+
+def _make_columns(comparison: Comparison) -> list[_Column]:
+    static = comparison.case.problem.steps == 0
+    return [
+        ("mean\nestimate", _mean),
+        ("/ truth", _with_accuracy(lambda a: _Cell(f"{a.ratio:.3g}"))),
+        ("rel.\nRMSE", _with_accuracy(lambda a: _Cell(f"{a.relative_rmse:.2g}"))),
+        ("covers\ntruth", _coverage),
+        ("cost\n[rollouts]", lambda s: _Cell(format_amount(s.rollouts, 3)))
+        if static
+        else ("cost\n[steps]", lambda s: _Cell(format_amount(s.steps, 3))),
+        ("relMSE\nx cost", _with_accuracy(_work)),
+        ("speed-up\nover MC", _with_accuracy(_speed_up)),
+        ("warned", lambda s: _Cell(f"{s.warned}/{s.repetitions}")),
+        ("zero", lambda s: _Cell(f"{s.zeros}/{s.repetitions}")),
+    ]
+
+
+def comparison_table(comparison: Comparison) -> Table:
+    """Return one row per estimator, with intervals below their numbers."""
+    table = make_table(leading=0)
+    columns = _make_columns(comparison)
+    table.add_column("estimator", max_width=26, overflow="fold")
+    for head, _ in columns:
+        table.add_column(head, justify="right", no_wrap=True)
+    for result, cells in _rows(comparison, columns):
+        table.add_row("\n:".join(map(escape, result.arm.label_parts)), *map(_stack, cells))
+    return table
+
+
+def markdown(comparison: Comparison) -> str:
+    """Return the table with its headline and notes."""
+    columns = _make_columns(comparison)
+    heads = ["estimator", *(head.replace("-\n", "").replace("\n", " ") for head, _ in columns)]
+    title, settings = comparison.headline()
+    lines = [f"# {escape_markdown(title)}", "", escape_markdown(settings), ""]
+    lines += [_markdown_row(heads), _markdown_row(["---", *("---:" for _ in columns)])]
+    for result, cells in _rows(comparison, columns):
+        lines.append(_markdown_row([_code(result.arm.label), *map(_in_line, cells)]))
+    lines += ["", *(f"- {escape_markdown(line)}" for line in comparison.notes())]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _rows(comparison: Comparison, columns: Sequence[_Column]) -> list[tuple[ArmResult, list[_Cell]]]:
+    return [
+        (result, [cell(summary) if summary else _Cell() for _, cell in columns])
+        for result, summary in zip(comparison.arms, comparison.summaries, strict=True)
+    ]
+
+
+def _mean(summary: Summary) -> _Cell:
+    return _Cell(format_narrow(summary.mean), _interval(summary.interval, format_narrow))
+
+
+def _coverage(summary: Summary) -> _Cell:
+    accuracy = summary.accuracy
+    if accuracy is None:
+        return _Cell()
+    interval = _interval(accuracy.covered_interval, lambda share: f"{100.0 * share:.0f}")
+    return _Cell(f"{accuracy.covered}/{summary.repetitions}", f"{interval}%")
+
+
+def _work(accuracy: Accuracy) -> _Cell:
+    return _Cell(format_amount(accuracy.work), _interval(accuracy.work_interval, format_amount))
+
+
+def _speed_up(accuracy: Accuracy) -> _Cell:
+    if accuracy.speed_up is None:
+        return _Cell()
+    return _Cell(f"{format_amount(accuracy.speed_up)}x", _interval(accuracy.speed_up_interval, format_amount))
+
+
+def _with_accuracy(cell: Callable[[Accuracy], _Cell]) -> Callable[[Summary], _Cell]:
+    return lambda summary: cell(summary.accuracy) if summary.accuracy else _Cell()
+
+
+def _interval(interval: Interval | None, form: Callable[[float], str]) -> str:
+    return f"{form(interval[0])}..{form(interval[1])}" if interval else ""
+
+
+def _in_line(cell: _Cell) -> str:
+    return f"{cell.value} ({cell.interval})" if cell.interval else cell.value
+
+
+def _stack(cell: _Cell) -> str:
+    return f"{cell.value}\n[dim]{cell.interval}[/dim]" if cell.interval else cell.value
+
+
+def _code(text: str) -> str:
+    return f"`{spell_line(text).replace('`', chr(39))}`"
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -1,0 +1,151 @@
+"""Progress display of a running estimate."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+from rich.console import Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from avrare.base.number_format import format_clock
+from avrare.base.visible_text import spell_line
+from avrare.estimation.plan.plan import Info
+from avrare.estimation.result.intervals import clopper_pearson
+from avrare.output.terminal.console import Mode, make_console
+from avrare.output.terminal.time_left import TimeLeft
+from avrare.rollout.executors.interruption import Stopping
+from avrare.rollout.problem import Problem
+
+_PLAIN_INTERVAL = 15.0  # seconds between two lines where nothing can be redrawn
+
+
+class Progress:
+    """Live lines on stderr; occasional plain lines if stderr is no terminal; or nothing.
+
+    Without a confidence no interval is shown: the estimate is no share of rollouts. ``stop`` tells whether
+    the user asked to stop; its own message is silenced while the lines are live.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        problem: Problem,
+        mode: Mode = "auto",
+        confidence: float | None = None,
+        stop: Stopping | None = None,
+    ) -> None:
+        self.label = label
+        self.problem = problem
+        self.mode, self.confidence, self.stop = mode, confidence, stop
+        self.info = Info()
+        self.began = self.printed = time.monotonic()
+        self._left = TimeLeft()
+        self._live: Live | None = None
+
+    def __enter__(self) -> Progress:
+        if self.mode == "auto" and _can_redraw():
+            # Redrawn by the clock, so that the time runs on between slow chunks.
+            self._live = Live(
+                console=make_console(stderr=True, soft_wrap=False),
+                get_renderable=self._view,
+                refresh_per_second=4,
+                transient=True,
+            )
+            self._live.start()
+            self._set_silent(True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._set_silent(False)
+            self._live.stop()
+            self._live = None
+
+    def resume(self, seconds: float) -> None:
+        """Go on after an interruption: ``seconds`` were spent before it."""
+        self.began -= seconds
+        self._left = TimeLeft(steady=not seconds)
+
+    def see(self, info: Info) -> bool:
+        """Take the newest state; return whether it is the first one, of an estimate that takes long."""
+        first, seconds = not self.info.rollouts, time.monotonic() - self.began
+        self.info = info
+        self._left.see(info, seconds)
+        # After a resumption the first chunk is one of many that arrive at once, and says nothing of the pace.
+        return first and self._left.steady and self._left.most(info, seconds) >= _PLAIN_INTERVAL
+
+    def __call__(self, info: Info) -> None:
+        """Show the newest state."""
+        foretells, now = self.see(info), time.monotonic()
+        due = foretells or now - self.printed >= _PLAIN_INTERVAL
+        if self.mode != "quiet" and self._live is None and due:
+            self.printed = now
+            print(spell_line(self.line(info, now - self.began)), file=sys.stderr, flush=True)
+
+    def line(self, info: Info, seconds: float) -> str:
+        """Return ``safe_distance  level 7  gamma 0.42  p≈3.1e-05  survivors 34/100  ...``."""
+        goal = f"/{info.goal}" if info.goal else ""
+        words = [self.label, *self._estimate(info), f"rollouts {info.rollouts}{goal}"]
+        return "  ".join([*words, *self._pace(info, seconds), *_counters(info)])
+
+    def _set_silent(self, silent: bool) -> None:
+        if self.stop is not None:
+            self.stop.silent = silent
+
+    def _estimate(self, info: Info) -> list[str]:
+        words = [f"level {info.stage}"] if info.stage else []
+        if info.level is not None:
+            words.append(f"gamma {self.problem.gamma(info.level):.3g}")
+        if info.probability:  # 0 only means that no run has finished
+            words.append(f"p≈{info.probability:.2g}")
+        elif info.probability is None and self.confidence is not None and info.rollouts:
+            words.append(self._failure_share(info, self.confidence))
+        if info.survivors is not None:
+            words.append(f"survivors {info.survivors}/{info.particles}")
+        return words
+
+    def _failure_share(self, info: Info, confidence: float) -> str:
+        any_of = " any" if len(self.problem.names) > 1 else ""
+        found = f"p{any_of} {info.failures / info.rollouts:.2g}"
+        if info.goal is None:  # the failures decide when to stop: the interval would not hold
+            return found
+        low, high = clopper_pearson(info.failures, info.rollouts, confidence, errors=info.errors)
+        return f"{found} ({low:.2g} .. {high:.2g})"
+
+    def _pace(self, info: Info, seconds: float) -> list[str]:
+        if seconds <= 0.0 or not info.rollouts:
+            return []
+        return [f"{info.rollouts / seconds:.1f}/s", *self._left.words(info, seconds)]
+
+    def _view(self) -> Group:
+        info, seconds = self.info, time.monotonic() - self.began
+        goal = f" of {info.goal:,}" if info.goal else ""
+        done = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
+        bar = [ProgressBar(info.goal, min(info.rollouts, info.goal), width=24)] if info.goal else []
+        rate, *left = self._pace(info, seconds) or [""]
+        beside = left if info.goal else []
+        pace = "   ".join([format_clock(seconds), rate, *beside])
+        advance = Table.grid(padding=(0, 2, 0, 0))
+        advance.add_row(*bar, done, Text(pace, style="dim", no_wrap=True))
+        head = Text(self.label, style="bold", no_wrap=True, overflow="ellipsis")
+        estimate = Text("   ".join([*self._estimate(info), *_counters(info)]))
+        below = [Text("   ".join(left), style="dim")] if left and not beside else []
+        rows: list[RenderableType] = [head, advance, *below, estimate]
+        if self.stop is not None and self.stop():
+            text = "stopping after the current chunk; press Ctrl-C again to stop at once"
+            rows.append(Text(text, style="yellow"))
+        return Group(*rows)
+
+
+def _counters(info: Info) -> list[str]:
+    counts = [(name.replace("_", " "), n) for name, n in info.counts.items() if n and name != "solves"]
+    return [f"{name} {n}" for name, n in [("failures", info.failures), ("errors", info.errors), *counts]]
+
+
+def _can_redraw() -> bool:  # stderr is a terminal that can move its cursor, whatever is set about colours
+    return sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")

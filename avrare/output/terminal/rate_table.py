@@ -1,0 +1,53 @@
+"""Tables of a catalogue's rates: the rules, and the scenes that contribute most."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+
+from avrare.analysis.rates.rates import CatalogueRates
+from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
+from avrare.base.number_format import format_interval, format_percent, format_probability
+from avrare.output.terminal.console import colour_verdict, make_table, print_lines, print_table
+
+
+def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) -> None:
+    """Print the rates with their intervals; in quiet mode the verdicts alone."""
+    document = rates.catalogue.document
+    if not quiet:
+        table = make_table(
+            f"{document.name}  {len(document.scenes)} scenes, {sum(rates.rollouts):,} rollouts, "
+            f"{format_percent(document.confidence)} intervals",
+            ("rule", "unit"),
+            ("rate", "interval", "sampling alone", "exposure alone"),
+        )
+        for rate in rates.rates:
+            for unit, total in rate.totals.items():
+                shown = (total.interval, total.sampling, total.exposure)
+                cells = [format_probability(total.value), *map(format_interval, shown)]
+                table.add_row(escape(rate.rule), f"per {unit}", *cells)
+        print_table(console, table)
+        print_lines(console, [f"{rate.rule}: {describe_scenes(rates, rate)}" for rate in rates.rates])
+        _print_own(console, rates)
+        print_lines(console, describe_warnings(rates), "yellow")
+        print_lines(console, describe_blind(rates))
+    for rate in rates.rates:
+        for one in rate.decisions:
+            verdict = f"{colour_verdict(one.verdict)}{escape(one.explanation)}"
+            console.print(f"{escape(rate.rule)} {one.threshold.text}: {verdict}")
+    if rates.errors:
+        names = ", ".join(rates.errors)
+        print_lines(console, [f"more rollouts ended in an error than allowed: {names}"], "red")
+
+
+def _print_own(console: Console, rates: CatalogueRates) -> None:
+    rows = list(rates.own)
+    if not rows:
+        return
+    heads = ("probability", "interval", "rollouts", "steps")
+    table = make_table("estimates with intervals of their own", ("scene", "rule", "estimator"), heads)
+    for name, rule, one, own in rows:
+        numbers = [format_probability(own.probability), format_interval(own.interval)]
+        cost = [f"{one.rollouts:,}", f"{own.simulated_steps:,}"]
+        table.add_row(escape(name), escape(rule), own.estimator, *numbers, *cost)
+    print_table(console, table)
