@@ -35,6 +35,7 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.request import Rollouts
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
+from avrare.scenario.schema import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -78,13 +79,11 @@ def main() -> None:
         print("stopped, the finished chunks are saved; the same command goes on")
         return
     definition, entries = scenario.definition, [result.to_dict() for result in results]
-    hidden = ("estimator", "seed", "chunk")
     about = {
         "scenario": definition.name,
-        "system": {name: block for name, block in definition.resolved.items() if name not in hidden},
+        **describe_system(definition),
         "fingerprint": fingerprint(definition),
         "seed": definition.seed,
-        "versions": definition.versions,
         "command": shlex.join(["python", "benchmarks/ground_truth.py", *sys.argv[1:]]),
         "estimates": [{name: entry[name] for name in KEPT} for entry in entries],
     }
@@ -93,6 +92,13 @@ def main() -> None:
     truth.write(file, about, dict(zip(names, map(truth.Tail.of, robustness.T), strict=True)))
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     print(f"{file} written; {results[0].seconds:.0f} s, the largest process had {peak:.0f} MiB")
+
+
+def describe_system(definition: Scenario) -> dict[str, Any]:
+    """Return the blocks that decide a rollout, and the versions of their plugins."""
+    hidden = ("estimator", "seed", "chunk")
+    system = {name: block for name, block in definition.resolved.items() if name not in hidden}
+    return {"system": system, "versions": definition.versions}
 
 
 def rolled_out(scenario: LoadedScenario, args: Any) -> tuple[list[Any], Floats]:

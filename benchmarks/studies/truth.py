@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 from avrare.estimation.result.intervals import clopper_pearson
 
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
 TAIL = 1e-3
 """Share of the rollouts that a tail keeps."""
 
@@ -33,12 +36,12 @@ class Tail:
         rollouts: Number of all rollouts without an error.
     """
 
-    robustness: NDArray[np.float64]
-    particle: NDArray[np.int64]
+    robustness: Floats
+    particle: Integers
     rollouts: int
 
     @staticmethod
-    def of(robustness: NDArray[np.float64], share: float = TAIL) -> Tail:
+    def of(robustness: Floats, share: float = TAIL) -> Tail:
         """Return the tail of all values (N,); NaN is an error and left out."""
         known = np.flatnonzero(~np.isnan(robustness))
         order = known[np.argsort(robustness[known], kind="stable")][: math.ceil(share * len(known))]
