@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -80,7 +81,7 @@ def execute(args: argparse.Namespace) -> int:
                 outcome = check_targets(targets, plan_looks(budget, spend), machine, args.save)
         except Interrupted:
             raise Interrupted(*_explain_interruption(saved)) from None
-        outcome = with_next_steps(outcome, targets, out)
+        outcome = replace(with_next_steps(outcome, targets, out), strict=args.strict)
         told = _write(args, out, outcome)
         if saved is not None:
             saved.remove()

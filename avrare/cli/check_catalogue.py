@@ -9,7 +9,7 @@ from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.rates.catalogue import Catalogue, is_catalogue, load_catalogue
 from avrare.analysis.rates.rates import CatalogueRates
-from avrare.base.errors import UsageError
+from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.cli import rate
 from avrare.cli.output import ensure_files, write_file
@@ -51,7 +51,8 @@ def execute(args: argparse.Namespace) -> int:
         paths = {catalogue.document.name: catalogue.path}
         for line in annotate_rows(outcome, paths):
             print(line, file=sys.stderr if args.json else sys.stdout)
-    return int(rates.exit_code)
+    assumes = args.strict and rates.verdict == "pass_assuming"
+    return int(ExitCode.INCONCLUSIVE if assumes and not rates.errors else rates.exit_code)
 
 
 def _thresholds(args: argparse.Namespace) -> Catalogue:

@@ -109,6 +109,9 @@ OPTIONS: dict[str, Options] = {
             "--require-baseline": "stop if there is no baseline; recommended in CI",
             "--accept-changes": "compare even if the scenario has changed since the baseline",
         },
+        "decision": {
+            "--strict": "exit with 3 where a threshold holds only as far as the search could see",
+        },
         "output": {
             "--plan": "only estimate the cost of a verdict",
             "--junit FILE": "write JUnit XML",

@@ -107,6 +107,7 @@ class CriterionItem(pytest.Item):
     def runtest(self) -> None:
         """Fail unless the verdict is a pass."""
         from avrare.base.visible_text import spell_controls
+        from avrare.estimation.result.verdict import PASSING
 
         assert isinstance(self.parent, ScenarioFile)
         outcome = self.parent.outcome
@@ -116,7 +117,7 @@ class CriterionItem(pytest.Item):
         too_few = decision.verdict == "inconclusive" and not outcome.has_errors(decision)
         if too_few and self.config.getini("avrare_inconclusive") == "skip":
             pytest.skip(text)
-        if decision.verdict != "pass":
+        if decision.verdict not in PASSING:
             raise VerdictError(text)
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:

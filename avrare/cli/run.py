@@ -21,7 +21,7 @@ from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.result import with_verdict
+from avrare.estimation.result.verdict import with_verdict
 from avrare.output.plots.rollout_plot import draw_run
 from avrare.output.terminal.console import make_console, print_lines, print_table
 from avrare.output.terminal.progress_line import Progress

@@ -28,7 +28,8 @@ from avrare.base.stored_files import check_seal, digest, read_json, read_regular
 from avrare.estimation.loop.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
-from avrare.estimation.result.result import Origin, Result, Results, worst_verdict
+from avrare.estimation.result.result import Origin, Result, Results
+from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.provenance import Provenance
 from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
 from avrare.results.stored_results import (
@@ -227,7 +228,7 @@ class Run(Mapping[str, Result]):
 
     @property
     def verdict(self) -> str | None:
-        """Worst verdict on the thresholds: "pass", "inconclusive", "fail"; None without any."""
+        """Worst verdict on the thresholds; None without any."""
         return worst_verdict(result.verdict for result in self.values())
 
     @property

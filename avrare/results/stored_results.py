@@ -21,6 +21,7 @@ from avrare.base.visible_text import spell_line
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Failures, Origin, Result, Worst
+from avrare.estimation.result.verdict import Verdict
 from avrare.results.stored_diagnostics import check_diagnostics
 
 RUN_AGAIN = "run the scenario again"
@@ -86,7 +87,7 @@ class StoredEstimate(BaseModel):
     seconds: float
     health: list[Name]
     notes: list[Note]
-    verdict: Literal["pass", "fail", "inconclusive"] | None
+    verdict: Verdict | None
     blind_bound: _Share | None = None
     cross_check: _StoredCrossCheck | None = None
     warnings: dict[str, str] = {}

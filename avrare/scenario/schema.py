@@ -88,6 +88,11 @@ class Threshold(_Model):
     confidence: Probability = Field(
         0.95, description="confidence level of the interval that must lie below the bound, in (0, 1)"
     )
+    blind: Literal["assumed", "counted"] = Field(
+        "assumed",
+        description="failures that the score does not lead to: assumed away, as the verdict says, or "
+        "counted: their upper bound must lie below the bound, too",
+    )
 
     @property
     def limit(self) -> float:

@@ -11,8 +11,9 @@ from avrare.estimation.loop.loop import Settings, build_plan, run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.result import verdict
+from avrare.estimation.result.verdict import judge
 from avrare.rollout.executors.serial import SerialExecutor
+from avrare.scenario.schema import Threshold
 from avrare.testing import faulty_systems as systems
 
 
@@ -84,24 +85,28 @@ def test_max_error_rate_is_a_setting():
     assert not tolerant.health
 
 
+def bound(sign, limit, confidence=0.95):
+    return Threshold(specification="any", probability=f"{sign} {limit!r}", confidence=confidence)
+
+
 @pytest.mark.parametrize(("factor", "expected"), [(2.0, "pass"), (0.5, "fail"), (1.0, "inconclusive")])
 def test_verdict(factor, expected):
     (result,) = monte_carlo(problem(1.0), rollouts=2000)
-    assert verdict(result, factor * result.probability, strict=True, confidence=0.95) == expected
+    assert judge(result, bound("<", factor * result.probability)) == expected
 
 
 def test_verdict_asks_for_the_interval_at_its_own_confidence():
     (result,) = monte_carlo(problem(1.0), rollouts=2000)
     between = (result.interval[1] + result.interval_at(0.9999)[1]) / 2
-    assert verdict(result, between, True, 0.95) == "pass"
-    assert verdict(result, between, True, 0.9999) == "inconclusive"
+    assert judge(result, bound("<", between)) == "pass"
+    assert judge(result, bound("<", between, 0.9999)) == "inconclusive"
 
 
 def test_verdict_at_the_limit():
     (never,), (always,) = (monte_carlo(problem(limit), rollouts=10) for limit in (99.0, -1.0))
     high, low = never.interval[1], always.interval[0]
-    assert [verdict(never, high, strict, 0.95) for strict in (False, True)] == ["pass", "inconclusive"]
-    assert [verdict(always, low, strict, 0.95) for strict in (False, True)] == ["inconclusive", "fail"]
+    assert [judge(never, bound(sign, high)) for sign in ("<=", "<")] == ["pass", "inconclusive"]
+    assert [judge(always, bound(sign, low)) for sign in ("<=", "<")] == ["inconclusive", "fail"]
 
 
 class Forgetful(systems.Walk):

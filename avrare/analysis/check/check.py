@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
@@ -26,6 +27,7 @@ def check(
     save: bool = False,
     require_baseline: bool = False,
     accept_changes: bool = False,
+    strict: bool = False,
     workers: int = 1,
     executor: str | None = None,
     watch: Watch | None = None,
@@ -43,6 +45,7 @@ def check(
         save: Save the results as new baselines.
         require_baseline: Refuse a scenario without a baseline.
         accept_changes: Compare even if a scenario has changed since its baseline.
+        strict: A threshold that holds only as far as the search could see gives exit code 3.
         workers: Number of processes; changes no bit of a result.
         executor: Executor with its options, as for ``--executor``.
         watch: Progress display.
@@ -66,4 +69,5 @@ def check(
             accept=accept_changes,
         )
     execution = ExecutionSettings(workers, executor, watch or (lambda label, problem: nullcontext()))
-    return with_next_steps(check_targets(targets, plan_looks(paid, spent), execution, save), targets, None)
+    outcome = check_targets(targets, plan_looks(paid, spent), execution, save)
+    return replace(with_next_steps(outcome, targets, None), strict=strict)

@@ -24,6 +24,7 @@ from avrare.analysis.check.melded_intervals import (
 from avrare.estimation.result.confidence_distributions import derive_distribution
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
+from avrare.estimation.result.verdict import PASSING, describe_assumption, grade_pass, is_below
 from avrare.scenario.schema import Regression, Threshold
 
 _ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_failures"})
@@ -52,7 +53,9 @@ class Criterion:
             confidence = self.condition.confidence
             default = confidence == Threshold.model_fields["confidence"].default
             # Two thresholds of one specification need different names: servers keep one test of a name.
-            return str(self.condition.probability) + ("" if default else f" at {confidence:g}")
+            level = "" if default else f" at {confidence:g}"
+            counted = ", blind counted" if self.condition.blind == "counted" else ""
+            return f"{self.condition.probability}{level}{counted}"
         ratio = self.condition.ratio
         return f"<= {self.reference}" if ratio == 1.0 else f"<= {ratio:g} x {self.reference}"
 
@@ -75,7 +78,7 @@ def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
     if isinstance(condition, Threshold):
         limit = condition.limit
         _, high = distribution.interval_at(1.0 - share * (1.0 - condition.confidence))
-        passes = high < limit or (high == limit and not condition.strict)
+        passes = is_below(high, limit, condition.strict)
         impossible = condition.strict and limit == 0.0
         return Assessment(0.0 if impossible else distribution.p_value_at_most(limit) / tail, passes)
     if baseline is None or baseline.relation != result.relation:
@@ -95,7 +98,7 @@ def decide_criteria(
     share: float,
     decided: Mapping[int, str],
 ) -> dict[int, str]:
-    """Return "pass" or "fail" by number of the criterion after one more look; undecided ones are left out.
+    """Return the verdict by number of the criterion after one more look; undecided ones are left out.
 
     Verdicts of earlier looks (``decided``) stay. ``results`` gives the estimate of a specification; ``share``
     is the part of the error rate that this look uses.
@@ -110,8 +113,13 @@ def decide_criteria(
     verdicts |= dict.fromkeys(_find_failing(trusted, share, decided, len(criteria)), "fail")
     for number in assessments.keys() - verdicts.keys():
         criterion = criteria[number]
-        if assessments[number].passes and not find_objections(criterion, results(criterion)):
-            verdicts[number] = "pass"
+        result = results(criterion)
+        if result is None or not assessments[number].passes or find_objections(criterion, result):
+            continue
+        condition = criterion.condition
+        verdict = grade_pass(result, condition) if isinstance(condition, Threshold) else "pass"
+        if verdict in PASSING:
+            verdicts[number] = verdict
     return verdicts
 
 
@@ -141,6 +149,16 @@ def find_doubts(health: Iterable[str]) -> frozenset[str]:
     return frozenset(health) - _ABOUT_SYSTEM
 
 
+def find_assumption(criterion: Criterion, result: Result) -> str:
+    """Return what a threshold rests on where only failures that nothing led to could break it; else ""."""
+    condition = criterion.condition
+    if result.blind_bound is None or not isinstance(condition, Threshold):
+        return ""
+    if not assess(criterion, result, 1.0).passes or grade_pass(result, condition) == "pass":
+        return ""
+    return describe_assumption(result.blind_bound)
+
+
 def describe_health(result: Result) -> list[str]:
     """Return the warnings of an estimate, each with its name and its cause."""
     return [f"{name}: {text}" for name, text in result.health.items()]
@@ -165,7 +183,7 @@ class Decision:
     specification: str
     kind: str
     question: str
-    verdict: str  # "pass", "fail" or "inconclusive"
+    verdict: str
     reason: str  # may be empty
     probability: float | None = None
     interval: Interval | None = None

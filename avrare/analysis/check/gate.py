@@ -15,6 +15,7 @@ from avrare.analysis.check.criteria import (
     assess,
     decide_criteria,
     describe_health,
+    find_assumption,
     find_objections,
     make_decision,
 )
@@ -23,7 +24,8 @@ from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
-from avrare.estimation.result.result import Result, finite, worst_verdict
+from avrare.estimation.result.result import Result, finite
+from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.run import Run
 
 SCHEMA = 1
@@ -39,6 +41,7 @@ class CheckResult:
         notes: Lines on baselines.
         looks: Number of interim looks.
         targets: The scenarios; none for a catalogue.
+        strict: A threshold that holds only as far as the search could see is not enough for exit code 0.
     """
 
     decisions: tuple[Decision, ...]
@@ -46,18 +49,21 @@ class CheckResult:
     notes: tuple[str, ...] = ()
     looks: int = 1
     targets: tuple[CheckTarget, ...] = ()
+    strict: bool = False
 
     @property
     def exit_code(self) -> ExitCode:
         """Exit code: too many errors take precedence over the worst verdict."""
         if any("errors" in one.health for results in self.results.values() for one in results):
             return ExitCode.ROLLOUT_ERRORS
+        if self.verdict == "pass_assuming":
+            return ExitCode.INCONCLUSIVE if self.strict else ExitCode.PASS
         codes = {"fail": ExitCode.FAIL, "inconclusive": ExitCode.INCONCLUSIVE, "pass": ExitCode.PASS}
         return codes[self.verdict]
 
     @property
     def verdict(self) -> str:
-        """Worst verdict of all decisions: "pass", "fail" or "inconclusive"."""
+        """Worst verdict of all decisions."""
         return worst_verdict(one.verdict for one in self.decisions) or "pass"
 
     def has_errors(self, decision: Decision) -> bool:
@@ -225,6 +231,8 @@ def _decide(state: _CheckState, number: int, criterion: Criterion, result: Resul
 
 
 def _find_reason(criterion: Criterion, decision: Decision, result: Result, criteria: int) -> str:
+    if decision.verdict == "pass_assuming":
+        return find_assumption(criterion, result)
     if decision.verdict == "pass":
         no_failures = criterion.baseline is not None and decision.probability == decision.baseline == 0.0
         return "no failures here or in the baseline: the ratio is unknown" if no_failures else ""
@@ -238,7 +246,7 @@ def _find_reason(criterion: Criterion, decision: Decision, result: Result, crite
     if fails_alone:
         corrected = f"not after correction for {criteria} criteria or several looks"
         return f"{interval}: fails on its own, but {corrected}"
-    return f"{interval}: use more rollouts"
+    return f"{interval}: {find_assumption(criterion, result) or 'use more rollouts'}"
 
 
 def _describe_interval(decision: Decision) -> str:

@@ -9,13 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from avrare.analysis.check.baseline_files import BaselineEntry
-from avrare.analysis.check.criteria import Decision, find_objections
+from avrare.analysis.check.criteria import Criterion, Decision, find_assumption, find_objections
 from avrare.analysis.check.gate import CheckResult
-from avrare.analysis.check.power_analysis import estimate_costs
+from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
 from avrare.analysis.check.targets import CheckTarget
 from avrare.analysis.failures.failure import record_failure
 from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Result
+from avrare.scenario.schema import Regression, Threshold
 
 
 def with_next_steps(outcome: CheckResult, targets: Sequence[CheckTarget], out: Path | None) -> CheckResult:
@@ -26,19 +27,37 @@ def with_next_steps(outcome: CheckResult, targets: Sequence[CheckTarget], out: P
         targets: Its scenarios.
         out: Folder of the run folders, where they are written.
     """
-    by_name = {target.name: target for target in targets}
-    found = {(name, one.specification): one for name, results in outcome.results.items() for one in results}
+    target_by_name = {target.name: target for target in targets}
+    results_by_name = {
+        (name, result.specification): result
+        for name, results in outcome.results.items()
+        for result in results
+    }
     decisions = []
-    for one in outcome.decisions:
-        target, result = by_name[one.scenario], found.get((one.scenario, one.specification))
-        step = ""
-        if result is not None and one.verdict == "fail":
-            folder = None if out is None else out / target.name if len(targets) > 1 else out
-            step = _replay_step(target, result, folder)
-        elif result is not None and one.verdict == "inconclusive":
-            step = _decisive_size(target, one, result)
-        decisions.append(replace(one, next_step=step))
+    for decision in outcome.decisions:
+        target = target_by_name[decision.scenario]
+        result = results_by_name.get((decision.scenario, decision.specification))
+        step = "" if result is None else _find_step(target, decision, result, out, len(targets) > 1)
+        decisions.append(replace(decision, next_step=step))
     return replace(outcome, decisions=tuple(decisions))
+
+
+def _find_step(
+    target: CheckTarget, decision: Decision, result: Result, out: Path | None, several: bool
+) -> str:
+    if decision.verdict == "pass":
+        return ""
+    if decision.verdict == "fail":
+        return _replay_step(target, result, out / target.name if out is not None and several else out)
+    key = (decision.specification, decision.question)
+    criteria = [
+        criterion for criterion in target.criteria if (criterion.specification, criterion.question) == key
+    ]
+    if not criteria or find_objections(criteria[0], result):  # a warning is not cured by more rollouts alone
+        return ""
+    if find_assumption(criteria[0], result):
+        return _settling_size(criteria[0].condition, result)
+    return _decisive_size(target, criteria[0], result)
 
 
 def _replay_step(target: CheckTarget, result: Result, folder: Path | None) -> str:
@@ -54,19 +73,17 @@ def _replay_step(target: CheckTarget, result: Result, folder: Path | None) -> st
     return ""
 
 
-def _decisive_size(target: CheckTarget, decision: Decision, result: Result) -> str:
-    criteria = [
-        one
-        for one in target.criteria
-        if (one.specification, one.question) == (decision.specification, decision.question)
-    ]
-    if not criteria or find_objections(criteria[0], result):  # a warning is not cured by more rollouts alone
-        return ""
+def _settling_size(condition: Threshold | Regression, result: Result) -> str:
+    assert isinstance(condition, Threshold)
+    rollouts = count_settling_rollouts(condition, result.probability)
+    return "" if rollouts is None else f"about {rollouts:,} rollouts of Monte Carlo would settle it"
+
+
+def _decisive_size(target: CheckTarget, criterion: Criterion, result: Result) -> str:
     entries = {result.specification: BaselineEntry.from_result(result)}
     # All criteria share the error rate, so the number of them enters; the first price is that of this one.
-    others = [one for one in target.criteria if one is not criteria[0]]
-    confidence = target.definition.confidence
-    cost, *_ = estimate_costs(target.name, [*criteria, *others], entries, "this check", confidence)
+    criteria = [criterion, *(other for other in target.criteria if other is not criterion)]
+    cost, *_ = estimate_costs(target.name, criteria, entries, "this check", target.definition.confidence)
     if cost.rollouts is None:
         return cost.reason
     spend = f"--spend rollouts={cost.rollouts}"

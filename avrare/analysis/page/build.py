@@ -55,6 +55,7 @@ def _build_estimate(run: Run, result: Result) -> Estimate:
         tuple(Limit(threshold.strict, threshold.limit) for threshold in limits),
         tuple(result.health.items()),
         tuple(note.text for note in result.notes),
+        result.blind_bound,
     )
 
 

@@ -38,6 +38,7 @@ class Estimate:
     limits: tuple[Limit, ...]
     warnings: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
+    blind_bound: float | None
 
 
 @dataclass(frozen=True)

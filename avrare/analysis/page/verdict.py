@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from typing import get_args
 
 from avrare.analysis.page.model import Answer, Estimate, Limit, Summary
 from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result.result import worst_verdict
+from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1  # a smaller probability is written as one in so many
@@ -31,7 +33,7 @@ def build_summary(estimates: Sequence[Estimate], exposure: Exposure | None) -> S
 
 
 def _grade(estimate: Estimate) -> tuple[int, float]:
-    order = ("fail", "inconclusive", "pass", None)
+    order = (*get_args(Verdict), None)
     return order.index(estimate.verdict), -estimate.probability
 
 
@@ -40,10 +42,13 @@ def _summarise(judged: Sequence[Estimate]) -> str:
     if not judged:
         return "No threshold is set, so there is no verdict: this is how often each rule was broken."
     many = len(judged)
-    holding, exceeded = (sum(estimate.verdict == word for estimate in judged) for word in ("pass", "fail"))
+    verdicts = Counter(estimate.verdict for estimate in judged)
+    assuming, exceeded = verdicts["pass_assuming"], verdicts["fail"]
+    holding = verdicts["pass"] + assuming
     if holding == many:
-        return "The threshold holds." if many == 1 else f"All {many} thresholds hold."
-    clauses = [f"{holding} of {many} thresholds hold" if many > 1 else ""]
+        lead = "The threshold holds" if many == 1 else f"All {many} thresholds hold"
+        return f"{lead}{_say_assuming(assuming, holding)}."
+    clauses = [f"{holding} of {many} thresholds hold{_say_assuming(assuming, holding)}" if many > 1 else ""]
     if exceeded:
         clauses.append(
             f"{exceeded} {'are' if exceeded > 1 else 'is'} exceeded"
@@ -55,6 +60,12 @@ def _summarise(judged: Sequence[Estimate]) -> str:
             f"{rest} {'are' if rest > 1 else 'is'} undecided" if many > 1 else "The threshold is undecided"
         )
     return ", ".join(clause for clause in clauses if clause) + "."
+
+
+def _say_assuming(assuming: int, holding: int) -> str:
+    if not assuming:
+        return ""
+    return f"{f', {assuming} of them' if holding > assuming else ''} as far as the search could see"
 
 
 def _build_answer(index: int, estimate: Estimate, exposure: Exposure | None) -> Answer:
@@ -91,6 +102,8 @@ def _say_limits(estimate: Estimate) -> str:
     bounds = " and ".join(map(_say_limit, estimate.limits))
     said = {
         "pass": f"; allowed is {bounds}: it holds",
+        "pass_assuming": f"; allowed is {bounds}: it holds as far as the search could see, and failures that "
+        f"nothing led to could be up to {say_share(estimate.blind_bound or 0.0)}",
         "fail": f"; allowed is {bounds}: it does not hold",
         "inconclusive": f"; allowed is {bounds}: undecided, more rollouts are needed",
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -89,6 +89,11 @@ class RateThreshold(_Model):
     rule: str = Field(description="name of a specification of the scenes")
     per_hour: Bound | None = Field(default=None, description="upper bound such as '< 1e-3'")
     per_km: Bound | None = Field(default=None, description="upper bound such as '< 1e-5'")
+    blind: Literal["assumed", "counted"] = Field(
+        "assumed",
+        description="failures that no score leads to: assumed away, as the verdict says, or counted: their "
+        "upper bound must lie below the bound, too",
+    )
 
     @model_validator(mode="after")
     def _one_unit(self) -> Self:

@@ -14,17 +14,19 @@ from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, fro
 from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.result import finite, worst_verdict
+from avrare.estimation.result.result import finite
+from avrare.estimation.result.verdict import describe_assumption, is_below, worst_verdict
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Threshold with its verdict: pass, fail or inconclusive.
+    """Threshold with its verdict (``estimation.result.verdict``).
 
     Attributes:
         threshold: The bound.
         verdict: The verdict.
-        reasons: Warned estimates that keep the verdict from being another, as ``scene: warning``.
+        reasons: Warned estimates that keep the verdict from being another, as ``scene: warning``, or the
+            assumption of a ``pass_assuming``.
     """
 
     threshold: RateThreshold
@@ -235,7 +237,8 @@ def _rule_rate(
             blind[unit] = math.fsum(e.high * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
     names = [entry.name for entry in document.scenes]
     asked = [one for one in document.thresholds if one.rule == rule]
-    decisions = tuple(_decide(totals[one.unit], one, dict(zip(names, found, strict=True))) for one in asked)
+    scenes = dict(zip(names, found, strict=True))
+    decisions = tuple(_decide(totals[one.unit], blind.get(one.unit, 0.0), one, scenes) for one in asked)
     return RuleRate(rule, totals, decisions, blind)
 
 
@@ -252,15 +255,23 @@ def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[f
     return found
 
 
-def _decide(total: Total, threshold: RateThreshold, scenes: dict[str, SceneEstimate]) -> Decision:
+def _decide(
+    total: Total, blind_bound: float, threshold: RateThreshold, scenes: dict[str, SceneEstimate]
+) -> Decision:
     # As in `avrare check`: no warned estimate passes, and none that is in doubt fails.
     low, high = total.interval
-    if high < threshold.limit or (high == threshold.limit and "<=" in threshold.text):
-        against = {name: list(one.warnings) for name, one in scenes.items()}
+    strict = "<=" not in threshold.text
+    if is_below(high, threshold.limit, strict):
+        objections = {name: list(scene.warnings) for name, scene in scenes.items()}
         verdict = "pass"
     elif low > threshold.limit:
-        against, verdict = {name: sorted(one.doubts) for name, one in scenes.items()}, "fail"
+        objections, verdict = {name: sorted(scene.doubts) for name, scene in scenes.items()}, "fail"
     else:
         return Decision(threshold, "inconclusive")
-    reasons = tuple(f"{name}: {warning}" for name, found in against.items() for warning in found)
-    return Decision(threshold, "inconclusive" if reasons else verdict, reasons)
+    reasons = tuple(f"{name}: {text}" for name, texts in objections.items() for text in texts)
+    if reasons:
+        return Decision(threshold, "inconclusive", reasons)
+    if verdict == "pass" and not is_below(blind_bound, threshold.limit, strict):
+        verdict = "pass_assuming" if threshold.blind == "assumed" else "inconclusive"
+        return Decision(threshold, verdict, (describe_assumption(blind_bound),))
+    return Decision(threshold, verdict)

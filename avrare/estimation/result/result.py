@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 Interval = tuple[float, float]
 AnyEstimator = Estimator[Any, Any, Any, Any, Any]
-_WORST_FIRST = ("fail", "inconclusive", "pass")
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,7 @@ class Result:
         cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
-        verdict: Verdict on the threshold of the scenario: "pass", "fail", "inconclusive" or None.
+        verdict: Worst verdict on the thresholds of the scenario (``estimation.result.verdict``), or None.
         origin: Problem and call, for ``trace`` and ``report``; neither written, pickled nor compared.
     """
 
@@ -360,26 +359,3 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(entry) for entry in value]
     return value
-
-
-def verdict(result: Result, limit: float, strict: bool, confidence: float) -> str:
-    """Return "pass" where the interval is below ``limit`` (at it, unless ``strict``), "fail" where above."""
-    low, high = result.interval_at(confidence)
-    if high < limit or (high == limit and not strict):
-        return "pass"
-    if low > limit or (low == limit and strict):
-        return "fail"
-    return "inconclusive"
-
-
-def with_verdict(result: Result, thresholds: Iterable[Any]) -> Result:
-    """Return the result with its worst verdict on those thresholds of a scenario that are its own."""
-    own = [one for one in thresholds if one.specification == result.specification]
-    found = [verdict(result, one.limit, one.strict, one.confidence) for one in own]
-    return replace(result, verdict=worst_verdict(found))
-
-
-def worst_verdict(verdicts: Iterable[str | None]) -> str | None:
-    """Return the worst of several verdicts, or None if there is none."""
-    found = set(verdicts)
-    return next((name for name in _WORST_FIRST if name in found), None)

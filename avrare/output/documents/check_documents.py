@@ -10,7 +10,12 @@ from avrare.analysis.check.gate import CheckResult
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.visible_text import escape_markdown, escape_xml
 
-_SIGNS = {"pass": "✅ pass", "fail": "❌ fail", "inconclusive": "❔ inconclusive"}
+_SIGNS = {
+    "pass": "✅ pass",
+    "pass_assuming": "☑️ pass, assuming",
+    "fail": "❌ fail",
+    "inconclusive": "❔ inconclusive",
+}
 
 
 def junit(outcome: CheckResult) -> str:
@@ -36,7 +41,7 @@ def junit(outcome: CheckResult) -> str:
 def _case(decision: Decision, error: str | None) -> ElementTree.Element:
     names = {"classname": escape_xml(f"avrare.{decision.scenario}"), "name": escape_xml(decision.name)}
     case = ElementTree.Element("testcase", names, time=f"{decision.seconds:.3f}")
-    tag = {"pass": None, "fail": "failure", "inconclusive": "skipped"}[decision.verdict]
+    tag = {"fail": "failure", "inconclusive": "skipped"}.get(decision.verdict)
     reason = "; ".join(filter(None, [decision.reason, decision.next_step]))
     if error is not None and decision.verdict != "fail":
         tag, reason = "error", error
@@ -44,7 +49,10 @@ def _case(decision: Decision, error: str | None) -> ElementTree.Element:
         message = escape_xml(f"{decision.verdict}: {reason}")
         ElementTree.SubElement(case, tag, type=decision.verdict, message=message)
     output = ElementTree.SubElement(case, "system-out")
-    output.text = escape_xml("\n".join(f"{name}: {text}" for name, text in format_numbers(decision).items()))
+    lines = [f"{name}: {text}" for name, text in format_numbers(decision).items()]
+    if decision.verdict == "pass_assuming":
+        lines.insert(0, f"{decision.verdict}: {reason}")
+    output.text = escape_xml("\n".join(lines))
     return case
 
 

@@ -14,7 +14,7 @@ from avrare.output.documents.check_documents import format_numbers, markdown
 from avrare.scenario.value_positions import Node
 from avrare.scenario.yaml import parse
 
-_LEVELS = {"fail": "error", "inconclusive": "warning"}
+_LEVELS = {"fail": "error", "inconclusive": "warning", "pass_assuming": "notice"}
 
 
 def is_github_job(environment: Mapping[str, str] = os.environ) -> bool:
@@ -23,7 +23,7 @@ def is_github_job(environment: Mapping[str, str] = os.environ) -> bool:
 
 
 def annotate_rows(outcome: CheckResult, paths: Mapping[str, str]) -> list[str]:
-    """Return a workflow command for each row that fails (error) or is inconclusive (warning).
+    """Return a workflow command for each row that fails (error), is inconclusive (warning), assumes (notice).
 
     Args:
         outcome: The check.

@@ -15,7 +15,8 @@ from avrare.estimation.estimate_problem import estimate_specifications
 from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
-from avrare.estimation.result.result import Origin, Result, with_verdict
+from avrare.estimation.result.result import Origin, Result
+from avrare.estimation.result.verdict import with_verdict
 from avrare.output.session.live_progress import show_progress
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back

@@ -15,7 +15,7 @@ from rich.text import Text
 from avrare.base.visible_text import spell_controls
 
 Mode = Literal["auto", "plain", "quiet"]
-VERDICT_COLOURS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+VERDICT_COLOURS = {"pass": "green", "pass_assuming": "cyan", "fail": "red", "inconclusive": "yellow"}
 _MAX_WIDTH = 10_000
 
 

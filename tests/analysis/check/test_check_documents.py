@@ -9,6 +9,7 @@ from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.estimation.result.note import describe_blind_bound
 from avrare.output.documents.check_documents import junit, markdown
+from avrare.output.documents.github_output import annotate_rows
 
 NASTY = 'a <b> & "c" | `d` *e* \x00\x1b[31m ]]> \ud800 é\nnew line'
 
@@ -43,6 +44,20 @@ def test_junit_has_one_case_per_row(outcome):
     assert failure.get("message").startswith('fail: a <b> & "c"')
     assert "change: x ∞ (2 .. ∞)" in cases["avrare.one", "lane <= baseline"].find("system-out").text
     assert cases["avrare.two", "bad < 1"].find("error").get("message").endswith("20 of 100")
+
+
+def test_an_assumption_passes_and_is_said(outcome):
+    reason = "holds as far as the search could see; ..."
+    assuming = replace(outcome.decisions[0], verdict="pass_assuming", reason=reason)
+    outcome = replace(outcome, decisions=(assuming,), results={"one": outcome.results["one"]})
+    (case,) = ElementTree.fromstring(junit(outcome).encode()).iter("testcase")
+    assert [child.tag for child in case] == ["system-out"]
+    assert case.find("system-out").text.startswith(f"pass_assuming: {reason}")
+    assert f"- one lane &lt; 0.02: {reason}" in markdown(outcome).replace("\\", "")
+    assert [replace(outcome, strict=strict).exit_code for strict in (False, True)] == [0, 3]
+    (line,) = annotate_rows(outcome, {"one": "missing.yaml"})
+    assert line.startswith("::notice file=missing.yaml,line=1")
+    assert reason in line
 
 
 def test_markdown_keeps_its_columns(outcome):

@@ -1,15 +1,23 @@
 """Verdicts on criteria, and their error rates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from avrare.analysis.check.baseline_files import BaselineEntry
-from avrare.analysis.check.criteria import Criterion, assess, decide_criteria, find_objections
+from avrare.analysis.check.criteria import (
+    Criterion,
+    assess,
+    decide_criteria,
+    find_assumption,
+    find_objections,
+)
 from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import SHARES, plan_looks
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
-from avrare.estimation.result.result import verdict
+from avrare.estimation.result.verdict import judge
 from avrare.scenario.schema import Regression, Threshold
 
 
@@ -48,8 +56,33 @@ def decide(estimate):
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.99])
 def test_one_threshold_alone_is_decided_as_run_decides_it(decide, estimate, law, bound, confidence):
     criterion = threshold(bound, confidence)
-    wanted = verdict(estimate(law), criterion.condition.limit, criterion.condition.strict, confidence)
-    assert decide(criterion, law) == wanted
+    assert decide(criterion, law) == judge(estimate(law), criterion.condition)
+
+
+@pytest.mark.parametrize(
+    ("blind_bound", "blind", "verdict"),
+    [
+        (None, "counted", "pass"),
+        (5e-4, "counted", "pass"),
+        (1e-3, "assumed", "pass_assuming"),
+        (2e-3, "assumed", "pass_assuming"),
+        (2e-3, "counted", "inconclusive"),
+    ],
+)
+def test_a_threshold_knows_what_was_not_looked_for(estimate, blind_bound, blind, verdict):
+    result = replace(estimate(LogNormal(1e-5, 0.1, 9)), blind_bound=blind_bound)
+    condition = Threshold(specification="safe", probability="< 1e-3", blind=blind)
+    assert judge(result, condition) == verdict
+    criterion = Criterion("scenario", "safe", condition)
+    verdicts = decide_criteria([criterion], lambda _: result, 1.0, {})
+    assert verdicts.get(0, "inconclusive") == verdict
+    assert bool(find_assumption(criterion, result)) == (verdict != "pass")
+
+
+def test_a_blind_bound_turns_no_failing_threshold(estimate):
+    result = replace(estimate(LogNormal(0.1, 0.1, 9)), blind_bound=0.5)
+    condition = Threshold(specification="safe", probability="< 1e-3")
+    assert judge(result, condition) == "fail"
 
 
 def test_regressions(decide, against):

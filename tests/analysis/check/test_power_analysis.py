@@ -7,9 +7,12 @@ import pytest
 
 from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
-from avrare.analysis.check.power_analysis import estimate_costs
+from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
+from avrare.estimation.result.intervals import clopper_pearson
 from avrare.scenario.schema import Regression, Threshold
+
+THRESHOLD = Threshold(specification="rule", probability="< 3e-4")
 
 
 @pytest.fixture
@@ -102,10 +105,23 @@ def test_precision(estimate, entry):
 def test_other_estimators_are_planned_by_their_own_variance(estimate):
     law = LogNormal(1e-4, 0.02, 9)
     entry = BaselineEntry.from_result(estimate(law, relative_error=math.sqrt(0.02), rollouts=20_000))
-    cost, precision = planned(entry, Threshold(specification="rule", probability="< 3e-4"))
+    cost, settling, precision = planned(entry, Threshold(specification="rule", probability="< 3e-4"))
     factor = 1.959964 + 1.281552
     assert cost.rollouts == pytest.approx(0.02 * 20_000 * (factor / math.log(3)) ** 2, rel=0.05)
     assert precision.rollouts == pytest.approx(0.02 * 20_000 * (1.959964 / math.log(1.2)) ** 2, rel=0.05)
+    assert settling.question == "< 3e-4, all seen"
+    assert settling.rollouts == pytest.approx(count_settling_rollouts(THRESHOLD, 1e-4), rel=0.05)
+
+
+def test_settling_rollouts_prove_a_threshold():
+    rollouts = count_settling_rollouts(THRESHOLD, 0.0)
+    ends = [clopper_pearson(0, count, 0.95)[1] for count in (rollouts - 1, rollouts)]
+    assert ends[1] <= 3e-4 < ends[0]
+    failures = np.random.default_rng(5).binomial(count_settling_rollouts(THRESHOLD, 1e-4), 1e-4, 2000)
+    rollouts = count_settling_rollouts(THRESHOLD, 1e-4)
+    ends = {count: clopper_pearson(count, rollouts, 0.95)[1] for count in set(failures.tolist())}
+    assert np.mean([ends[count] < 3e-4 for count in failures.tolist()]) == pytest.approx(0.93, abs=0.04)
+    assert count_settling_rollouts(THRESHOLD, 3e-4) is None
 
 
 def test_a_bound_at_the_estimate_has_no_planned_cost(entry):
