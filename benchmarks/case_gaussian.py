@@ -26,8 +26,8 @@ from studies.error_analysis import overestimate_bound, relative_variance, undere
 from studies.recorded_levels import RecordedLevels
 
 import avrare
-from avrare.estimation.loop.loop import Settings
 from avrare.estimation.loop.loop import run as estimate_with
+from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
 from avrare_estimators.common.chains.pcn import PcnKernel

@@ -17,7 +17,6 @@ from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
 from avrare.analysis.check.targets import (
     CheckTarget,
-    ExecutionSettings,
     Look,
     estimate_look,
     load_scenarios,
@@ -40,6 +39,7 @@ from avrare.cli.output import (
     write_file,
     write_files,
 )
+from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
@@ -51,6 +51,7 @@ from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
+from avrare.rollout.executors.work import build_executor
 
 _PILOT_ROLLOUTS = 200
 _CHECK = "check.json"
@@ -154,16 +155,17 @@ def _load_targets(args: argparse.Namespace) -> list[CheckTarget]:
     )
 
 
-def _machine(args: argparse.Namespace, stop: Stopping, saved: Checkpoint | None) -> ExecutionSettings:
+def _machine(args: argparse.Namespace, stop: Stopping, saved: Checkpoint | None) -> Execution:
     watch = partial(Progress, mode=display(args), stop=stop)
-    return ExecutionSettings(args.workers, args.executor, watch, stop, saved.journal if saved else None)
+    execution = Execution(partial(build_executor, args.workers, args.executor), watch, stop=stop)
+    return replace(execution, journal=saved.journal) if saved is not None else execution
 
 
 def _plan(
     args: argparse.Namespace,
     targets: Sequence[CheckTarget],
     budget: Budget | None,
-    machine: ExecutionSettings,
+    machine: Execution,
 ) -> int:
     found = []
     for one in targets:
@@ -184,7 +186,7 @@ def _plan(
     return int(ExitCode.PASS)
 
 
-def _pilot(one: CheckTarget, budget: Budget | None, machine: ExecutionSettings) -> list[Result]:
+def _pilot(one: CheckTarget, budget: Budget | None, machine: Execution) -> list[Result]:
     """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
     estimator = one.definition.estimator
     if budget is None and estimator.plugin == "mc":

@@ -7,8 +7,7 @@ an estimate is requested.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import nullcontext
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,9 +91,10 @@ class ScenarioFile(pytest.File):
     def outcome(self) -> CheckResult:
         """Verdicts of all items, computed when the first one runs."""
         from avrare.analysis.check.gate import decide
-        from avrare.analysis.check.targets import ExecutionSettings, plan_looks
+        from avrare.analysis.check.targets import plan_looks
+        from avrare.estimation.combine.specifications import Execution
 
-        return decide([self.target], plan_looks(None, None), ExecutionSettings(1, None, _silent))
+        return decide([self.target], plan_looks(None, None), Execution())
 
 
 class CriterionItem(pytest.Item):
@@ -160,9 +160,11 @@ def avrare_result(request: pytest.FixtureRequest) -> Result:
 def _estimate(
     folder: Path, scenario: str, specification: str, set: Any = (), budget: Any = None, workers: int = 1
 ) -> Result:
-    from avrare.analysis.check.targets import ExecutionSettings, estimate_look, plan_looks
+    from avrare.analysis.check.targets import estimate_look, plan_looks
     from avrare.base.errors import UsageError
+    from avrare.estimation.combine.specifications import Execution
     from avrare.estimation.plan.budget import Budget
+    from avrare.rollout.executors.work import build_executor
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.scenario.load import load
 
@@ -171,8 +173,4 @@ def _estimate(
     overrides = [set] if isinstance(set, str) else list(set)
     built = LoadedScenario(load(folder / scenario, overrides))
     (look,) = plan_looks(Budget.parse(budget), None)
-    return estimate_look(built, [specification], look, ExecutionSettings(workers, None, _silent))[0]
-
-
-def _silent(label: str, problem: object) -> Any:
-    return nullcontext()
+    return estimate_look(built, [specification], look, Execution(partial(build_executor, workers)))[0]

@@ -19,7 +19,8 @@ from avrare.base.errors import Interrupted, UsageError
 from avrare.base.stored_files import read_json
 from avrare.cli.options import display
 from avrare.cli.output import print_warnings, resumed_folder, say, write_files
-from avrare.cli.run import check_start, estimate_run
+from avrare.cli.run import estimate_run
+from avrare.estimation.estimate_scenario import check_scenarios
 from avrare.estimation.plan.budget import Budget
 from avrare.output.html.rate_page import render_rates
 from avrare.output.terminal.console import make_console
@@ -169,9 +170,13 @@ class _Runner:
             for index, rules in enumerate(catalogue.own)
             if rules
         }
-        for scenario, budget in asked.values():
-            if not (self.out / "own" / scenario.name / "result.json").exists():
-                check_start(scenario, budget)  # of all, before the first is run
+        check_scenarios(
+            [
+                (scenario, budget)
+                for scenario, budget in asked.values()
+                if not (self.out / "own" / scenario.name / "result.json").exists()
+            ]
+        )
         runs = {
             index: self._run_scene("own", scenario, budget, catalogue.own[index])
             for index, (scenario, budget) in asked.items()

@@ -18,7 +18,8 @@ from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, 
 from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
-from avrare.estimation.estimate_problem import check_scenario, estimate_specifications
+from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.verdict import with_verdict
@@ -70,7 +71,8 @@ def execute(args: argparse.Namespace) -> int:
         scenarios = scenarios or _interrupted_scenarios(args, out)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
-    built = _check_all(scenarios, budget)
+    built = [LoadedScenario(scenario) for scenario in scenarios]
+    check_scenarios([(scenario, budget) for scenario in built])
     names = [scenario.name for scenario in scenarios]
     home = out or rundir.make_new_folder(names)
     try:
@@ -134,22 +136,6 @@ def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario
         reason = ": a run that was to begin here has saved nothing" if empty else ""
         raise UsageError(f"--resume {out}: contains no interrupted run{reason}", hint)
     return scenarios
-
-
-def _check_all(scenarios: Sequence[Scenario], budget: Any) -> list[Any]:
-    """Check every scenario before running the first; what is built for that is kept."""
-    built = [LoadedScenario(scenario) for scenario in scenarios]
-    for scenario in built if len(built) > 1 else ():
-        check_start(scenario, budget)
-    return built
-
-
-def check_start(scenario: Any, budget: Any) -> None:
-    """Raise the ``UsageError`` of a scenario that cannot be estimated, before any rollout."""
-    try:
-        check_scenario(scenario, budget)
-    except UsageError as error:
-        raise UsageError(f"{scenario.name}: {error.message}", error.hint) from None
 
 
 def _overrides(args: argparse.Namespace) -> list[str]:
@@ -265,9 +251,8 @@ def estimate_run(
             yield progress
         _report_restarts(executors[-1])
 
-    results = estimate_specifications(
-        scenario, definition.estimated, budget, start_executor, watch, journal=journal, stop=stop
-    )
+    execution = Execution(start_executor, watch, journal, stop)
+    results = estimate_scenario(scenario, definition.estimated, budget, execution)
     return [with_verdict(result, definition.thresholds) for result in results]
 
 

@@ -194,8 +194,9 @@ class _Measuring:
 
     def estimate(self, loaded: LoadedScenario, seed: int, confidence: float, factor: float = 1.0) -> Any:
         """Return the result of the scenario's estimator; ``factor`` enlarges the budget."""
-        from avrare.estimation.loop.loop import Settings, run
+        from avrare.estimation.loop.loop import run
         from avrare.estimation.plan.budget import Budget
+        from avrare.estimation.plan.settings import Settings
         from avrare.rollout.executors.work import build_executor
 
         budget, definition = Budget.parse(self.args.budget), loaded.definition

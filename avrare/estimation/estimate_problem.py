@@ -1,42 +1,37 @@
-"""Estimates of the specifications of a problem (``avrare.estimate``, ``estimate_all``) or a scenario."""
+"""Estimates of the specifications of a problem: ``avrare.estimate`` and ``estimate_all``."""
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.renderers import render
-from avrare.estimation.combine.cross_check import (
-    add_cross_check,
-    count_sharers,
-    parse_cross_check,
-    subtract_check,
+from avrare.estimation.combine.cross_check import parse_cross_check, subtract_check
+from avrare.estimation.combine.specifications import (
+    Execution,
+    Watch,
+    check_specifications,
+    estimate_specifications,
 )
-from avrare.estimation.combine.ensemble import include_model
 from avrare.estimation.loop.checkpoint import Checkpoint
-from avrare.estimation.loop.loop import Progress, Settings, check_estimate, run
+from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.memory import Forecast
-from avrare.estimation.plan.plan import Estimator, Journal
+from avrare.estimation.plan.plan import Estimator
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Origin, Result, Results
 from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
-from avrare.rollout.executors.work import Executor, build_executor
-from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
-from avrare.rollout.twin import check_twin
 from avrare.scenario.schema import CrossCheck
 from avrare.scenario.validation import check_options
 
@@ -88,7 +83,7 @@ def estimate(
             "avrare.estimate_all(problem, ...) estimates all of them",
         )
     call = _Call(seed, workers, confidence, budget, suppress, checkpoint, cross_check, progress, options)
-    return _told(call.estimate(problem, estimator))[0]
+    return _warn(call.estimate(problem, estimator))[0]
 
 
 def estimate_all(
@@ -112,7 +107,7 @@ def estimate_all(
     """
     _check_problem(problem)
     call = _Call(seed, workers, confidence, budget, suppress, checkpoint, cross_check, progress, options)
-    return Results(_told(call.estimate(problem, estimator)))
+    return Results(_warn(call.estimate(problem, estimator)))
 
 
 @dataclass(frozen=True)
@@ -140,33 +135,25 @@ class _Call:
         settings = Settings(self.seed, self.confidence, paid, suppress=suppress)
         built = _estimator(name, self.options)
 
-        def complete(journal: Callable[[str], Journal | None]) -> list[Result]:
-            def execute(
-                problem: Problem, used: Estimator, settings: Settings, part: str = _CHECK
-            ) -> list[Result]:
-                saved = journal(f"{problem.names[0]}{part}")
-                with self._watch(problem, used) as progress:
-                    return run(problem, used, build_executor(self.workers), settings, progress, saved)
+        if built.single and len(problem.names) > 1:  # a single estimate is checked as it begins
+            check_specifications(problem, built, settings)
+        watch = watch_with(self.progress, name, self.confidence)
+        execution = Execution(partial(build_executor, self.workers), watch)
+        call = self._describe(built)
 
-            found = []
-            for group in problem.separate() if built.single else [problem]:
-                results = execute(group, built, settings, "")
-                for part, result in zip(group.separate(), results, strict=True):
-                    if check is not None:
-                        one = partial(_first, execute)
-                        parts = count_sharers(result, len(results))
-                        result = add_cross_check(part, result, check, settings, one, parts=parts)
-                    origin = Origin(partial(_pair, part, built), self.seed, self._describe(built))
-                    found.append(dataclasses.replace(result, origin=origin))
-            return found
+        def complete(execution: Execution) -> list[Result]:
+            return [
+                replace(result, origin=Origin(partial(_pair, part, built), self.seed, call))
+                for part, result in estimate_specifications(problem, built, settings, execution, check)
+            ]
 
         if self.checkpoint is None:
-            return complete(lambda name: None)
+            return complete(execution)
         task = _task(problem, name, built, settings)
         if check is not None:
             task["cross_check"] = check.model_dump()
         with Checkpoint.open(Path(self.checkpoint), task).held() as saved:
-            results = complete(saved.journal)
+            results = complete(replace(execution, journal=saved.journal))
             saved.remove()
         return results
 
@@ -174,23 +161,25 @@ class _Call:
         options = "".join(f", {name}={value!r}" for name, value in self.options.items())
         return f'avrare.estimate(problem, "{estimator.name}", seed={self.seed}{options})'
 
-    def _watch(self, problem: Problem, estimator: Estimator) -> AbstractContextManager[Progress | None]:
-        if callable(self.progress):
-            return nullcontext(self.progress)
-        if not self.progress:
+
+def watch_with(progress: Progress | bool, estimator: str, confidence: float) -> Watch:
+    """Return the display that ``progress`` asks for: a function, a live line, or none."""
+
+    def watch(label: str, problem: Problem) -> AbstractContextManager[Progress | None]:
+        if callable(progress):
+            return nullcontext(progress)
+        if not progress:
             return nullcontext()
         line: AbstractContextManager[Progress] = render(
-            "show_progress", problem, estimator.name, self.confidence
+            "show_progress", label, problem, confidence if estimator == "mc" else None
         )
         return line
+
+    return watch
 
 
 def _pair(problem: Problem, estimator: Estimator) -> tuple[Problem, Estimator]:
     return problem, estimator
-
-
-def _first(execute: Callable[..., list[Result]], *arguments: Any) -> Result:
-    return execute(*arguments)[0]
 
 
 def _check_problem(problem: object) -> None:
@@ -201,16 +190,13 @@ def _check_problem(problem: object) -> None:
         )
 
 
-def _told(results: list[Result]) -> list[Result]:
+def _warn(results: list[Result]) -> list[Result]:
     for result in results:
         for name, message in result.health.items():
             warnings.warn(f"{result.specification}: {name}: {message}", HealthWarning, stacklevel=3)
     return results
 
 
-_MEMBER_KEY = 0xE25E
-_CHECK = "+check"
-"""End of the name of a cross-check's journal; no specification has a "+" in its name."""
 _ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint", "cross_check", "progress")
 """Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
 
@@ -232,7 +218,7 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
     task = {
         "estimator": name,
         "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),
-        "settings": dataclasses.asdict(settings),
+        "settings": asdict(settings),
         "problem": {
             "system": type(problem.system).__qualname__,
             "steps": problem.steps,
@@ -255,114 +241,3 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     return getattr(value, "__qualname__", type(value).__qualname__)
-
-
-Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
-"""Called with a label and a problem as each estimate begins; gives its progress display."""
-
-
-def check_scenario(scenario: LoadedScenario, budget: Budget | None = None) -> tuple[dict[str, str], Forecast]:
-    """Return the health warnings on a scenario's system, found by a few steps, and the memory of a run.
-
-    Raises:
-        UsageError: The scenario cannot be estimated.
-    """
-    definition, estimator = scenario.definition, scenario.estimator()
-    problem = scenario.problem(definition.estimated[:1] if estimator.single else definition.estimated)
-    if problem.twin is not None:
-        check_twin(problem, problem.twin.problem, problem.twin.cost)
-    return check_estimate(problem, estimator, _settings(scenario, budget))
-
-
-def _settings(scenario: LoadedScenario, budget: Budget | None) -> Settings:
-    definition = scenario.definition
-    return Settings(
-        definition.seed,
-        definition.confidence,
-        subtract_check(budget, definition.cross_check),
-        definition.max_error_rate,
-        definition.suppress,
-    )
-
-
-def estimate_specifications(
-    scenario: LoadedScenario,
-    specifications: Sequence[str],
-    budget: Budget | None,
-    start_executor: Callable[[], Executor],
-    watch: Watch,
-    *,
-    seed: int | None = None,
-    note: str = "",
-    journal: Callable[[str], Journal] | None = None,
-    stop: Callable[[], bool] | None = None,
-) -> list[Result]:
-    """Estimate specifications in one pass where the estimator can, else one after the other.
-
-    ``seed`` replaces the scenario's, ``note`` is added to the label of each estimate, ``journal`` gives the
-    journal of an estimate by its first specification, and ``stop`` is as in ``run``.
-    """
-    definition, estimator = scenario.definition, scenario.estimator()
-    check, settings = definition.cross_check, _settings(scenario, budget)
-    if seed is not None:
-        settings = dataclasses.replace(settings, seed=seed)
-
-    def execute(problem: Problem, checker: Estimator, settings: Settings) -> Result:
-        name = problem.names[0]
-        saved = journal(f"{name}{_CHECK}") if journal is not None else None
-        executor = start_executor()
-        with watch(f"{name}{note}  cross-check by {checker.name}", problem) as progress:
-            return run(problem, checker, executor, settings, progress, saved, stop)[0]
-
-    results = []
-    for group in [(name,) for name in specifications] if estimator.single else [tuple(specifications)]:
-        problem = scenario.problem(group)
-        label = group[0] if len(group) == 1 else f"{definition.name} ({len(group)} specifications)"
-        saved = journal(group[0]) if journal is not None else None
-        executor = start_executor()
-        with watch(f"{label}{note}  {estimator.name}", problem) as progress:
-            found = run(problem, estimator, executor, settings, progress, saved, stop)
-        for name, result in zip(group, found, strict=True):
-            if check is not None:
-                alone = problem if len(group) == 1 else scenario.problem(name)
-                parts = count_sharers(result, len(group))
-                result = add_cross_check(alone, result, check, settings, execute, parts=parts)
-            results.append(result)
-    if not definition.members:
-        return results
-    return include_model(
-        scenario,
-        results,
-        _member_runner(scenario, budget, start_executor, watch, settings.seed, journal, stop),
-    )
-
-
-def _member_runner(
-    scenario: LoadedScenario,
-    budget: Budget | None,
-    start_executor: Callable[[], Executor],
-    watch: Watch,
-    seed: int,
-    journal: Callable[[str], Journal] | None,
-    stop: Callable[[], bool] | None,
-) -> Callable[[int, str], Result]:
-    """Return a function that estimates a specification under a member; all of them share the budget anew."""
-    members = scenario.definition.members
-    paid = None if budget is None else dataclasses.replace(budget, amount=budget.amount / len(members))
-
-    def run_member(number: int, name: str) -> Result:
-        own = np.random.SeedSequence(seed, spawn_key=(_MEMBER_KEY, number)).generate_state(1, np.uint64)[0]
-        saved = None if journal is None else lambda first: journal(f"{first}+model{number}")
-        return estimate_specifications(
-            LoadedScenario(members[number]),
-            [name],
-            paid,
-            start_executor,
-            watch,
-            seed=int(own),
-            note=f"  model {number + 1} of {len(members)}",
-            journal=saved,
-            stop=stop,
-        )[0]
-
-    return run_member

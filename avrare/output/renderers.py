@@ -71,11 +71,11 @@ def render_table(results: Sequence[Result]) -> str:
     return render_results(results)
 
 
-def show_progress(problem: Problem, estimator: str, confidence: float) -> AbstractContextManager[Progress]:
+def show_progress(label: str, problem: Problem, confidence: float | None) -> AbstractContextManager[Progress]:
     """Show the live line of an estimate."""
     from avrare.output.session.live_progress import show_progress
 
-    return show_progress(problem, estimator, confidence)
+    return show_progress(label, problem, confidence)
 
 
 RENDERERS = (

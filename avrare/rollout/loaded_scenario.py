@@ -19,7 +19,7 @@ from avrare.rollout.twin import Twin
 from avrare.scenario.load import load as read_scenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
-from avrare.stack.builder import Stack, build_block, build_stack, check_start
+from avrare.stack.builder import Stack, build_block, build_stack, refuse_violated_starts
 
 
 def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False) -> LoadedScenario:
@@ -107,7 +107,9 @@ class LoadedScenario:
     def stack(self) -> Stack:
         """Built parts; the noise-free start violates no specification."""
         stack = build_stack(self.definition)
-        run_guarded("its noise-free start", stack.loop, partial(check_start, self.definition, stack))
+        run_guarded(
+            "its noise-free start", stack.loop, partial(refuse_violated_starts, self.definition, stack)
+        )
         return stack
 
     @cached_property

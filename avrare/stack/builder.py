@@ -109,8 +109,8 @@ def _build_simulator(block: Block) -> Any:
     return drawing.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True)))
 
 
-def check_start(scenario: Scenario, stack: Stack) -> None:
-    """Check that no specification is violated by every start, as its probability would be 1."""
+def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
+    """Raise a ``ScenarioError`` for specifications that every start violates: their probability is 1."""
     signals = _signals_at_start(scenario, stack, np.zeros((1, stack.loop.noise_size)))
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():

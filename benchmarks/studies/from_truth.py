@@ -11,8 +11,9 @@ import avrare
 from avrare import Problem, stl
 from avrare.estimation.choice.auto import Auto
 from avrare.estimation.choice.auto_config import AutoConfig
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.plan import Estimator, Execute
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.executors.work import build_executor

@@ -176,7 +176,7 @@ def test_want_of_memory_ends_with_advice(tmp_path, monkeypatch, capsys):
     def hungry(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("avrare.cli.run.estimate_specifications", hungry)
+    monkeypatch.setattr("avrare.cli.run.estimate_scenario", hungry)
     scenario = str(Path(LANE_CHANGE).with_name("pendulum.yaml"))
     assert main(["run", scenario, "--out", str(tmp_path / "out"), "--no-pictures"]) == 2
     told = capsys.readouterr().err

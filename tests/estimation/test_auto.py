@@ -13,10 +13,11 @@ from avrare.estimation.choice.auto import Auto, _Work
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import Aim, promised_gain
 from avrare.estimation.loop.checkpoint import SaveError
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import GaveUp
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk

@@ -7,10 +7,12 @@ from pydantic import ValidationError
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
-from avrare.estimation.loop.loop import Settings, build_plan, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.verdict import judge
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.schema import Threshold

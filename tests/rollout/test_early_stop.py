@@ -35,9 +35,10 @@ def test_verdicts_equal_those_of_full_rollouts_at_less_cost(text, least):
 def test_a_row_continues_until_every_specification_is_decided():
     formulas = {"a": avrare.stl("eventually[0:10] (x > 0.1)"), "b": avrare.stl("always[0:20] (x < 0.7)")}
     system = systems.Counting(systems.Walk())
-    from avrare.estimation.loop.loop import Settings, run
+    from avrare.estimation.loop.loop import run
     from avrare.estimation.monte_carlo.config import McConfig
     from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+    from avrare.estimation.plan.settings import Settings
     from avrare.rollout.executors.serial import SerialExecutor
 
     results = run(

@@ -8,9 +8,10 @@ import pytest
 
 from avrare.base.errors import ScenarioError
 from avrare.driving.geometry import Rectangle, other_rectangles, signed_distance
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.loaded_scenario import LoadedScenario

@@ -22,8 +22,9 @@ from avrare.analysis.causes.sensitivity import knows_score
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import check_seal, read_json, seal
-from avrare.estimation.loop.loop import Progress, Settings, run
+from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem

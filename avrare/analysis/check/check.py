@@ -6,13 +6,15 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
-from avrare.analysis.check.targets import ExecutionSettings, load_scenarios, load_targets, plan_looks
+from avrare.analysis.check.targets import load_scenarios, load_targets, plan_looks
 from avrare.base.errors import UsageError
-from avrare.estimation.estimate_problem import Watch
+from avrare.estimation.combine.specifications import Execution, Watch
 from avrare.estimation.plan.budget import Budget
+from avrare.rollout.executors.work import build_executor
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
 
@@ -68,6 +70,7 @@ def check(
             require=require_baseline,
             accept=accept_changes,
         )
-    execution = ExecutionSettings(workers, executor, watch or (lambda label, problem: nullcontext()))
+    start_executor = partial(build_executor, workers, executor)
+    execution = Execution(start_executor, watch or (lambda label, problem: nullcontext()))
     outcome = check_targets(targets, plan_looks(paid, spent), execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)

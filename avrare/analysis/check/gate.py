@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,12 @@ from avrare.analysis.check.criteria import (
     make_decision,
 )
 from avrare.analysis.check.pooling import pool
-from avrare.analysis.check.targets import CheckTarget, ExecutionSettings, Look, estimate_look
+from avrare.analysis.check.targets import CheckTarget, Look, estimate_look
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Records
+from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.estimate_scenario import check_scenarios
 from avrare.estimation.result.result import Result, finite
 from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.run import Run
@@ -150,7 +153,7 @@ class _CheckState:
 
 
 def check_targets(
-    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool
+    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: Execution, save: bool
 ) -> CheckResult:
     """Decide, and save first baselines of healthy results and those asked for; arguments as in ``decide``."""
     outcome = decide(targets, looks, execution, save)
@@ -178,7 +181,7 @@ def check_targets(
 
 
 def decide(
-    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: ExecutionSettings, save: bool = False
+    targets: Sequence[CheckTarget], looks: Sequence[Look], execution: Execution, save: bool = False
 ) -> CheckResult:
     """Decide the criteria of several scenarios, which share one error rate, in the planned looks.
 
@@ -192,6 +195,8 @@ def decide(
         batches = state.batches.get((criterion.scenario, criterion.specification))
         return pool(batches, max_error_rates[criterion.scenario]) if batches else None
 
+    with _explain_share(looks[0]):
+        check_scenarios([(target.scenario, looks[0].budget) for target in targets])
     for look in looks:
         # 1. Select what is still open.
         work = [(one, names) for one in targets if (names := state.specifications_to_estimate(one, save))]
@@ -199,7 +204,9 @@ def decide(
             break
         # 2. Draw a batch of each.
         for target, names in work:
-            for found in _estimate(target, names, look, execution):
+            with _explain_share(look):
+                batch = estimate_look(target.scenario, names, look, execution)
+            for found in batch:
                 state.batches.setdefault((target.name, found.specification), []).append(found)
         # 3. Decide on all batches so far.
         state.verdicts = decide_criteria(state.criteria, result, look.share, state.verdicts)
@@ -209,11 +216,10 @@ def decide(
     return CheckResult(tuple(decisions), results, looks=state.looks, targets=tuple(targets))
 
 
-def _estimate(
-    target: CheckTarget, specifications: list[str], look: Look, execution: ExecutionSettings
-) -> list[Result]:
+@contextmanager
+def _explain_share(look: Look) -> Iterator[None]:
     try:
-        return estimate_look(target.scenario, specifications, look, execution)
+        yield
     except UsageError as error:
         if look.share == 1.0 or "does not pay" not in error.message:
             raise

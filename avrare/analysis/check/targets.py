@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from avrare.analysis.check.baseline_files import (
@@ -21,11 +20,10 @@ from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
 from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.estimation.estimate_problem import Watch, estimate_specifications
+from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.estimate_scenario import estimate_scenario
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import Journal
 from avrare.estimation.result.result import Result
-from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests
 from avrare.scenario.load import load
@@ -211,35 +209,19 @@ def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
     ]
 
 
-@dataclass(frozen=True)
-class ExecutionSettings:
-    """Settings of how estimates run; no result depends on them."""
-
-    workers: int
-    executor: str | None  # name and options; None: serial, or processes for several workers
-    watch: Watch  # shows the progress of each estimate
-    stop: Callable[[], bool] | None = None  # tells whether the user asked to stop
-    journal: Callable[[str], Journal] | None = None  # saves the chunks of an estimate, given by name
-
-
 def estimate_look(
-    scenario: LoadedScenario, specifications: Sequence[str], look: Look, execution: ExecutionSettings
+    scenario: LoadedScenario, specifications: Sequence[str], look: Look, execution: Execution
 ) -> list[Result]:
     """Estimate specifications of a scenario for one look; UsageError if the estimator cannot."""
     note = f"  look {look.number}" if look.share < 1.0 else ""
-    journal = execution.journal
-    saved = f"{scenario.definition.name}/look-{look.number}/{{}}"
-    start_executor = partial(build_executor, execution.workers, execution.executor)
-    results = estimate_specifications(
+    folder = f"{scenario.name}/look-{look.number}"
+    results = estimate_scenario(
         scenario,
         specifications,
         look.budget,
-        start_executor,
-        execution.watch,
+        replace(execution, journal=lambda name: execution.journal(f"{folder}/{name}")),
         seed=look.seed(scenario.definition.seed),
         note=note,
-        stop=execution.stop,
-        journal=journal and (lambda name: journal(saved.format(name))),
     )
     # Rounding says nothing against an estimate: it must not make a check inconclusive.
     return [

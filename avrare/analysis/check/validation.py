@@ -135,7 +135,7 @@ def _describe(scenario: Scenario, built: bool) -> tuple[str, ...]:
 
 def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     """Build the stack, run a few steps, add to the warnings, and return lines on draws and memory."""
-    from avrare.estimation.estimate_problem import check_scenario  # builds no part unless it is asked to
+    from avrare.estimation.estimate_scenario import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.child_process import run_guarded
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.stack.builder import try_draws, try_stack
@@ -144,8 +144,10 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     stack = built.stack
     with first_steps(scenario):
         warnings += run_guarded(_PURPOSE, stack.loop, partial(try_stack, scenario, stack, steps=_STEPS))
-    found, memory = check_scenario(built)
+    clearances = check_scenario(built)
+    found = {name: text for clearance in clearances for name, text in clearance.warnings.items()}
     warnings += [(f"{scenario.path}: {name}: {text}", None) for name, text in found.items()]
+    memory = max((clearance.memory for clearance in clearances), key=lambda forecast: forecast.total)
     with first_steps(scenario):
         draws = run_guarded(_PURPOSE, stack.loop, partial(try_draws, scenario, stack))
     return [*draws, memory.describe()]

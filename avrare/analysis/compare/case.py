@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.loop.loop import DEFAULT_MAX_ERROR_RATE
+from avrare.estimation.plan.settings import DEFAULT_MAX_ERROR_RATE
 from avrare.estimation.result.result import Interval, Result
 from avrare.rollout.loaded_scenario import LoadedScenario, open_problem
 from avrare.rollout.problem import Problem

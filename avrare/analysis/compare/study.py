@@ -19,13 +19,13 @@ from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesig
 from avrare.analysis.compare.estimator_options import Arm, make_arm, parse_arms, split_settings
 from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import AvrareError, UsageError
-from avrare.estimation.loop.loop import Progress, Settings, prepare_problem, run
+from avrare.estimation.loop.loop import Progress, run
+from avrare.estimation.loop.preflight import check_estimate
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import Plan
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
-from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.scenario.overrides import as_settings
 
@@ -137,17 +137,12 @@ def run_study(
 
 def _find_refusal(case: ComparisonCase, arm: Arm, design: StudyDesign) -> UsageError | None:
     try:
-        estimator = arm.build(case.scene)
-        problem = prepare_problem(estimator, case.problem)
-        noise = NoiseSource(design.seed, problem.noise_size)
-        plan = Plan(
-            problem.names, problem.steps, problem.chunk, noise, case.confidence, None, case.max_error_rate
-        )
-        estimator.init(plan)
+        settings = Settings(design.seed, case.confidence, None, case.max_error_rate)
+        clearance = check_estimate(case.problem, arm.build(case.scene), settings)
     except UsageError as error:
         return error
     try:
-        estimator.init(replace(plan, budget=design.budget))
+        clearance.estimator.init(replace(clearance.plan, budget=design.budget))
     except UsageError as error:  # it takes the problem, but the budget does not pay for one run
         raise UsageError(f"{arm.label}: {error.message}", error.hint) from None
     return None

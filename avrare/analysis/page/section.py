@@ -12,7 +12,7 @@ from avrare.analysis.page.player import build_player
 from avrare.analysis.page.stored_rollouts import replay_stored
 from avrare.base.chart import Chart
 from avrare.base.errors import AvrareError
-from avrare.estimation.loop.loop import prepare_problem
+from avrare.estimation.loop.preflight import prepare_problem
 from avrare.estimation.result.result import Result
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax.words import HasWords, to_words

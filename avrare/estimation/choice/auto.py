@@ -25,13 +25,13 @@ from avrare.estimation.choice.auto_rules import (
     promised_gain,
 )
 from avrare.estimation.combine.cross_check import ScalesToCost
-from avrare.estimation.loop.loop import Settings
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.monte_carlo.stopping_rules import AtFailures, Stopping
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.note import Note

@@ -17,10 +17,11 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_percent, format_probability
-from avrare.estimation.loop.loop import Settings, build_plan, check_system
+from avrare.estimation.loop.preflight import check_system
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import health
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Result
@@ -169,7 +170,7 @@ def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool
     if needing is not None and "branches" in needing.needs and not problem.steps:
         return False
     try:
-        check_system(build_plan(problem, estimator, settings)[0], estimator)
+        check_system(problem, estimator, settings)
     except UsageError:
         return False
     return True

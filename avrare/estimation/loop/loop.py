@@ -5,17 +5,15 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any
 
 from avrare.base.errors import Interrupted, UsageError
-from avrare.base.health_messages import MESSAGES
 from avrare.estimation.checks.result_builder import examine
 from avrare.estimation.loop.pace import Pace
-from avrare.estimation.plan.budget import Budget
+from avrare.estimation.loop.preflight import Clearance, clear
 from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
 from avrare.estimation.plan.plan import (
     DelegatesEstimates,
     Estimator,
@@ -26,49 +24,15 @@ from avrare.estimation.plan.plan import (
     Refused,
     UsesFinalScores,
 )
-from avrare.estimation.result.fresh_rows import NO_ROWS, FreshRows
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
-from avrare.plugin.registry import default_registry
-from avrare.protocols import (
-    NeedsCapabilities,
-    PreparesProblem,
-    RebuildsCarries,
-    StopsEarly,
-    find_ability,
-    find_notes,
-)
+from avrare.protocols import RebuildsCarries, StopsEarly, find_ability
 from avrare.rollout.chunk_size import spread
-from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces, run_errand
-from avrare.rollout.noise import NoiseSource
+from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare.worlds.capabilities import declared_limits, refuse_limits, require
-from avrare.worlds.determinism import STEPS
 
 Progress = Callable[[Info], None]
-DEFAULT_MAX_ERROR_RATE = 0.01
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings that all estimators share.
-
-    Attributes:
-        seed: Seed of all random numbers.
-        confidence: Level of the intervals, in (0, 1).
-        budget: Upper bound on cost.
-        max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
-        suppress: Names of health warnings to leave out.
-        seen: Counts of rollouts of the target from before (``Plan.seen``).
-    """
-
-    seed: int = 0
-    confidence: float = 0.95
-    budget: Budget | None = None
-    max_error_rate: float = DEFAULT_MAX_ERROR_RATE
-    suppress: tuple[str, ...] = ()
-    seen: FreshRows = NO_ROWS
 
 
 def run(
@@ -90,130 +54,37 @@ def run(
     if delegating is not None:
         execute = _Parts(executor, progress, journal, stop)
         return delegating.estimate_by(problem, settings, execute)
-    with _begin(problem, estimator, settings, executor) as task:
-        return task.run(progress, journal, stop)
+    with clear(problem, estimator, settings, executor) as clearance:
+        return _run_cleared(clearance, executor, progress, journal, stop)
 
 
-@contextmanager
-def _begin(given: Problem, estimator: Estimator, settings: Settings, executor: Executor) -> Iterator[_Task]:
-    """Yield an estimate that may begin; the executor is open until it ends."""
-    problem, plan = build_plan(given, estimator, settings)
-    work = Work(problem, plan.noise, scored=estimator.single)
-    executor.open(work)
-    with closing(executor):
-        warnings, carry = check_system(problem, estimator, executor)
-        memory = forecast(estimator, plan, carry)
-        estimator.init(plan)  # refuses a budget that does not pay for it
-        yield _Task(given, estimator, settings, work, plan, executor, warnings, memory)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """An estimate that may begin: nothing that can be told beforehand speaks against it."""
-
-    given: Problem
-    estimator: Estimator
-    settings: Settings
-    work: Work  # with the problem that the estimator puts in the place of the given one
-    plan: Plan
-    executor: Executor
-    warnings: dict[str, str]
-    memory: Forecast
-
-    def run(
-        self, progress: Progress | None, journal: Journal | None, stop: Callable[[], bool] | None
-    ) -> list[Result]:
-        estimator, executor, problem = self.estimator, self.executor, self.work.problem
-        loop = _Loop(
-            estimator, self.plan, self.work, executor, progress or (lambda info: None), journal, stop
-        )
-        try:
-            state = loop.run()
-        except GaveUp as end:
-            end.seconds = loop.seconds
-            raise
-        seconds = loop.seconds
-        # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
-        replayed = problem is self.given and not _stops_early(estimator)
-        found = estimator.estimate(state)
-        suppress, seed = self.settings.suppress, self.settings.seed
-        results = examine(
-            problem, found, self.warnings, executor, replay=replayed, suppress=suppress, seed=seed
-        )
-        return [replace(result, seconds=seconds) for result in results]
-
-
-def build_plan(problem: Problem, estimator: Estimator, settings: Settings) -> tuple[Problem, Plan]:
-    """Prepare the problem and the plan; run nothing."""
-    if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
-        raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
-    notes = find_notes(problem.system)
-    default_registry().check_suppressed(name for name in settings.suppress if name not in notes)
-    if estimator.single and len(problem.names) > 1:
-        raise UsageError(
-            f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
-        )
-    refuse_limits(estimator.name, declared_limits(problem.system), _needs(estimator))
-    problem = prepare_problem(estimator, problem)
-    noise = NoiseSource(settings.seed, problem.noise_size)
-    plan = Plan(
-        problem.names,
-        problem.steps,
-        problem.chunk,
-        noise,
-        settings.confidence,
-        settings.budget,
-        settings.max_error_rate,
-        settings.seen,
+def _run_cleared(
+    clearance: Clearance,
+    executor: Executor,
+    progress: Progress | None,
+    journal: Journal | None,
+    stop: Callable[[], bool] | None,
+) -> list[Result]:
+    estimator, settings, work = clearance.estimator, clearance.settings, clearance.work
+    loop = _Loop(estimator, clearance.plan, work, executor, progress or (lambda info: None), journal, stop)
+    try:
+        state = loop.run()
+    except GaveUp as end:
+        end.seconds = loop.seconds
+        raise
+    seconds = loop.seconds
+    # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
+    replays = work.problem is clearance.problem and not _stops_early(estimator)
+    results = examine(
+        work.problem,
+        estimator.estimate(state),
+        clearance.warnings,
+        executor,
+        replay=replays,
+        suppress=settings.suppress,
+        seed=settings.seed,
     )
-    return problem, plan
-
-
-def check_estimate(
-    problem: Problem, estimator: Estimator, settings: Settings
-) -> tuple[dict[str, str], Forecast]:
-    """Return the health warnings on a problem's system, found by a few steps, and the memory of an estimate.
-
-    Raises:
-        UsageError: The estimate could not begin.
-    """
-    with _begin(problem, estimator, settings, SerialExecutor()) as task:
-        return task.warnings, task.memory
-
-
-def check_system(
-    problem: Problem, estimator: Estimator, executor: Executor | None = None
-) -> tuple[dict[str, str], int]:
-    """Return the health warnings on a prepared problem's system, and the bytes of a particle's carry.
-
-    Both come from a few steps of a few rows, which an open executor runs; None: a serial one.
-
-    Raises:
-        UsageError: The system breaks a rule that the estimator relies on.
-    """
-    if executor is None:
-        with closing(SerialExecutor()) as serial:
-            serial.open(Work(problem, NoiseSource(0, problem.noise_size), scored=False))
-            return check_system(problem, estimator, serial)
-    name, needs = estimator.name, _needs(estimator)
-    reasons, carry = run_errand(executor, "the probe before the estimate", _probe, name, needs)
-    return {name: MESSAGES[name].format(reason=reason) for name, reason in reasons.items()}, carry
-
-
-def _probe(problem: Problem, estimator: str, needs: tuple[str, ...]) -> tuple[dict[str, str], int]:
-    reasons = require(problem.system, estimator, needs, min(STEPS, problem.steps))
-    return reasons, measure_carry(problem)
-
-
-def _needs(estimator: Estimator) -> tuple[str, ...]:
-    needing = find_ability(estimator, NeedsCapabilities)
-    return needing.needs if needing is not None else ()
-
-
-def prepare_problem(estimator: Estimator, problem: Problem) -> Problem:
-    """Return the problem that an estimator puts in the place of ``problem``, or ``problem`` itself."""
-    preparing = find_ability(estimator, PreparesProblem)
-    return problem if preparing is None else cast("Problem", preparing.prepare(problem))
+    return [replace(result, seconds=seconds) for result in results]
 
 
 def _stops_early(estimator: Estimator) -> bool:
@@ -242,11 +113,11 @@ class _Parts:
 
         with ExitStack() as stack:
             try:
-                task = stack.enter_context(_begin(problem, estimator, settings, self.executor))
+                clearance = stack.enter_context(clear(problem, estimator, settings, self.executor))
             except UsageError as error:
                 raise Refused(error.message, error.hint) from None
             try:
-                return task.run(watch, journal, self.stop)
+                return _run_cleared(clearance, self.executor, watch, journal, self.stop)
             finally:
                 self.before = before.before(last)
 

@@ -16,7 +16,6 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_percent
 from avrare.estimation.checks.result_builder import add_counts
-from avrare.estimation.loop.loop import Settings
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
 from avrare.estimation.monte_carlo.mfmc_config import MfmcConfig
@@ -25,6 +24,7 @@ from avrare.estimation.monte_carlo.tape_recorder import Record, Recorder, draw_t
 from avrare.estimation.monte_carlo.two_phase import Design, plan_design, scaled
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import FAILURE_LIMIT, Execute
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, spread

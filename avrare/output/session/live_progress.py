@@ -16,10 +16,9 @@ _SECONDS_BETWEEN = 0.25
 
 
 @contextmanager
-def show_progress(problem: Problem, estimator: str, confidence: float) -> Iterator[Any]:
+def show_progress(label: str, problem: Problem, confidence: float | None) -> Iterator[Any]:
     """Show the progress of one estimate until the context ends; gives what is called with each ``Info``."""
-    label = f"{', '.join(problem.names)}  {estimator}"
-    line = Progress(label, problem, "auto", confidence if estimator == "mc" else None)
+    line = Progress(label, problem, "auto", confidence)
     if not _in_notebook():
         with line:
             yield line

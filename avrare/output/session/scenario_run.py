@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.estimation.estimate_problem import estimate_specifications
+from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.estimate_problem import watch_with
+from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
 from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.result.result import Origin, Result
 from avrare.estimation.result.verdict import with_verdict
-from avrare.output.session.live_progress import show_progress
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
@@ -70,33 +69,18 @@ def run(
             "resume needs the folder of the interrupted run", "avrare.run(path, out=FOLDER, resume=True)"
         )
     _ = scenario.stack  # what cannot be built leaves no folder
+    check_scenarios([(scenario, paid)])
     home = run_folder.make_new_folder([definition.name]) if out is None else Path(out)
     folder = run_folder.make_folder(home, definition.name, several=False)
     with run_folder.begin_checkpoint(home, [definition], paid, resume) as checkpoint:
         journal = cache(lambda name: checkpoint.journal(f"{definition.name}/{name}"))
-        found = estimate_specifications(
-            scenario,
-            definition.estimated,
-            paid,
-            lambda: build_executor(workers),
-            _watch(scenario, progress),
-            journal=journal,
-        )
+        watch = watch_with(progress, definition.estimator.plugin, definition.confidence)
+        execution = Execution(partial(build_executor, workers), watch, journal)
+        found = estimate_scenario(scenario, definition.estimated, paid, execution)
         finished = Run.of_scenario(definition, [_finish(scenario, result) for result in found], paid)
         finished = finished.write(folder)
         checkpoint.remove()
     return replace(finished, replies=tuple(call_back(folder)))
-
-
-def _watch(scenario: LoadedScenario, progress: Progress | bool) -> Any:
-    name, confidence = scenario.definition.estimator.plugin, scenario.definition.confidence
-
-    def watch(label: str, problem: Problem) -> AbstractContextManager[Progress | None]:
-        if callable(progress):
-            return nullcontext(progress)
-        return show_progress(problem, name, confidence) if progress else nullcontext()
-
-    return watch
 
 
 def _finish(scenario: LoadedScenario, result: Result) -> Result:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.plugin.registry import default_registry

@@ -9,7 +9,8 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.estimators import EstimatorConformance
 from avrare.testing.problems import count_down, ornstein_uhlenbeck, walk

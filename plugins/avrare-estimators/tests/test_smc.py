@@ -11,7 +11,8 @@ from interruptions import estimate_through_interruptions
 import avrare
 from avrare.base.errors import UsageError
 from avrare.estimation.estimate_problem import _estimator
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems

@@ -288,7 +288,8 @@ def test_one_specification_at_a_time():
 
 
 def test_progress_shows_levels():
-    from avrare.estimation.loop.loop import Settings, run
+    from avrare.estimation.loop.loop import run
+    from avrare.estimation.plan.settings import Settings
     from avrare.rollout.executors.serial import SerialExecutor
     from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting

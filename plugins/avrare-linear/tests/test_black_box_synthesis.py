@@ -15,7 +15,8 @@ from avrare.analysis.causes.synthesis import Measured, Search, descend
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare_linear.estimator import LinearLevels
 from avrare_linear.estimator_config import LinearEssConfig

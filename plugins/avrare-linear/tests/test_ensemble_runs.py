@@ -6,7 +6,7 @@ import pytest
 from feedback_loop import feedback_loop
 
 from avrare.cli.main import main
-from avrare.estimation import estimate_problem
+from avrare.estimation import estimate_scenario
 
 LOOP = feedback_loop(2000)
 DRAWS = "ensemble: {simulator.feedback.gain: [[[0.3, 0.4]], [[0.2, 0.4]], [[0.4, 0.4]]]}\n"
@@ -52,7 +52,7 @@ def test_draws_share_the_budget_again(run):
 
 def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatch):
     whole, members = run("whole", DRAWS), []
-    task = estimate_problem.LoadedScenario
+    task = estimate_scenario.LoadedScenario
 
     def dies(definition):
         members.append(definition)
@@ -61,7 +61,7 @@ def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatc
         return task(definition)
 
     with monkeypatch.context() as patched:
-        patched.setattr(estimate_problem, "LoadedScenario", dies)
+        patched.setattr(estimate_scenario, "LoadedScenario", dies)
         with pytest.raises(AssertionError):
             run("killed", DRAWS)
     assert main(["run", "--resume", str(tmp_path / "killed"), "--no-pictures"]) == 0

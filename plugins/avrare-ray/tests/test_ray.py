@@ -12,9 +12,10 @@ import ray
 
 import avrare
 from avrare.base.errors import AvrareError
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.estimation.loop.loop import Settings, run
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.logic.formula import Formula
 from avrare.protocols import Floats
