@@ -84,7 +84,7 @@ def resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None
         raise UsageError("--out cannot be combined with --resume", "results go to the folder of --resume")
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"--resume {folder}: is no folder", "give the folder that --out named, or a new one")
-    refuse_links(folder)
+    refuse_links(folder.rglob("*"))
     if begins and (not folder.is_dir() or not any(folder.iterdir())):
         say(f"{folder}: nothing to resume there yet: this is the beginning", error=True)
     return folder

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from avrare.base.atomic_files import explain_file_errors, remove_torn
-from avrare.base.errors import AvrareError, ExitCode, UsageError
+from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
 from avrare.estimation.plan.budget import Budget
@@ -44,9 +44,9 @@ def make_new_folder(names: Sequence[str]) -> Path:
     return folder
 
 
-def refuse_links(folder: Path) -> None:
-    """Raise a ``UsageError`` if there is a link in a folder: files elsewhere would be written or removed."""
-    for path in folder.rglob("*"):
+def refuse_links(paths: Iterable[Path]) -> None:
+    """Raise a ``UsageError`` if one of the paths is a link: files elsewhere would be written or removed."""
+    for path in paths:
         if path.is_symlink():
             text = f"{path}: is a link; a run is resumed in a folder of its own files only"
             raise UsageError(text, "replace it by a copy, or start afresh in another folder")
@@ -95,7 +95,7 @@ def begin_checkpoint(
             "run the scenario by itself, or rename it",
         )
     if resume:
-        refuse_links(out)
+        refuse_links(out.rglob("*"))
     else:
         _refuse_others(out, scenarios)
         if read_index(folder) is not None:
@@ -104,13 +104,7 @@ def begin_checkpoint(
     files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}
     task = _task(scenarios, budget) | ({"check": check} if check is not None else {})
     with Checkpoint.open(folder, task, {"paths": paths}, files).held() as checkpoint:
-        try:
-            yield checkpoint
-        except AvrareError as error:
-            refused = error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN)
-            if refused and not checkpoint.chunks:
-                checkpoint.remove()
-            raise
+        yield checkpoint
 
 
 def _remove_without_chunks(folder: Path) -> None:

@@ -116,13 +116,14 @@ def test_no_rate_is_resumed_through_a_link(folder, capsys, name):
 
 
 def test_no_search_goes_on_through_a_link(folder, capsys):
-    (folder / "precious").write_text("mine")
+    (folder / "precious").mkdir()
+    (folder / "precious" / "000000-000000.npz").write_text("mine")
     (folder / "theirs").mkdir()
-    (folder / "theirs" / "trials.json").symlink_to(folder / "precious")
+    (folder / "theirs" / "require-checkpoint").symlink_to(folder / "precious")
     words = ["require", "honest.yaml", "--parameter", "simulator.dt", "--probability", "<0.1"]
     assert main([*words, "--out", "theirs"]) == 4
-    assert "theirs/trials.json: " in capsys.readouterr().err
-    assert (folder / "precious").read_text() == "mine"
+    assert "theirs/require-checkpoint: is a link" in capsys.readouterr().err
+    assert (folder / "precious" / "000000-000000.npz").read_text() == "mine"
 
 
 def test_the_report_of_a_run_is_written_without_its_scenario(folder, capsys):

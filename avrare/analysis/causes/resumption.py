@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from avrare.base.errors import AvrareError, ExitCode, Interrupted
+from avrare.base.errors import Interrupted
 from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal
 from avrare.results.run import Run
+from avrare.results.run_folder import refuse_links
 from avrare.scenario.fingerprint import comparable, fingerprint
 from avrare.scenario.schema import Scenario
 
@@ -35,16 +36,14 @@ def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> It
     if out is None:
         yield lambda name: None
         return
-    with Checkpoint.open(out / f"{command}-{FOLDER}", task).held() as checkpoint:
+    folder = out / f"{command}-{FOLDER}"
+    refuse_links([folder, *folder.rglob("*")])
+    with Checkpoint.open(folder, task).held() as checkpoint:
         try:
             yield checkpoint.journal
         except KeyboardInterrupt as error:
-            text = f"interrupted; finished rollouts are saved in {checkpoint.folder}"
+            text = f"interrupted; finished rollouts are saved in {folder}"
             raise Interrupted(text, "the same command goes on from there") from error
-        except AvrareError as error:
-            if error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN) and not checkpoint.chunks:
-                checkpoint.remove()
-            raise
         checkpoint.remove()
 
 

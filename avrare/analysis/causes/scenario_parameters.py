@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,10 @@ from avrare.analysis.causes.sensitivity import (
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
+from avrare.estimation.loop.preflight import check_estimate
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.results.run import Run
@@ -153,48 +158,62 @@ def sensitivity(
         UsageError: A parameter is no number, no rollout fails, or nothing can be derived.
     """
     scenario, tapes = ParametricScenario(path, as_settings(overrides)), runner or TapeRunner()
-    name = scenario.specification(specification)
-    problem, confidence = scenario.scenario.problem(name), scenario.scenario.definition.confidence
+    name, definition = scenario.specification(specification), scenario.scenario.definition
+    problem, confidence = scenario.scenario.problem(name), definition.confidence
     by_score = knows_score(problem)
     chosen = list(as_settings(parameters)) or (scenario.default_parameters() if by_score else [])
     if not chosen:
         text = f"{path}: its perception has no score function, so there are no parameters to begin with"
         raise UsageError(text, "name some, for example --parameter controller.horizon")
     values = {parameter: scenario.value(parameter) for parameter in chosen}
+    settings = Settings(seed, confidence, None, definition.max_error_rate, definition.suppress)
+    check_estimate(problem, MonteCarlo(McConfig()), settings)
     if run is None:
         sample = sample_failures(problem, rollouts, seed, confidence, tapes)
         interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
     else:
         sample, interval = take_sample(Path(run), name, scenario.scenario)
-    rows: list[Sensitivity] = []
-    for parameter, value in values.items():
-        if by_score and parameter.startswith(_DEFAULT) and isinstance(value, float):
-            row = derive_by_score(
-                problem,
-                sample,
-                parameter,
-                value,
-                lambda x, parameter=parameter: scenario.at(parameter, x).stack.loop.perception,  # type: ignore[misc]
-                tapes,
-            )
+    derivation = _Derivation(scenario, problem, sample, rollouts, step, seed, tapes)
+    rows = [derivation.derive(parameter, value) for parameter, value in values.items()]
+    return Sensitivities(
+        name, sample.probability, interval, sort_by_effect(rows), tapes.rollouts, tapes.errors
+    )
+
+
+@dataclass(frozen=True)
+class _Derivation:
+    """Derivatives of the logarithm of one specification's probability."""
+
+    scenario: ParametricScenario
+    problem: Problem
+    sample: FailureSample
+    rollouts: int
+    step: float
+    seed: int
+    tapes: TapeRunner
+
+    def derive(self, parameter: str, value: float) -> Sensitivity:
+        """Return the derivative in a parameter: by the score function where it has one, else by pairs."""
+        if knows_score(self.problem) and parameter.startswith(_DEFAULT) and isinstance(value, float):
+            build = partial(self._build_perception, parameter)
+            row = derive_by_score(self.problem, self.sample, parameter, value, build, self.tapes)
             if not math.isnan(row.derivative):
-                rows.append(row)
-                continue
-        low, high = _ends(scenario, parameter, value, step, name)
+                return row
+        low, high = _ends(self.scenario, parameter, value, self.step, self.problem.names[0])
         row = derive_by_pairs(
             (low.problem, high.problem),
             (low.value, high.value),
             parameter,
             value,
-            rollouts=rollouts,
-            seed=seed,
-            confidence=confidence,
-            runner=tapes,
+            rollouts=self.rollouts,
+            seed=self.seed,
+            confidence=self.scenario.scenario.definition.confidence,
+            runner=self.tapes,
         )
-        rows.append(replace(row, refused=(*low.refused, *high.refused)))
-    return Sensitivities(
-        name, sample.probability, interval, sort_by_effect(rows), tapes.rollouts, tapes.errors
-    )
+        return replace(row, refused=(*low.refused, *high.refused))
+
+    def _build_perception(self, parameter: str, value: float) -> Any:
+        return self.scenario.at(parameter, value).stack.loop.perception
 
 
 def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[FailureSample, Interval]:

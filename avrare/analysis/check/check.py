@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +11,7 @@ from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.targets import load_scenarios, load_targets, plan_looks
 from avrare.base.errors import UsageError
-from avrare.estimation.combine.specifications import Execution, Watch
+from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.plan.budget import Budget
 from avrare.rollout.executors.work import build_executor
 from avrare.scenario.overrides import as_settings
@@ -71,6 +70,6 @@ def check(
             accept=accept_changes,
         )
     start_executor = partial(build_executor, workers, executor)
-    execution = Execution(start_executor, watch or (lambda label, problem: nullcontext()))
+    execution = Execution(start_executor, watch or show_nothing)
     outcome = check_targets(targets, plan_looks(paid, spent), execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)

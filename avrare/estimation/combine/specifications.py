@@ -24,6 +24,11 @@ Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
 
+def show_nothing(label: str, problem: Problem) -> AbstractContextManager[None]:
+    """Show no progress."""
+    return nullcontext()
+
+
 @dataclass(frozen=True)
 class Execution:
     """Ways to run, show, save and stop estimates; no number depends on them.
@@ -36,7 +41,7 @@ class Execution:
     """
 
     start_executor: Callable[[], Executor] = SerialExecutor
-    watch: Watch = lambda label, problem: nullcontext()
+    watch: Watch = show_nothing
     journal: Callable[[str], Journal | None] = lambda name: None
     stop: Callable[[], bool] | None = None
 

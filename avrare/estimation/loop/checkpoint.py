@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.stored_files import Arrays, check_seal, parse_arrays, read_json, read_regular, seal
 from avrare.rollout.request import ARRAYS, WANTED_ARRAYS, Request, Rollouts
 
@@ -104,7 +104,10 @@ class Checkpoint:
 
     @contextmanager
     def held(self) -> Iterator[Checkpoint]:
-        """Hold the lock of the folder: two processes must not resume in it at once."""
+        """Hold the lock of the folder: two processes must not resume in it at once.
+
+        An estimate that is refused before its first chunk leaves no checkpoint.
+        """
         with ExitStack() as held:
             try:
                 with _explain_folder_errors(self.folder):
@@ -114,7 +117,12 @@ class Checkpoint:
                     f"{self.folder}: another process is using this folder",
                     "wait until it ends, or choose another folder",
                 ) from None
-            yield self  # what goes wrong from now on is another matter
+            try:
+                yield self
+            except AvrareError as error:
+                if error.exit_code in (ExitCode.USAGE, ExitCode.PLUGIN) and not self.chunks:
+                    self.remove()
+                raise
 
     def remove(self) -> None:
         """Delete the checkpoint, the index first; files of others in the folder stay."""
@@ -294,7 +302,6 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
     if str(arrays.pop(_CHECKSUM, None)) != _checksum(arrays):
         raise ValueError("damaged: its checksum does not fit")
     counts = {name.removeprefix(_COUNT): v for name, v in arrays.items() if name.startswith(_COUNT)}
-    _check_types(arrays, counts)
     if str(arrays[_KEY]) != key:
         raise ValueError("the chunk belongs to another estimate")
     fields: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
@@ -314,40 +321,6 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
 def decode_seconds(content: bytes) -> float:
     """Return only the seconds, 0 where they are missing; ValueError if the bytes are damaged."""
     return float(_arrays(content).get(_SECONDS, 0.0))
-
-
-_TYPES = {
-    "robustness": ("float64", 2),
-    "violated": ("bool", 2),
-    "error": ("bool", 1),
-    "scores": ("float64", 2),
-    "log_weight": ("float64", 1),
-    _STEPS: ("int64", 0),
-    _EVERY: ("int64", 0),
-    _SECONDS: ("float64", 0),
-}
-"""Type and rank of an array."""
-
-
-def _check_types(arrays: Arrays, counts: Arrays) -> None:
-    for name, (dtype, rank) in _TYPES.items():
-        if (str(arrays[name].dtype), arrays[name].ndim) != (dtype, rank):
-            raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
-    rows = len(arrays["error"])
-    for name, rank in (("features", 3), ("evidence", 2)):
-        if name in arrays and (str(arrays[name].dtype), arrays[name].ndim, len(arrays[name])) != (
-            "float64",
-            rank,
-            rows,
-        ):
-            raise ValueError(f"damaged: {name} has type {arrays[name].dtype} and shape {arrays[name].shape}")
-    fits = arrays["robustness"].shape == arrays["violated"].shape
-    fits &= len(arrays["robustness"]) == len(arrays["scores"]) == rows
-    fits &= len(arrays["log_weight"]) in (0, rows)
-    fits &= all(values.dtype.kind in "iu" and values.shape == (rows,) for values in counts.values())
-    fits &= arrays[_MESSAGES].dtype.kind == "U" and arrays[_MESSAGES].ndim == 1
-    if not fits or not 0.0 <= float(arrays[_SECONDS]) < np.inf:
-        raise ValueError("damaged: its arrays do not fit each other")
 
 
 def _checksum(arrays: Mapping[str, Any]) -> str:

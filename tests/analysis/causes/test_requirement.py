@@ -12,10 +12,11 @@ import avrare
 from avrare.analysis.causes.requirement import Trial
 from avrare.analysis.causes.reweighed_trial import Nearby, Reweigher, Score
 from avrare.analysis.causes.root_search import SHARES, _Search, find_requirement
-from avrare.base.errors import UsageError
+from avrare.base.errors import AvrareError, Interrupted, UsageError
 from avrare.base.special_functions import bisect
-from avrare.base.stored_files import seal
 from avrare.cli.main import main
+from avrare.estimation.loop.checkpoint import FileJournal
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.result.intervals import clopper_pearson
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
@@ -267,32 +268,37 @@ def test_the_command_answers_and_writes(plane, tmp_path, capsys):
     assert json.loads((out / "require.json").read_text()) == answer
 
 
-def test_a_search_goes_on_from_its_folder(plane, tmp_path, monkeypatch):
+def test_a_search_resumes_from_its_folder(plane, tmp_path, monkeypatch):
     arguments = (plane, "simulator.initial.mean.0", "< 0.05")
     keywords = {"between": (-0.5, 0.9), "rollouts": 3000}
-    whole = avrare.require(*arguments, **keywords)
-    out = tmp_path / "out"
-    avrare.require(*arguments, **keywords, out=out)
-    kept = json.loads((out / "trials.json").read_text())
-    kept["trials"] = kept["trials"][:3]
-    (out / "trials.json").write_text(json.dumps(seal(kept)))
-    assert avrare.require(*arguments, **keywords, out=out) == whole
-    with pytest.raises(UsageError, match="holds another search"):
-        avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
-    trial = next(one for one in kept["trials"] if one["probability"] > 0.0)
-    interval = trial["interval"]
-    for wrong in ([0.0, 0.0], interval[::-1], [-0.1, 0.1], [math.nan, 0.1], [0.0, 1.1]):
-        trial["interval"] = wrong
-        (out / "trials.json").write_text(json.dumps(seal(kept)))
-        with pytest.raises(UsageError, match="cannot be read"):
+    whole, out = avrare.require(*arguments, **keywords), tmp_path / "out"
+    chunks, write = [], FileJournal.write
+
+    def write_three(self, *chunk):
+        write(self, *chunk)
+        chunks.append(chunk)
+        if len(chunks) == 3:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FileJournal, "write", write_three)
+        with pytest.raises(Interrupted, match="finished rollouts are saved"):
             avrare.require(*arguments, **keywords, out=out)
-    trial["interval"] = interval
-    kept = seal(kept)
-    trial = next(one for one in kept["trials"] if one["probability"] > 0.0)
-    trial["probability"] *= 0.5  # would steer the search without a word
-    (out / "trials.json").write_text(json.dumps(kept))
-    with pytest.raises(UsageError, match="it was changed after it was written"):
-        avrare.require(*arguments, **keywords, out=out)
+    with pytest.raises(UsageError, match="rollouts 3000 -> 4000"):
+        avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
+    with monkeypatch.context() as patch:
+        patch.setattr(FileJournal, "write", lambda *chunk: chunks.append(chunk))
+        assert avrare.require(*arguments, **keywords, out=out) == whole
+    trials = {chunk[0].folder.name for chunk in chunks[3:]}
+    assert "trial-0-at--0.5" not in trials  # its chunks are read
+    assert len(trials) >= len(whole.trials) - 3
+    assert not any(out.iterdir())
+
+
+def test_an_end_that_the_scenario_refuses_is_found_before_the_first_rollout(plane, monkeypatch):
+    monkeypatch.setattr(MonteCarlo, "ask", lambda self, state: pytest.fail("a rollout was asked for"))
+    with pytest.raises(AvrareError, match="confidence: should be less than 1"):
+        avrare.require(plane, "confidence", "< 0.05", between=(0.5, 1.5))
 
 
 def test_an_answer_without_the_ensemble_says_so(plane):

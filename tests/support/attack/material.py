@@ -249,6 +249,7 @@ def _make_studies():
     for name in ("walk.yaml", "catalogue.yaml", "smc.yaml"):
         material(home, name)
     quietly(*SEARCH, codes=(0, 3))
+    _interrupt(*SEARCH)
     quietly("rate", "catalogue.yaml", "--quiet", "--out", "rates", codes=(0, 3))
     quietly("run", "smc.yaml", "--out", "learning", "--no-pictures")
     shutil.move("learning/learned.json", "learned_smc.json")
@@ -261,19 +262,24 @@ def _make_checkpoints():
     for name in ESTIMATORS:
         material(Path("..").resolve(), f"{name}.yaml")
         quietly("run", f"{name}.yaml", "--out", f"whole_{name}", "--no-pictures")
-        write, done = checkpoint.FileJournal.write, []
+        _interrupt("run", f"{name}.yaml", "--out", f"torn_{name}", "--no-pictures")
 
-        def counting(self, *rest, write=write, done=done):
-            write(self, *rest)
-            done.append(1)
-            if len(done) == 4:
-                raise KeyboardInterrupt
 
-        checkpoint.FileJournal.write = counting
-        try:
-            quietly("run", f"{name}.yaml", "--out", f"torn_{name}", "--no-pictures", codes=(2,))
-        finally:
-            checkpoint.FileJournal.write = write
+def _interrupt(*words):
+    """Interrupt a command after four chunks."""
+    write, chunks = checkpoint.FileJournal.write, []
+
+    def write_four(self, *chunk):
+        write(self, *chunk)
+        chunks.append(chunk)
+        if len(chunks) == 4:
+            raise KeyboardInterrupt
+
+    checkpoint.FileJournal.write = write_four
+    try:
+        quietly(*words, codes=(2,))
+    finally:
+        checkpoint.FileJournal.write = write
 
 
 def _make_drives():
