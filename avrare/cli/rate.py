@@ -7,7 +7,7 @@ import json
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from avrare.cli.options import display
 from avrare.cli.output import print_warnings, resumed_folder, say, write_files
 from avrare.cli.run import estimate_run
 from avrare.estimation.estimate_scenario import check_scenarios
+from avrare.estimation.loop.checkpoint import differences
 from avrare.estimation.plan.budget import Budget
 from avrare.output.html.rate_page import render_rates
 from avrare.output.terminal.console import make_console
@@ -94,7 +95,7 @@ def _estimate(
     if budget is not None:
         blank = dict.fromkeys(catalogue.rules, SceneEstimate(0, 1))
         divide(catalogue, budget, steps, [blank] * count)  # enough?
-    _keep_budget(catalogue, budget, out)
+    _keep_budgets(catalogue, budget, out)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
     runner = _Runner(args, catalogue, out, stop)
@@ -131,26 +132,24 @@ def _read(run: Run | None, own: bool = False) -> dict[str, SceneEstimate]:
     }
 
 
-def _keep_budget(catalogue: Catalogue, budget: Budget | None, out: Path) -> None:
+def _keep_budgets(catalogue: Catalogue, budget: Budget | None, out: Path) -> None:
     # Shares of another budget are other runs: they would be refused one by one, without this reason.
-    path, content = out / _BUDGET, asdict(budget) if budget is not None else {}
-    own = {
-        entry.name: asdict(entry.budget.budget)
-        for entry in catalogue.document.scenes
-        if entry.budget is not None
+    scenes = {
+        entry.name: _describe(entry.budget.budget) for entry in catalogue.document.scenes if entry.budget
     }
-    content |= {"scenes": own} if own else {}
+    path, content = (
+        out / _BUDGET,
+        {"budget": _describe(budget), "scenes": scenes},
+    )
     if not path.exists():
         write_files(out, {_BUDGET: json.dumps(content) + "\n"})
-        return
-    kept = read_json(path, "choose another --out")
-    if kept == content:
-        return
-    if {**kept, "scenes": own} == {**content, "scenes": own}:
-        text = f"{out}: it was begun with other budgets of the scenes in the catalogue"
-        raise UsageError(text, "give the scenes the budgets that they had, or choose another --out")
-    text = f"{out}: it was begun with another budget, {kept.get('kind')}={kept.get('amount')}"
-    raise UsageError(text, "--resume it with that --budget, or choose another --out")
+    elif changes := differences(read_json(path, "choose another --out"), content):
+        text = f"{out}: it was begun with another budget: {'; '.join(changes)}"
+        raise UsageError(text, "--resume it with the budgets that it had, or choose another --out")
+
+
+def _describe(budget: Budget | None) -> str | None:
+    return None if budget is None else f"{budget.kind}={budget.amount:.15g}"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from avrare.cli.main import main
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.output.terminal.progress_line import Progress
 
 BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
@@ -368,6 +369,15 @@ def test_an_earlier_result_is_not_overwritten(drive, capsys):
     Path("results/result.json").unlink()
     assert main(two) == 0
     assert Path("results/one/result.json").exists()
+
+
+def test_a_scenario_that_cannot_begin_is_refused_before_any_rollout(drive, monkeypatch, capsys):
+    monkeypatch.setattr(MonteCarlo, "ask", lambda self, state: pytest.fail("a rollout was asked for"))
+    drive(BOUND % 0.1)
+    splitting = Path("drive.yaml").read_text().replace("name: drive", "name: two")
+    Path("two.yaml").write_text(splitting.replace("mc, rollouts: 2000", "ams, particles: 500"))
+    assert main(["check", "drive.yaml", "two.yaml", "--budget", "rollouts=100"]) == 4
+    assert "two: a budget of rollouts=100 does not pay" in capsys.readouterr().err
 
 
 def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):

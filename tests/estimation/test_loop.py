@@ -7,6 +7,7 @@ from pydantic import ValidationError
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
+from avrare.estimation import estimate_problem
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.monte_carlo.config import McConfig
@@ -60,6 +61,25 @@ def test_an_estimator_of_one_specification_refuses_two():
     formulas = {name: avrare.stl("always (x < 1)") for name in ("a", "b")}
     with pytest.raises(avrare.UsageError, match="one specification at a time"):
         run(avrare.Problem(systems.Walk(), formulas, steps=2), estimator, SerialExecutor(), Settings())
+
+
+def test_every_specification_passes_the_pre_flight_before_the_first_rollout(monkeypatch):
+    class Choosy(MonteCarlo):
+        single = True
+
+        def prepare(self, problem):
+            if problem.names == ("high",):
+                raise avrare.UsageError("not that one")
+            return problem
+
+        def ask(self, state):
+            pytest.fail("a rollout was asked for")
+
+    formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
+    task = avrare.Problem(systems.Walk(), formulas, steps=20)
+    monkeypatch.setattr(estimate_problem, "_estimator", lambda name, options: Choosy(McConfig()))
+    with pytest.raises(avrare.UsageError, match="not that one"):
+        avrare.estimate_all(task)
 
 
 def test_the_executor_is_closed_whatever_happens():

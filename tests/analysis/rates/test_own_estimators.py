@@ -257,7 +257,7 @@ def test_another_budget_of_a_scene_is_refused(catalogue, capsys):
     main(["rate", catalogue((OWN, "{plugin: mc}, budget: {rollouts: 90}")), "--out", "out", "--quiet"])
     changed = catalogue((OWN, "{plugin: mc}, budget: {rollouts: 91}"))
     assert main(["rate", changed, "--resume", "out"]) == ExitCode.USAGE
-    assert "other budgets of the scenes" in capsys.readouterr().err
+    assert 'another budget: scenes.quiet "rollouts=90" -> "rollouts=91"' in capsys.readouterr().err
 
 
 def test_an_estimator_that_cannot_begin_is_refused_before_any_rollout(catalogue, capsys):

@@ -179,7 +179,7 @@ def test_another_budget_is_refused_with_that_reason(catalogue, capsys):
     path = catalogue()
     assert main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--quiet"]) == 0
     assert main(["rate", path, "--resume", "out"]) == 4
-    assert "begun with another budget, rollouts=400" in capsys.readouterr().err
+    assert 'begun with another budget: budget "rollouts=400" -> ' in capsys.readouterr().err
     assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 0
 
 
