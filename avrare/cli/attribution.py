@@ -9,7 +9,7 @@ from typing import Any
 from avrare.analysis.causes.attribution import Attribution, attribute
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import list_groups
-from avrare.analysis.causes.resumption import OpenJournal, identify_run, identify_scenario, keep_outcomes
+from avrare.analysis.causes.resumption import OpenJournal, identify_run, keep_outcomes
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
@@ -19,6 +19,7 @@ from avrare.results.run import Run
 from avrare.results.stored_causes import ATTRIBUTION_FILE
 from avrare.results.stored_failures import select_failing
 from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.scenario.fingerprint import identify
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -51,8 +52,8 @@ def _identify(
         "channels": args.channels,
         "seed": args.seed,
         "run": identify_run(run),
-        "scenario": identify_scenario(run.scenario.definition),
-        "variants": {name: identify_scenario(one.definition) for name, one in variants.items()},
+        "scenario": identify(run.scenario.definition),
+        "variants": {name: identify(one.definition) for name, one in variants.items()},
     }
 
 

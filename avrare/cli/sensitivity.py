@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from avrare.analysis.causes.resumption import identify_run, identify_scenario, keep_outcomes
+from avrare.analysis.causes.resumption import identify_run, keep_outcomes
 from avrare.analysis.causes.scenario_parameters import sensitivity
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
@@ -13,6 +13,7 @@ from avrare.cli.failure_output import progress_line
 from avrare.cli.output import show_or_write
 from avrare.estimation.plan.budget import Budget
 from avrare.results.run import Run
+from avrare.scenario.fingerprint import identify
 from avrare.scenario.load import load
 
 _ROLLOUTS = 2000
@@ -27,7 +28,7 @@ def execute(args: argparse.Namespace) -> int:
         "rollouts": rollouts,
         "step": args.step,
         "seed": args.seed or 0,
-        "scenario": identify_scenario(definition),
+        "scenario": identify(definition),
         "run": None if args.run is None else identify_run(Run.read(args.run)),
     }
     out = None if args.out is None else Path(args.out)

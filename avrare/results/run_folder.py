@@ -17,7 +17,7 @@ from avrare.estimation.loop.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoin
 from avrare.estimation.plan.budget import Budget
 from avrare.results.run import RESULT, Run
 from avrare.results.stored_results import RUN_AGAIN
-from avrare.scenario.fingerprint import comparable, fingerprint
+from avrare.scenario.fingerprint import fingerprint, identify
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump
@@ -119,11 +119,7 @@ def _remove_without_chunks(folder: Path) -> None:
 
 
 def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any]:
-    # the fingerprint comes last in a list of differences, as it explains least
-    identities = {
-        one.name: {**comparable(one), "versions": one.versions, "fingerprint": fingerprint(one)}
-        for one in scenarios
-    }
+    identities = {scenario.name: identify(scenario) for scenario in scenarios}
     return {"scenarios": identities, "budget": budget and f"{budget.kind}={budget.amount!r}"}
 
 

@@ -45,6 +45,11 @@ def comparable(scenario: Scenario) -> dict[str, Any]:
     return plain
 
 
+def identify(scenario: Scenario) -> dict[str, Any]:
+    """Return all that must be equal to resume rollouts of a scenario, the telling parts first."""
+    return {**comparable(scenario), "versions": scenario.versions, "fingerprint": fingerprint(scenario)}
+
+
 def _leave_folders_out(config: BaseModel, options: dict[str, Any]) -> None:
     for name, field in type(config).model_fields.items():
         value, key = getattr(config, name), field.alias or name

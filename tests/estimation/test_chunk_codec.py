@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import damage
-from avrare.estimation.loop.checkpoint import decode, decode_seconds, digest, encode
+from avrare.base.errors import UsageError
+from avrare.estimation.loop.checkpoint import FileJournal, decode, digest, encode
 from avrare.rollout.request import Request, Rollouts
 
 OUTCOME = Rollouts(
@@ -43,20 +44,20 @@ def request(rows=3, **changes):
 
 
 def test_the_same_bits_come_back():
-    outcome, seconds = decode(encode(OUTCOME, "key", 1.25), "key")
+    outcome, seconds, key = decode(encode(OUTCOME, "key", 1.25))
     assert same(outcome, OUTCOME)
-    assert seconds == decode_seconds(encode(OUTCOME, "key", 1.25)) == 1.25
+    assert (seconds, key) == (1.25, "key")
 
 
 def test_an_outcome_without_messages_counts_and_scores():
     bare = Rollouts(*(np.zeros((2, 1)), np.zeros((2, 1), bool), np.zeros(2, bool), np.zeros((2, 0)), 0))
-    outcome, _ = decode(encode(bare, "", 0.0), "")
+    outcome, *_ = decode(encode(bare, "", 0.0))
     assert same(outcome, bare)
 
 
 def test_features_that_no_row_lived_to_show_come_back():
     observed = replace(OUTCOME, features=np.zeros((2, 1, 0)))
-    outcome, _ = decode(encode(observed, "key", 0.0), "key")
+    outcome, *_ = decode(encode(observed, "key", 0.0))
     assert outcome.features.shape == (2, 1, 0)
 
 
@@ -68,7 +69,7 @@ def test_a_wrong_byte_never_gives_a_wrong_outcome():
         damaged = bytearray(content)
         damaged[place] ^= 0x10
         try:
-            outcome, _ = decode(bytes(damaged), "key")
+            outcome, *_ = decode(bytes(damaged))
         except ValueError:
             refused += 1
         else:
@@ -80,12 +81,18 @@ def test_a_wrong_byte_never_gives_a_wrong_outcome():
 def test_a_truncated_chunk_is_refused(many):
     content = encode(OUTCOME, "key", 1.25)
     with pytest.raises(ValueError, match="damaged"):
-        decode(content[:many], "key")
+        decode(content[:many])
 
 
-def test_another_key_is_refused():
-    with pytest.raises(ValueError, match="another estimate"):
-        decode(encode(OUTCOME, "key", 1.25), "other")
+def test_the_chunk_of_another_request_or_estimate_is_refused(tmp_path):
+    journal = FileJournal(tmp_path, "owner")
+    journal.write(0, 0, request(2), OUTCOME, 1.25)
+    (stored,) = journal.read(0, request(2))
+    assert same(stored.outcome, OUTCOME)
+    others = request(1), request(particle=np.arange(1, 4))
+    for owner, asked in [("other", request(2)), *(("owner", other) for other in others)]:
+        with pytest.raises(UsageError, match="another estimate"):
+            list(FileJournal(tmp_path, owner).read(0, asked))
 
 
 def test_the_digest_distinguishes_requests():
@@ -105,7 +112,7 @@ def test_the_digest_distinguishes_requests():
 
 def refused(content):
     try:
-        decode(content, "key")
+        decode(content)
     except ValueError as error:
         return "damaged" in str(error)
     return False
@@ -117,7 +124,7 @@ def test_arrays_of_another_shape_type_or_value_are_refused():
     for seed in range(300):
         changed = damage.damage_arrays(content, random)
         try:
-            outcome, seconds = decode(changed, "key")
+            outcome, seconds, _ = decode(changed)
         except ValueError:
             continue
         assert same(outcome, OUTCOME), seed

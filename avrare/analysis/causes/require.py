@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from avrare.analysis.causes.failure_sample import count_trials
 from avrare.analysis.causes.requirement import Requirement, Trial
-from avrare.analysis.causes.resumption import identify_scenario, keep_outcomes
+from avrare.analysis.causes.resumption import keep_outcomes
 from avrare.analysis.causes.reweighed_trial import Reweigher
 from avrare.analysis.causes.root_search import find_requirement
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
@@ -26,6 +26,7 @@ from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
+from avrare.scenario.fingerprint import identify
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.schema import Threshold
 
@@ -78,7 +79,7 @@ def require(
         "between": list(between),
         "rollouts": rollouts,
         "seed": seed,
-        "scenario": identify_scenario(definition),
+        "scenario": identify(definition),
     }
     with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
         execution = Execution(partial(build_executor, workers), show or show_nothing, journal)

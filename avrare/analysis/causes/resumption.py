@@ -13,8 +13,6 @@ from avrare.base.errors import Interrupted
 from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal
 from avrare.results.run import Run
 from avrare.results.run_folder import refuse_links
-from avrare.scenario.fingerprint import comparable, fingerprint
-from avrare.scenario.schema import Scenario
 
 OpenJournal = Callable[[str], FileJournal | None]
 """Gives the journal of one of the runners of tapes by its name; None where nothing is kept."""
@@ -45,15 +43,6 @@ def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> It
             text = f"interrupted; finished rollouts are saved in {folder}"
             raise Interrupted(text, "the same command goes on from there") from error
         checkpoint.remove()
-
-
-def identify_scenario(definition: Scenario) -> dict[str, Any]:
-    """Return the identity of a scenario for a task; what explains least comes last."""
-    return {
-        **comparable(definition),
-        "versions": definition.versions,
-        "fingerprint": fingerprint(definition),
-    }
 
 
 def identify_run(run: Run) -> str:

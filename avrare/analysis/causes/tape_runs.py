@@ -89,9 +89,8 @@ class TapeRunner:
         if self.journal is None:
             return measure()
         chunk = Request.replay(tapes)
-        stored = self.journal.read(stage, 0, chunk)
-        if stored is not None:
-            values = stored[0].log_weight
+        for stored in self.journal.read(stage, chunk):
+            values = stored.outcome.log_weight
             if stage == 0 and not np.array_equal(measure(), values, equal_nan=True):
                 hint = "the code or its libraries have changed: restore them, or choose another folder"
                 raise UsageError("saved density ratios do not reproduce", hint)
@@ -105,33 +104,22 @@ class TapeRunner:
         return values
 
     def _outcomes(self, stage: int, work: Work, tapes: Floats) -> Iterator[Rollouts]:
-        index = done = 0
-        for outcome in self._stored(stage, work, tapes):
-            index, done = index + 1, done + len(outcome.error)
-            yield outcome
-        rows = work.problem.chunk
-        requests = [Request.replay(tapes[at : at + rows]) for at in range(done, len(tapes), rows)]
-        if not requests:
+        request, rows, index, done = Request.replay(tapes), work.problem.chunk, 0, 0
+        for stored in self.journal.read(stage, request) if self.journal is not None else ():
+            if index == 0:  # each call may have a problem of its own
+                check_reproduces(work.run, stored.request, stored.outcome)
+            index, done = index + 1, done + stored.request.rows
+            yield stored.outcome
+        chunks = [request.slice(at, at + rows) for at in range(done, len(tapes), rows)]
+        if not chunks:
             return
-        executor: Executor = build_executor(min(self.workers, len(requests)))
+        executor: Executor = build_executor(min(self.workers, len(chunks)))
         executor.open(work)
         with closing(executor):
-            for request, outcome in zip(requests, executor.map(requests), strict=True):
+            for number, (chunk, outcome) in enumerate(zip(chunks, executor.map(chunks), strict=True), index):
                 if self.journal is not None:
-                    self.journal.write(stage, index, request, outcome, 0.0)
-                index += 1
+                    self.journal.write(stage, number, chunk, outcome, 0.0)
                 yield outcome
-
-    def _stored(self, stage: int, work: Work, tapes: Floats) -> Iterator[Rollouts]:
-        at = index = 0
-        while self.journal is not None and (rows := self.journal.rows(stage, index)):
-            chunk = Request.replay(tapes[at : at + rows])
-            found = self.journal.read(stage, index, chunk)
-            assert found is not None  # it has rows
-            if index == 0:  # each call may have a problem of its own
-                check_reproduces(work.run, chunk, found[0])
-            at, index = at + rows, index + 1
-            yield found[0]
 
 
 def draw_tapes(problem: Problem, seed: int, stage: int, count: int, first: int = 0) -> Floats:

@@ -26,6 +26,7 @@ import numpy as np
 from avrare.base.atomic_files import LockHeld, exclusive_lock, explain_file_errors, write_atomic
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.stored_files import Arrays, check_seal, parse_arrays, read_json, read_regular, seal
+from avrare.estimation.plan.plan import StoredChunk
 from avrare.rollout.request import ARRAYS, WANTED_ARRAYS, Request, Rollouts
 
 FOLDER = "checkpoint"
@@ -139,32 +140,30 @@ class FileJournal:
     folder: Path
     owner: str  # identity of the estimate, part of every key
 
-    def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
-        """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
-        path = self._path(stage, index)
-        with explain_file_errors(f"{path}: cannot be read"):
-            if not path.exists():
-                return None
-            content = read_regular(path)
-        try:
-            return decode(content, self._key(chunk))
-        except ValueError as error:
-            hint = "remove this file: its rollouts are then run again"
-            raise UsageError(f"{path}: {error}", hint) from None
+    def read(self, stage: int, request: Request) -> Iterator[StoredChunk]:
+        """Yield the stored chunks of a stage's request, in order."""
+        at = index = 0
+        while at < request.rows and (path := self._path(stage, index)).exists():
+            try:
+                with explain_file_errors(f"{path}: cannot be read"):
+                    outcome, seconds, key = decode(read_regular(path))
+                chunk = request.slice(at, at + len(outcome.error))
+                if key != self._key(chunk):
+                    raise ValueError("the chunk belongs to another estimate")
+            except ValueError as error:
+                hint = "remove this file: its rollouts are then run again"
+                raise UsageError(f"{path}: {error}", hint) from None
+            yield StoredChunk(chunk, outcome, seconds)
+            at, index = at + chunk.rows, index + 1
 
     def part(self, name: str) -> FileJournal:
         """Return the journal of a part of the estimate, in a folder of its own."""
         owner = hashlib.sha256(f"{self.owner} {name}".encode()).hexdigest()[:32]
         return FileJournal(_prepared(self.folder / name), owner)
 
-    def rows(self, stage: int, index: int) -> int | None:
-        """Return the number of rows of a stored chunk, None where it is not stored."""
-        path = self._path(stage, index)
-        if not path.exists():
-            return None
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            return len(_arrays(read_regular(path))["error"])
-        return 1  # damaged: told when it is read
+    def has(self, stage: int) -> bool:
+        """Return whether chunks of a stage are stored."""
+        return self._path(stage, 0).exists()
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
         """Store the outcome of a chunk; a failure does not touch those stored before."""
@@ -196,8 +195,8 @@ def _prepared(folder: Path) -> Path:
 def _newest_seconds(folder: Path) -> float:
     newest = max(folder.glob("*.npz"), default=None)
     try:
-        return decode_seconds(read_regular(newest)) if newest else 0.0
-    except (OSError, ValueError, TypeError):  # reported when the chunk is read
+        return decode(read_regular(newest))[1] if newest else 0.0
+    except (OSError, ValueError):  # reported when the chunk is read
         return 0.0
 
 
@@ -293,8 +292,8 @@ def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     return content.getvalue()
 
 
-def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
-    """Return outcome and seconds; ValueError if they are damaged or of another estimate or chunk."""
+def decode(content: bytes) -> tuple[Rollouts, float, str]:
+    """Return outcome, seconds and key; ValueError if they are damaged."""
     arrays = _arrays(content)
     missing = {*ARRAYS, _STEPS, _EVERY, _MESSAGES, _KEY, _SECONDS} - set(arrays)
     if missing:
@@ -302,8 +301,6 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
     if str(arrays.pop(_CHECKSUM, None)) != _checksum(arrays):
         raise ValueError("damaged: its checksum does not fit")
     counts = {name.removeprefix(_COUNT): v for name, v in arrays.items() if name.startswith(_COUNT)}
-    if str(arrays[_KEY]) != key:
-        raise ValueError("the chunk belongs to another estimate")
     fields: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
     rows = len(arrays["error"])
     empty = {"features": np.zeros((rows, 0, 0)), "evidence": np.zeros((rows, 0))}
@@ -315,12 +312,7 @@ def decode(content: bytes, key: str) -> tuple[Rollouts, float]:
         counts=counts,
         messages=tuple(str(text) for text in arrays[_MESSAGES]),
     )
-    return outcome, float(arrays[_SECONDS])
-
-
-def decode_seconds(content: bytes) -> float:
-    """Return only the seconds, 0 where they are missing; ValueError if the bytes are damaged."""
-    return float(_arrays(content).get(_SECONDS, 0.0))
+    return outcome, float(arrays[_SECONDS]), str(arrays[_KEY])
 
 
 def _checksum(arrays: Mapping[str, Any]) -> str:

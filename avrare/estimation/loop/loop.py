@@ -181,7 +181,7 @@ class _Loop:
         for outcome in self._stored(journal, stage, request) if journal else ():
             index, done = index + 1, done + len(outcome.error)
             yield outcome
-        if journal and self._timed and journal.rows(stage + 1, 0):
+        if journal and self._timed and journal.has(stage + 1):
             return  # the time left did not pay for the rest of this stage, or so it seemed
         sent: deque[Request] = deque()
         for outcome in self.executor.map(self._pieces(request, done, sent, stage)):
@@ -224,19 +224,12 @@ class _Loop:
         return rebuilding is not None and rebuilding.rebuilds_carries
 
     def _stored(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
-        at = index = 0
-        while at < request.rows:
-            chunk = request.slice(at, at + (journal.rows(stage, index) or 1))
-            found = journal.read(stage, index, chunk)
-            if found is None:
-                return
-            outcome, seconds = found
+        for index, (chunk, outcome, seconds) in enumerate(journal.read(stage, request)):
             self._check_shape(f"{stage:06d}-{index:06d}", chunk, outcome)
             # A law that was learnt again may differ: check each stage that draws under one.
             if index == 0 and (stage == 0 or chunk.law is not None):
                 check_reproduces(self._repeat, chunk, outcome)
             self.began = time.perf_counter() - seconds
-            at, index = at + chunk.rows, index + 1
             yield outcome
 
     def _repeat(self, chunk: Request) -> Rollouts:

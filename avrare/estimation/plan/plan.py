@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from avrare import protocols
 from avrare.base.errors import AvrareError, UsageError
@@ -176,6 +176,20 @@ class UsesFinalScores(Protocol):
     final_scores: bool
 
 
+class StoredChunk(NamedTuple):
+    """Chunk of a request with its outcome.
+
+    Attributes:
+        request: The chunk.
+        outcome: Its outcome.
+        seconds: Wall time of the estimate until then [s].
+    """
+
+    request: Request
+    outcome: Rollouts
+    seconds: float
+
+
 class Journal(Protocol):
     """Store of chunk outcomes, from which an interrupted estimate resumes.
 
@@ -184,14 +198,14 @@ class Journal(Protocol):
     ``rebuilds_carries = True`` and so manages without them.
     """
 
-    def read(self, stage: int, index: int, chunk: Request) -> tuple[Rollouts, float] | None:
-        """Return the outcome of a chunk and the seconds until then [s], None where it is not stored."""
+    def read(self, stage: int, request: Request) -> Iterator[StoredChunk]:
+        """Yield the stored chunks of a stage's request, in order."""
 
     def part(self, name: str) -> Journal:
         """Return the journal of a part of the estimate."""
 
-    def rows(self, stage: int, index: int) -> int | None:
-        """Return the number of rows of a stored chunk, None where it is not stored."""
+    def has(self, stage: int) -> bool:
+        """Return whether chunks of a stage are stored."""
 
     def write(self, stage: int, index: int, chunk: Request, outcome: Rollouts, seconds: float) -> None:
         """Store the outcome of chunk number ``index`` of a stage."""
