@@ -20,7 +20,7 @@ from avrare.cli.options import display, overrides
 from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
-from avrare.estimation.loop.checkpoint import Checkpoint, SaveError
+from avrare.estimation.loop.checkpoint import Checkpoint, SaveError, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.verdict import with_verdict
 from avrare.output.plots.rollout_plot import draw_run
@@ -43,7 +43,6 @@ from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.json_schema import scenario_schema
-from avrare.scenario.safe_mode import is_safe
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
 
@@ -163,22 +162,17 @@ def _run_all(
     except (Interrupted, KeyboardInterrupt) as error:
         count = checkpoint.chunks
         message = f"interrupted, {count} {'chunk is' if count == 1 else 'chunks are'} saved"
-        raise Interrupted(message, f"resume with {_resume_command(checkpoint)}") from error
+        raise Interrupted(message, resume_hint(checkpoint.folder.parent)) from error
     except MemoryError:
-        stopped = OutOfMemory()
-        resume = f"; completed chunks are saved: {_resume_command(checkpoint)} resumes where there is more"
-        stopped.hint = f"{stopped.hint}{resume if checkpoint.chunks else ''}"
-        raise stopped from None
+        raise _say_what_is_saved(OutOfMemory(), checkpoint) from None
     except (SaveError, SystemCrashed, WorkerDied) as error:
-        if checkpoint.chunks:
-            resume = _resume_command(checkpoint)
-            error.hint = f"{error.hint}; completed chunks are saved: resume with {resume}"
-        raise
+        raise _say_what_is_saved(error, checkpoint) from error.__cause__
 
 
-def _resume_command(checkpoint: Any) -> str:
-    safe = ["--safe"] if is_safe() else []
-    return shlex.join(["avrare", "run", "--resume", str(checkpoint.folder.parent), *safe])
+def _say_what_is_saved(error: AvrareError, checkpoint: Checkpoint) -> AvrareError:
+    if checkpoint.chunks:
+        error.hint = f"{error.hint}; completed chunks are saved: {resume_hint(checkpoint.folder.parent)}"
+    return error
 
 
 def _finish(args: argparse.Namespace, runs: Sequence[Run]) -> int:

@@ -52,7 +52,7 @@ def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt,
     assert interrupt(chunk, *words, "--resume", "torn") == 2
     err = capfd.readouterr().err
     assert "interrupted, there is no verdict; " in err
-    assert "saved\nhint: resume it with the same avrare check command and --resume torn" in err
+    assert "saved\nhint: resume with the same avrare check command and --resume torn" in err
     assert not Path("torn/check.json").exists()
     assert list(Path("torn/checkpoint").rglob("*.npz"))
     assert main([*words, "--resume", "torn", "--workers", workers]) == whole
@@ -111,7 +111,7 @@ def test_another_check_is_not_resumed(drive, interrupt, capfd):
     assert main(["run", "--resume", "torn"]) == 4
     assert "belongs to another estimate: check" in capfd.readouterr().err
     assert main([*words, "--out", "torn"]) == 4
-    assert "hint: resume it with the same avrare check command and --resume torn" in capfd.readouterr().err
+    assert "hint: resume with the same avrare check command and --resume torn" in capfd.readouterr().err
     assert main(["report", "torn"]) == 4
     assert "the same avrare check command" in capfd.readouterr().err
 

@@ -28,6 +28,7 @@ from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.stored_files import Arrays, check_seal, parse_arrays, read_json, read_regular, seal
 from avrare.estimation.plan.plan import StoredChunk
 from avrare.rollout.request import ARRAYS, WANTED_ARRAYS, Request, Rollouts
+from avrare.scenario.safe_mode import is_safe
 
 FOLDER = "checkpoint"
 INDEX = "checkpoint.json"
@@ -231,12 +232,12 @@ def read_index(folder: Path) -> dict[str, Any] | None:
 
 def resume_hint(out: Path) -> str:
     """Return how the run, or the check, that was interrupted in ``out`` is resumed."""
-    folder = shlex.quote(str(out))
+    options = shlex.join(["--resume", str(out), *(["--safe"] if is_safe() else [])])
     with suppress(UsageError):  # a damaged index is told when it is read
         index = read_index(out / FOLDER)
         if index is not None and "check" in index["task"]:
-            return f"resume it with the same avrare check command and --resume {folder}"
-    return f"resume it with avrare run --resume {folder}"
+            return f"resume with the same avrare check command and {options}"
+    return f"resume with avrare run {options}"
 
 
 def differences(before: Any, after: Any, path: str = "") -> list[str]:

@@ -174,7 +174,7 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     interrupted(2, scenario, "--out", "torn")
     assert run(scenario, "--out", "torn") == 4
     assert (
-        "torn: contains an interrupted run\nhint: resume it with avrare run --resume torn;"
+        "torn: contains an interrupted run\nhint: resume with avrare run --resume torn;"
         in capsys.readouterr().err
     )
     assert len(night.saved("torn")) == 2
@@ -392,8 +392,7 @@ def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrup
     capsys.readouterr()
     assert run("--resume", "both") == 4
     assert capsys.readouterr().err == (
-        "both/two: contains an interrupted run of its own\n"
-        "hint: resume it with avrare run --resume both/two\n"
+        "both/two: contains an interrupted run of its own\nhint: resume with avrare run --resume both/two\n"
     )
     assert run("--resume", "both/two") == 0
     assert run("--resume", "both") == 0
