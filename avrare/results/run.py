@@ -1,7 +1,4 @@
-"""Run: results with where they come from, read from and written to a folder.
-
-Every file is written atomically, result.json last.
-"""
+"""Run: results with where they come from, in a folder whose files are written one by one, result.json last."""
 
 from __future__ import annotations
 
@@ -242,8 +239,8 @@ class Run(Mapping[str, Result]):
     def reproduction(self) -> str:
         """Commands or calls that give the numbers again."""
         if self.folder is None or not self.provenance.command:
-            calls = (result.origin.call for result in self.values() if result.origin is not None)
-            return "\n".join(dict.fromkeys(filter(None, calls)))
+            calls = {result.origin.call: None for result in self.values() if result.origin is not None}
+            return "\n".join(filter(None, calls))
         return _describe_command(self.folder, self.provenance)
 
     def thresholds(self, specification: str) -> list[Threshold]:

@@ -56,7 +56,6 @@ def test_a_search_holds_as_far_as_it_could_see(drive, check, capsys):
     (row,) = content["rows"]
     assert (code, row["verdict"], row["question"]) == (3, "inconclusive", "< 5e-4, blind counted")
     assert "could be up to" in row["reason"]
-    assert main(["run", "drive.yaml", "--out", "run"]) == 3
     path.write_text(head + ASSUMING)
     assert main(["run", "drive.yaml", "--out", "seen", "--plain"]) == 0
     assert "pass_assuming" in capsys.readouterr().out
