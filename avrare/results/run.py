@@ -1,4 +1,4 @@
-"""Run: results with where they come from, in a folder whose files are written one by one, result.json last."""
+"""Run: results with where they come from, in a folder whose files are written whole, result.json last."""
 
 from __future__ import annotations
 
