@@ -71,17 +71,9 @@ CASES: dict[str, Case] = {}
 
 
 class Static(Case):
-    """A problem without time."""
+    """A problem without time, whose state at the start has its signals."""
 
     method = "quadrature"
-
-    def values(self, noise: Floats) -> State:
-        """Return the signals."""
-        raise NotImplementedError
-
-    def initial(self, noise: Floats) -> State:
-        """Return the signals."""
-        return self.values(noise)
 
     def step(self, state: State, noise: Floats) -> State:
         """Return the same state."""

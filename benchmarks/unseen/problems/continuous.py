@@ -3,65 +3,78 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtr
 from scipy.stats import chi2
 
 from . import exact
-from .case import Case, Floats, State, switch
-from .exact import bell, gauss, panels, survival
+from .case import Case, Floats, State, Values, switch
+from .exact import bell, gauss, loss, panels
+
+Move = tuple[Floats, Floats | float]
 
 
-class DropoutDrift(Case):
+class Walk(Case):
+    """A position x with Gaussian steps, which fails where it leaves an interval; a regime switches at random.
+
+    Attributes:
+        low: Lower end of the interval, or so low that the position never comes there.
+        high: Upper end.
+        enter: Probability a step to enter the regime.
+        leave: Probability a step to leave it.
+        share: Probability to start in it.
+    """
+
+    low: ClassVar[float]
+    high: ClassVar[float]
+    enter: ClassVar[float] = 0.0
+    leave: ClassVar[float] = 0.0
+    share: ClassVar[float] = 0.0
+    start = {"x": 0.0, "regime": False}
+
+    def move(self, x: Floats, regime: Values) -> Move:
+        """Return the mean and scale of the next position."""
+        raise NotImplementedError
+
+    def step(self, state: State, noise: Floats) -> State:
+        regime = switch(state["regime"], noise[:, -1], self.enter, self.leave)
+        mean, scale = self.move(state["x"], regime)
+        return {"x": mean + scale * noise[:, 0], "regime": regime}
+
+    def exact(self) -> float:
+        grid = panels(self.low, self.high, 0.1)
+        switches = [[1 - self.enter, self.enter], [self.leave, 1 - self.leave]]
+        shares = (1 - self.share, self.share)
+        return loss(lambda x, was, k: bell(x, *self.move(was, k)), grid, self.steps, switches, shares)
+
+
+class DropoutDrift(Walk):
     """A camera's lane detection drops out for a while, and the car drifts off its lane to either side."""
 
-    steps = 60
-    noise_size = 2
-    start = {"x": 0.0, "out": False}
-    level, enter, leave = 3.0, 0.005, 0.15
-    formula = f"always (x < {level} and x > -{level})"
+    steps, noise_size, low, high, enter, leave = 60, 2, -3.0, 3.0, 0.005, 0.15
+    formula = f"always (x < {high} and x > {low})"
 
-    def step(self, state: State, noise: Floats) -> State:
-        out = switch(state["out"], noise[:, 1], self.enter, self.leave)
-        return {"x": np.where(out, state["x"] + 0.05, 0.7 * state["x"]) + 0.2 * noise[:, 0], "out": out}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, out: int) -> Floats:
-            return bell(x, before + 0.05 if out else 0.7 * before, 0.2)
-
-        switches = [[1 - self.enter, self.enter], [self.leave, 1 - self.leave]]
-        return 1 - survival(density, panels(-self.level, self.level, 0.3), 0.0, self.steps, switches)[-1]
+    def move(self, x: Floats, regime: Values) -> Move:
+        return np.where(regime, x + 0.05, 0.7 * x), 0.2
 
 
-class HiddenWear(Case):
-    """A brake begins to wear unseen, and from then on the stopping point scatters two and a half times more."""
+class HiddenWear(Walk):
+    """A brake begins to wear unseen, and from then on the stopping point scatters more."""
 
-    steps = 60
-    noise_size = 2
-    start = {"x": 0.0, "worn": False}
-    level, wear = 3.0, 0.0005
-    formula = f"always (x < {level})"
+    steps, noise_size, low, high, enter = 60, 2, -8.0, 3.0, 0.0005
+    formula = f"always (x < {high})"
 
-    def step(self, state: State, noise: Floats) -> State:
-        worn = switch(state["worn"], noise[:, 1], self.wear, 0.0)
-        return {"x": 0.85 * state["x"] + np.where(worn, 0.5, 0.2) * noise[:, 0], "worn": worn}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, worn: int) -> Floats:
-            return bell(x, 0.85 * before, (0.2, 0.5)[worn])
-
-        switches = [[1 - self.wear, self.wear], [0.0, 1.0]]
-        return 1 - survival(density, panels(-8.0, self.level, 0.3), 0.0, self.steps, switches)[-1]
+    def move(self, x: Floats, regime: Values) -> Move:
+        return 0.85 * x, np.where(regime, 0.5, 0.2)
 
 
 class FollowGap(Case):
     """A follower's gap [m] and closing speed scatter, and its controller saturates."""
 
-    steps = 40
-    noise_size = 2
+    steps, noise_size, level = 40, 2, 2.0
     start = {"gap": 20.0, "opening": 0.0}
-    level = 2.0
     formula = f"always (gap > {level})"
 
     def means(self, gap: Floats, opening: Floats) -> tuple[Floats, Floats]:
@@ -73,19 +86,14 @@ class FollowGap(Case):
         return {"gap": gap + 1.2 * noise[:, 0], "opening": opening + 1.2 * noise[:, 1]}
 
     def exact(self) -> float:
-        (gap, width), (opening, height) = (
-            panels(self.level, 50.0, 3.6, 40 / 3, 80 / 3),
-            panels(-9.0, 9.0, 3.6),
-        )
+        gap, width = panels(self.level, 50.0, 3.6, 40 / 3, 80 / 3)
+        opening, height = panels(-9.0, 9.0, 3.6)
         gap, opening = (axis.ravel() for axis in np.meshgrid(gap, opening, indexing="ij"))
         weights = np.outer(width, height).ravel()
 
-        def density(gap_before: Floats, opening_before: Floats) -> Floats:
-            gap_mean, opening_mean = self.means(gap_before, opening_before)
-            return bell(gap[:, None], gap_mean, 1.2) * bell(opening[:, None], opening_mean, 1.2)
-
-        kernel = density(gap, opening) * weights
-        part = density(np.array([20.0]), np.array([0.0]))[:, 0]
+        means = self.means(np.append(gap, 20.0), np.append(opening, 0.0))
+        kernel = bell(gap[:, None], means[0], 1.2) * bell(opening[:, None], means[1], 1.2)
+        kernel, part = kernel[:, :-1] * weights, kernel[:, -1]
         for _ in range(self.steps - 1):
             part = kernel @ part
         return float(1 - part @ weights)
@@ -94,9 +102,7 @@ class FollowGap(Case):
 class QuantisedFollow(Case):
     """A lateral controller sees its error in steps of half a metre only."""
 
-    steps = 80
-    noise_size = 2
-    level, unit = 1.7, 0.5
+    steps, noise_size, level, unit = 80, 2, 1.7, 0.5
     formula = f"always (x < {level})"
 
     def step(self, state: State, noise: Floats) -> State:
@@ -104,58 +110,40 @@ class QuantisedFollow(Case):
         return {"x": state["x"] - 0.4 * seen + 0.25 * noise[:, 0]}
 
     def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            total = np.zeros(np.broadcast_shapes(np.shape(x), np.shape(before)))
+        def density(x: Floats, was: Floats, _: int) -> Floats:
+            total = np.zeros(np.broadcast_shapes(np.shape(x), np.shape(was)))
             for seen in self.unit * np.arange(-10, 8):
-                upper, lower = (seen + half - before for half in (self.unit / 2, -self.unit / 2))
-                total += (ndtr(upper / 0.3) - ndtr(lower / 0.3)) * bell(x, before - 0.4 * seen, 0.25)
+                upper, lower = (ndtr((seen + half - was) / 0.3) for half in (self.unit / 2, -self.unit / 2))
+                total += (upper - lower) * bell(x, was - 0.4 * seen, 0.25)
             return total
 
-        return 1 - survival(density, panels(-3.5, self.level, 0.3), 0.0, self.steps)[-1]
+        return loss(density, panels(-3.5, self.level, 0.3), self.steps)
 
 
-class SaturatedSteering(Case):
+class SaturatedSteering(Walk):
     """Side wind pushes a van, and the steering that brings it back saturates."""
 
-    steps = 80
-    level = 2.6
-    formula = f"always (x < {level})"
+    steps, low, high = 80, -4.0, 2.6
+    formula = f"always (x < {high})"
 
-    def step(self, state: State, noise: Floats) -> State:
-        x = state["x"]
-        return {"x": x + 0.03 - np.clip(0.5 * x, -0.2, 0.2) + 0.25 * noise[:, 0]}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return bell(x, before + 0.03 - np.clip(0.5 * before, -0.2, 0.2), 0.25)
-
-        grid = panels(-4.0, self.level, 0.3, -0.4, 0.4)
-        return 1 - survival(density, grid, 0.0, self.steps)[-1]
+    def move(self, x: Floats, regime: Values) -> Move:
+        return x + 0.03 - np.clip(0.5 * x, -0.2, 0.2), 0.25
 
 
-class RangeNoise(Case):
+class RangeNoise(Walk):
     """A range error feeds on itself: the farther the estimate is off, the larger the next error."""
 
-    steps = 40
-    level = 4.0
-    formula = f"always (x < {level} and x > -{level})"
+    steps, low, high = 40, -4.0, 4.0
+    formula = f"always (x < {high} and x > {low})"
 
-    def step(self, state: State, noise: Floats) -> State:
-        return {"x": 0.8 * state["x"] + (0.1 + 0.25 * np.abs(state["x"])) * noise[:, 0]}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return bell(x, 0.8 * before, 0.1 + 0.25 * np.abs(before))
-
-        edges = 0.4 * (np.geomspace(1.0, self.level / 0.4 + 1.0, 30) - 1.0)
-        return 1 - survival(density, gauss([*-edges, *edges]), 0.0, self.steps)[-1]
+    def move(self, x: Floats, regime: Values) -> Move:
+        return 0.8 * x, 0.1 + 0.25 * np.abs(x)
 
 
 class Gusts(Case):
     """A truck in gusts with heavy tails: one gust is enough to push it off its lane to either side."""
 
-    steps = 50
-    level = 8.0
+    steps, level = 50, 8.0
     formula = f"always (x < {level} and x > -{level})"
 
     def step(self, state: State, noise: Floats) -> State:
@@ -163,19 +151,15 @@ class Gusts(Case):
         return {"x": 0.85 * state["x"] + 0.02 * (low - high) / np.sqrt(2 * low * high)}
 
     def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return (2 + ((x - 0.85 * before) / 0.02) ** 2) ** -1.5 / 0.02  # Student's with two degrees
-
         edges = 0.06 * np.sinh(np.linspace(0.0, math.asinh(self.level / 0.06), 45))
-        fine = np.linspace(-self.level, self.level, 300)
-        return 1 - survival(density, gauss([*-edges, *edges, *fine]), 0.0, self.steps)[-1]
+        grid = gauss([*-edges, *edges, *np.linspace(-self.level, self.level, 300)])
+        return loss(lambda x, was, _: (2 + ((x - 0.85 * was) / 0.02) ** 2) ** -1.5 / 0.02, grid, self.steps)
 
 
 class BoundedGusts(Case):
     """Bounded gusts must blow the same way for long to push a car off its lane."""
 
-    steps = 60
-    level = 0.62
+    steps, level = 60, 0.62
     formula = f"always (x < {level})"
 
     def step(self, state: State, noise: Floats) -> State:
@@ -194,9 +178,7 @@ class BoundedGusts(Case):
 class ClutterEnergy(Case):
     """Twelve clutter returns a frame, none of them large, lift a filtered energy over its threshold."""
 
-    steps = 40
-    noise_size = 12
-    level = 5.0
+    steps, noise_size, level = 40, 12, 5.0
     formula = f"always (x < {level})"
 
     def step(self, state: State, noise: Floats) -> State:
@@ -205,85 +187,64 @@ class ClutterEnergy(Case):
 
     def exact(self) -> float:
         unit = 0.5 / math.sqrt(24.0)
-
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return chi2.pdf(12.0 + (x - 0.8 * before) / unit, 12) / unit
-
-        return 1 - survival(density, panels(-5.0, self.level, 0.2), 0.0, self.steps)[-1]
+        grid = panels(-5.0, self.level, 0.2)
+        return loss(lambda x, was, _: chi2.pdf(12 + (x - 0.8 * was) / unit, 12) / unit, grid, self.steps)
 
 
-class ClippedRisk(Case):
+class ClippedRisk(Walk):
     """A risk is reported as a share between 0 and 1, clipped at both ends."""
 
-    steps = 50
-    level = 4.6
+    steps, low, high = 50, -7.0, 4.6
     formula = "always (risk < 1)"
 
-    def step(self, state: State, noise: Floats) -> State:
-        return {"x": 0.9 * state["x"] + math.sqrt(0.19) * noise[:, 0]}
+    def move(self, x: Floats, regime: Values) -> Move:
+        return 0.9 * x, math.sqrt(0.19)
 
     def signals(self, state: State) -> State:
-        return {"risk": np.clip((state["x"] - 2.6) / (self.level - 2.6), 0.0, 1.0)}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return bell(x, 0.9 * before, math.sqrt(0.19))
-
-        return 1 - survival(density, panels(-7.0, self.level, 0.5), 0.0, self.steps)[-1]
+        return {"risk": np.clip((state["x"] - 2.6) / (self.high - 2.6), 0.0, 1.0)}
 
 
-class DeceptiveOvertake(Case):
+class DeceptiveOvertake(Walk):
     """The margin of an overtaking car grows with its speed until, too fast, it loses grip."""
 
-    steps = 40
-    slow, grip, lost = -10.0 / 3.0, 2.6, 2.6 + 1.78 / 4.0
+    steps, low, high = 40, -10.0 / 3.0, 2.6 + 1.78 / 4.0
     formula = "always (margin > 0)"
 
-    def step(self, state: State, noise: Floats) -> State:
-        return {"x": 0.8 * state["x"] + 0.43 * noise[:, 0]}
+    def move(self, x: Floats, regime: Values) -> Move:
+        return 0.8 * x, 0.43
 
     def signals(self, state: State) -> State:
-        x = state["x"]
-        return {"margin": np.where(x < self.grip, 1.0 + 0.3 * x, 4.0 * (self.lost - x))}
-
-    def exact(self) -> float:
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return bell(x, 0.8 * before, 0.43)
-
-        return 1 - survival(density, panels(self.slow, self.lost, 0.4), 0.0, self.steps)[-1]
+        return {"margin": np.minimum(1.0 + 0.3 * state["x"], 4.0 * (self.high - state["x"]))}
 
 
-class Turbulence(Case):
+class Turbulence(Walk):
     """The strength of the wind wanders unseen, and strong wind must meet gusts to move the car."""
 
-    steps = 60
-    noise_size = 2
-    level = 4.0
-    formula = f"always (x < {level} and x > -{level})"
+    steps, noise_size, low, high, persistence = 60, 2, -4.0, 4.0, 0.95
+    formula = f"always (x < {high} and x > {low})"
 
     def initial(self, noise: Floats) -> State:
         return {"x": np.zeros(len(noise)), "wind": noise[:, 1]}
 
+    def move(self, x: Floats, regime: Values) -> Move:
+        return 0.8 * x, 0.1 * (1 + np.exp(0.7 * regime))
+
     def step(self, state: State, noise: Floats) -> State:
-        wind = 0.95 * state["wind"] + math.sqrt(1 - 0.95**2) * noise[:, 1]
-        return {"x": 0.8 * state["x"] + 0.1 * (1 + np.exp(0.7 * wind)) * noise[:, 0], "wind": wind}
+        wind = self.persistence * state["wind"] + math.sqrt(1 - self.persistence**2) * noise[:, 1]
+        mean, scale = self.move(state["x"], wind)
+        return {"x": mean + scale * noise[:, 0], "wind": wind}
 
     def exact(self) -> float:
-        wind, weights = panels(-6.0, 6.0, 0.7)  # a regime each: their step is 0.31
-        switches = bell(wind, 0.95 * wind[:, None], math.sqrt(1 - 0.95**2)) * weights
-
-        def density(x: Floats, before: Floats, regime: int) -> Floats:
-            return bell(x, 0.8 * before, 0.1 * (1 + np.exp(0.7 * wind[regime])))
-
-        grid = panels(-self.level, self.level, 0.3)
-        return 1 - survival(density, grid, 0.0, self.steps, switches, bell(wind) * weights)[-1]
+        wind, weights = panels(-6.0, 6.0, 0.7)  # a regime each
+        change = bell(wind, self.persistence * wind[:, None], math.sqrt(1 - self.persistence**2)) * weights
+        grid, first = panels(self.low, self.high, 0.3), bell(wind) * weights
+        return loss(lambda x, was, k: bell(x, *self.move(was, wind[k])), grid, self.steps, change, first)
 
 
 class NearMiss(Case):
     """Three neighbours keep their places beside a car unevenly, and any of them may touch it."""
 
-    steps = 40
-    noise_size = 6
+    steps, noise_size = 40, 6
     places = np.array([[6.3, 0.0], [-6.8, 0.5], [0.5, 5.2]])
     start = {"x": places[:, 0], "y": places[:, 1]}
     formula = "always (clearance > 0)"
@@ -297,8 +258,7 @@ class NearMiss(Case):
         return {"clearance": apart.min(axis=1)}
 
     def exact(self) -> float:
-        safe = [self.survive(*home) for home in self.places]
-        return float(1 - np.prod(safe))
+        return float(1 - np.prod([self.survive(*home) for home in self.places]))
 
     def survive(self, along: float, across: float) -> float:
         """Return the probability that the neighbour of this place touches nothing."""
@@ -315,10 +275,8 @@ class NearMiss(Case):
 class TwoOfThree(Case):
     """Each of three redundant sensors drifts until it is switched off for good; two of them are needed."""
 
-    steps = 50
-    noise_size = 3
+    steps, noise_size, level = 50, 3, 3.3
     start = {"drift": np.zeros(3), "worst": np.zeros(3)}
-    level = 3.3
     formula = f"always (second < {level})"
 
     def step(self, state: State, noise: Floats) -> State:
@@ -329,10 +287,6 @@ class TwoOfThree(Case):
         return {"second": np.sort(state["worst"], axis=1)[:, 1]}
 
     def exact(self) -> float:
-        scale = math.sqrt(1 - 0.95**2)
-
-        def density(x: Floats, before: Floats, _: int) -> Floats:
-            return bell(x, 0.95 * before, scale)
-
-        off = 1 - survival(density, panels(-7.0, self.level, 0.35), 0.0, self.steps)[-1]
+        grid, scale = panels(-7.0, self.level, 0.35), math.sqrt(1 - 0.95**2)
+        off = loss(lambda x, was, _: bell(x, 0.95 * was, scale), grid, self.steps)
         return 3 * off**2 * (1 - off) + off**3

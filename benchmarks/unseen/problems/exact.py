@@ -1,10 +1,9 @@
-"""Tools for exact probabilities: Gaussian quadrature, densities carried through time, sums over states."""
+"""Tools for exact probabilities: Gaussian quadrature, densities carried through time."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -36,31 +35,25 @@ def bell(x: Floats, mean: Floats | float = 0.0, scale: Floats | float = 1.0) -> 
     return np.exp(-0.5 * ((x - mean) / scale) ** 2) / (scale * np.sqrt(2 * np.pi))
 
 
-def mean(function: Callable[[Floats], Floats], *breaks: float) -> float:
-    """Return the mean of a function of a standard normal number."""
-    x, w = panels(-9.0, 9.0, 0.1, *breaks)
-    return float((bell(x) * function(x) * w).sum())
-
-
 def survival(
     density: Density,
     grid: Grid,
-    start: float,
     steps: int,
     switches: Sequence[Sequence[float]] | Floats = ((1.0,),),
     shares: Sequence[float] | Floats = (1.0,),
     label: Callable[[int, Floats], Floats] | None = None,
+    start: float = 0.0,
 ) -> Floats:
     """Return P(the position stays on the grid until t), t = 0..steps.
 
     Args:
         density: Of a step in each regime.
         grid: Nodes and weights of the safe positions.
-        start: First position.
         steps: Number of steps.
         switches: Probabilities of the regime (column) that a step moves in, by the regime before (row).
         shares: Probabilities of the first regimes; regimes left out have none.
         label: Function from the regime of a step and the positions after it to the regimes then; -1 fails.
+        start: First position.
     """
     x, w = grid
     matrix = np.asarray(switches, float)
@@ -78,24 +71,6 @@ def survival(
     return np.array(curve)
 
 
-def failing(
-    start: Hashable, moves: Callable[[Hashable], Iterable[tuple[Hashable, float]]], steps: int
-) -> float:
-    """Return P(a chain of discrete states ends in state None within the steps).
-
-    Args:
-        start: First state.
-        moves: Function from a state to the next ones and their probabilities.
-        steps: Number of steps.
-    """
-    table = cache(lambda state: tuple(moves(state)))
-    shares: dict[Hashable, float] = {start: 1.0}
-    failed = 0.0
-    for _ in range(steps):
-        after: dict[Hashable, float] = defaultdict(float)
-        for state, share in shares.items():
-            for state_after, probability in table(state):
-                after[state_after] += share * probability
-        failed += after.pop(None, 0.0)
-        shares = after
-    return failed
+def loss(density: Density, grid: Grid, steps: int, *more: Any, **options: Any) -> float:
+    """Return P(the position leaves the grid within the steps); further arguments are those of survival."""
+    return float(1 - survival(density, grid, steps, *more, **options)[-1])

@@ -10,17 +10,16 @@ from scipy.stats import binom, chi2, norm
 
 from . import exact
 from .case import Floats, State, Static, threshold
-from .exact import bell, gauss, mean, panels
+from .exact import bell, gauss, panels
 
 
 class BrakingDistance(Static):
     """A car brakes late, from too high a speed and on a wet road, and reaches the pedestrian."""
 
-    noise_size = 3
-    level = 54.0
+    noise_size, level = 3, 54.0
     formula = f"distance < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         speed, delay = 14.0 + 1.2 * noise[:, 0], np.exp(-0.2 + 0.3 * noise[:, 1])
         return {"distance": speed * delay + speed**2 / (2 * np.maximum(6.0 + 0.7 * noise[:, 2], 1.0))}
 
@@ -34,27 +33,26 @@ class BrakingDistance(Static):
 class ParkingDiamond(Static):
     """A parked car's corner leaves the bay where the errors along and across add up, in any of four ways."""
 
-    noise_size = 8
-    level = 5.2
+    noise_size, level = 8, 5.2
     formula = f"reach < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         along, across = noise[:, :4].sum(axis=1) / 2, noise[:, 4:].sum(axis=1) / 2
         return {"reach": np.abs(along) + np.abs(across)}
 
     def exact(self) -> float:
-        return mean(lambda x: np.minimum(2 * norm.sf(self.level - np.abs(x)), 1.0), -self.level, self.level)
+        x, weights = panels(-9.0, 9.0, 0.1, -self.level, self.level)
+        sides = np.minimum(2 * norm.sf(self.level - np.abs(x)), 1.0)
+        return float((sides * bell(x) * weights).sum())
 
 
 class ResidualNorm(Static):
     """A map match is rejected since 500 small residuals are all a little larger than usual."""
 
-    noise_size = 500
-    method = "closed form"
-    level = 1.14
+    noise_size, method, level = 500, "closed form", 1.14
     formula = f"residual < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         return {"residual": np.sqrt((noise**2).mean(axis=1))}
 
     def exact(self) -> float:
@@ -64,11 +62,10 @@ class ResidualNorm(Static):
 class LatencySum(Static):
     """Three modules in a row have latencies with heavy tails, and together they miss the deadline."""
 
-    noise_size = 3
-    level = 200.0
+    noise_size, level = 3, 200.0
     formula = f"latency < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         return {"latency": (ndtr(-noise) ** -0.5).sum(axis=1)}
 
     def exact(self) -> float:
@@ -82,13 +79,11 @@ class LatencySum(Static):
 class AliasedPattern(Static):
     """A localiser locks onto the wrong fence post where five ordinary errors match the posts' pattern."""
 
-    noise_size = 6
-    hidden = True
-    method = "closed form"
+    noise_size, hidden, method = 6, True, "closed form"
     centre, width, level = np.array([0.5, -0.8, 0.2, -0.3, 0.9]), 0.24, 4.5
     formula = f"error < {level} and wrong_lock < 0.5"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         lock = np.all(np.abs(noise[:, :5] - self.centre) < self.width, axis=1)
         return {"error": noise[:, 5], "wrong_lock": lock * 1.0}
 
@@ -100,13 +95,11 @@ class AliasedPattern(Static):
 class ArrivalOrder(Static):
     """Eight cars block each other at an intersection after exactly one of the orders in which they come."""
 
-    noise_size = 8
-    hidden = True
-    method = "closed form"
+    noise_size, hidden, method = 8, True, "closed form"
     order = (3, 0, 6, 1, 7, 4, 2, 5)
     formula = "deadlock < 0.5"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         return {"deadlock": np.all(np.diff(noise[:, self.order], axis=1) > 0, axis=1) * 1.0}
 
     def exact(self) -> float:
@@ -116,12 +109,10 @@ class ArrivalOrder(Static):
 class UltrasonicSum(Static):
     """Six bounded errors of ultrasonic sensors are nearly all at their upper end."""
 
-    noise_size = 6
-    method = "closed form"
-    level = 5.4
+    noise_size, method, level = 6, "closed form", 5.4
     formula = f"error < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         return {"error": ndtr(noise).sum(axis=1)}
 
     def exact(self) -> float:
@@ -135,28 +126,24 @@ class LostPoints(Static):
     limit, lost, shared = 14, 0.08, 0.5
     formula = f"lost < {limit}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         mixed = self.shared * noise[:, :1] + math.sqrt(1 - self.shared**2) * noise[:, 1:]
         return {"lost": (mixed > threshold(self.lost)).sum(axis=1) * 1.0}
 
     def exact(self) -> float:
-        share = math.sqrt(1 - self.shared**2)
-        return mean(
-            lambda fog: binom.sf(
-                self.limit - 1, 20, norm.sf((threshold(self.lost) - self.shared * fog) / share)
-            )
-        )
+        alone = math.sqrt(1 - self.shared**2)
+        fog, weights = panels(-9.0, 9.0, 0.1)
+        lost = norm.sf((threshold(self.lost) - self.shared * fog) / alone)
+        return float((binom.sf(self.limit - 1, 20, lost) * bell(fog) * weights).sum())
 
 
 class CappedTtc(Static):
     """A time to collision is capped for cars in other lanes, so it shows nothing until a car cuts in."""
 
-    noise_size = 3
-    method = "closed form"
-    level = 2.0
+    noise_size, method, level = 3, "closed form", 2.0
     formula = f"ttc > {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         gap, closing = 25.0 + 4.0 * noise[:, 0], 4.0 + 1.5 * noise[:, 1]
         cuts_in = 2.5 + 0.8 * noise[:, 2] < 1.0
         return {"ttc": np.where(cuts_in & (closing > 0.1), gap / np.maximum(closing, 0.1), 6.0)}
@@ -170,11 +157,10 @@ class CappedTtc(Static):
 class GainProducts(Static):
     """Errors of gain and of command multiply at five wheels, and the sum of the products turns the car."""
 
-    noise_size = 10
-    level = 14.0
+    noise_size, level = 10, 14.0
     formula = f"yaw < {level}"
 
-    def values(self, noise: Floats) -> State:
+    def initial(self, noise: Floats) -> State:
         return {"yaw": (noise[:, :5] * noise[:, 5:]).sum(axis=1)}
 
     def exact(self) -> float:
