@@ -36,10 +36,14 @@ if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads i
     from avrare.estimation.result.result import Results as Results
     from avrare.logic.formula import Formula as Formula
     from avrare.logic.formula import stl as stl
+    from avrare.output.renderers import plot as plot
+    from avrare.output.renderers import report as report
     from avrare.output.session.scenario_run import run as run
+    from avrare.output.session.trace import trace as trace
     from avrare.results.run import Run as Run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem
+    from avrare.rollout.trace import Trace as Trace
 else:
 
     def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""Table of the functions that draw, write and analyse values; the top room fills it.
+"""Table of the functions that draw and write values; the top room fills it.
 
 So a result has ``plot()`` and ``report()``, and its module imports neither.
 """

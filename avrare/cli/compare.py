@@ -14,12 +14,12 @@ from avrare.analysis.compare import REPEAT
 from avrare.analysis.compare.comparison import Comparison
 from avrare.analysis.compare.paired_comparison import PairedComparison, compare_versions
 from avrare.analysis.compare.study import StudyWatch, compare
-from avrare.base.atomic_files import ensure_writable, explain_file_errors
+from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import display
 from avrare.cli.output import can_draw, write_files
 from avrare.output.documents.comparison_documents import comparison_document, paired_document
-from avrare.output.plots import comparison_plot
+from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.output.terminal.console import make_console, print_lines, print_table
 from avrare.output.terminal.paired_table import paired_table
@@ -126,8 +126,7 @@ def _write(
     write_files(folder, {"comparison.json": text, "comparison.md": markdown(comparison)})
     if args.no_pictures or not can_draw():
         return ["comparison.json", "comparison.md"]
-    with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
-        comparison_plot.draw(comparison, folder / "comparison.png")
+    plot_comparison(comparison).save(folder / "comparison.png")
     return ["comparison.json", "comparison.md", "comparison.png"]
 
 

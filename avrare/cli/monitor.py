@@ -15,7 +15,7 @@ from avrare.cli.options import LANE_WIDTH
 from avrare.cli.output import can_draw, print_warnings, write_files
 from avrare.driving import Road
 from avrare.output.documents.monitoring_documents import monitoring_document, write_monitoring_csv
-from avrare.output.plots import monitoring_plot
+from avrare.output.plots.monitoring_plot import plot_monitoring
 from avrare.output.terminal.console import make_console
 from avrare.output.terminal.monitoring_text import draw_chart, headline
 from avrare.results.recordings.recording import parse_road
@@ -99,7 +99,7 @@ def _write(scored: MonitoringResult, folder: Path) -> None:
     with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
         write_monitoring_csv(scored, folder / "monitor.csv")
         if can_draw():
-            monitoring_plot.draw(scored, folder / "monitor.png")
+            plot_monitoring(scored).save(folder / "monitor.png")
 
 
 def _show(scored: MonitoringResult, out: str | None) -> None:

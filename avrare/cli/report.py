@@ -6,11 +6,10 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, resume_hint
-from avrare.output.session.python_report import render_report
+from avrare.output.session.report import write_report
 
 
 def execute(args: argparse.Namespace) -> None:
@@ -19,11 +18,7 @@ def execute(args: argparse.Namespace) -> None:
     path = Path(args.out) if args.out is not None else folder / "report.html"
     if path.is_dir():
         raise UsageError(f"--out {path}: is a folder, not a file", "give the path of a file")
-    text = render_report(folder)
-    with explain_file_errors(f"{path}: cannot write", "choose another --out"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, text)
-    say(f"report in {path}")
+    say(f"report in {write_report(folder, path)}")
     for home in dict.fromkeys((folder, folder.parent)):  # that of several scenarios is beside their folders
         if (home / FOLDER / INDEX).exists():
             text = f"{home}: contains an interrupted run as well, which the report does not show"

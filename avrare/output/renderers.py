@@ -1,4 +1,4 @@
-"""Functions behind the methods of values: ``result.plot()`` calls ``plot_results``.
+"""Functions that draw and write values: ``avrare.plot(result)``, and so ``result.plot()``.
 
 Each imports what it needs when it is called, so that ``import avrare`` is fast.
 """
@@ -9,66 +9,73 @@ import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from avrare.analysis.causes.attribution import Attribution
-    from avrare.analysis.causes.kinds import Kinds
+    from avrare.analysis.compare.comparison import Comparison
+    from avrare.analysis.monitor.monitoring import MonitoringResult
+    from avrare.base.plot import Plot
     from avrare.estimation.loop.loop import Progress
-    from avrare.estimation.result.result import Result
-    from avrare.output.session.plot import Plot
-    from avrare.output.session.trace import Trace
-    from avrare.results.run import Run
+    from avrare.estimation.result.result import Result, ResultMapping
+    from avrare.output.session.report import Source
     from avrare.rollout.problem import Problem
+    from avrare.rollout.trace import Trace
 
 
-def plot_results(results: Sequence[Result]) -> Plot:
-    """Draw results; see ``Result.plot``."""
-    from avrare.output.session.result_plot import plot_results
+def plot(
+    value: Result | ResultMapping | Trace | Comparison | MonitoringResult, signals: Sequence[str] = ()
+) -> Plot:
+    """Draw a result, a run, a trace, a comparison or a monitored drive (needs matplotlib).
 
-    return plot_results(results)
+    Args:
+        value: What to draw.
+        signals: Names of the signals of a trace; none: those of its formula.
 
+    Returns:
+        A plot that a notebook shows; ``.save(path)`` writes it.
+    """
+    from avrare.analysis.compare.comparison import Comparison
+    from avrare.analysis.monitor.monitoring import MonitoringResult
+    from avrare.estimation.result.result import Result
+    from avrare.output.plots.comparison_plot import plot_comparison
+    from avrare.output.plots.monitoring_plot import plot_monitoring
+    from avrare.output.plots.result_plot import plot_results
+    from avrare.output.plots.trace_plot import plot_trace
+    from avrare.rollout.trace import Trace
 
-def trace_problem(problem: Problem, noise: Any = None) -> Trace:
-    """Run one rollout of a problem; see ``Problem.trace``."""
-    from avrare.output.session.trace import trace_problem
-
-    return trace_problem(problem, noise)
-
-
-def trace_result(result: Result, index: int | None = None) -> Trace:
-    """Replay one rollout of a result; see ``Result.trace``."""
-    from avrare.output.session.trace import trace_result
-
-    return trace_result(result, index)
-
-
-def find_kinds(result: Result, max_kinds: int, method: str) -> Kinds:
-    """Sort the failures of a result into kinds; see ``Result.kinds``."""
-    from avrare.analysis.causes.kinds import kinds_of_result
-
-    return kinds_of_result(result, max_kinds, method)
-
-
-def attribute_failures(result: Result, fresh: int, channels: bool, workers: int) -> Attribution:
-    """Attribute the failures of a result to noise; see ``Result.attribution``."""
-    from avrare.analysis.causes.attribution import attribution_of_result
-
-    return attribution_of_result(result, fresh, channels, workers)
+    match value:
+        case Trace():
+            return plot_trace(value, signals)
+        case Comparison():
+            return plot_comparison(value)
+        case MonitoringResult():
+            return plot_monitoring(value)
+        case Result():
+            return plot_results([value])
+    return plot_results(list(value.values()))
 
 
-def write_report(results: Sequence[Result] | Run, path: str | os.PathLike[str]) -> Path:
-    """Write the HTML report; see ``Run.report``."""
-    from avrare.output.session.python_report import write_report
+def report(source: Source, path: str | os.PathLike[str] | None = None) -> Path:
+    """Write a run, or results of ``avrare.estimate``, as one HTML file and return its path.
 
-    return write_report(results, path)
+    Args:
+        source: Run or its folder, or results.
+        path: File; None: ``report.html`` in the folder of the run.
+
+    Raises:
+        UsageError: The file cannot be written, there is neither a path nor a folder, or a result does not
+            know its problem.
+    """
+    from avrare.output.session.report import write_report
+
+    return write_report(source, path)
 
 
-def render_table(results: Sequence[Result]) -> str:
+def render_html(results: ResultMapping) -> str:
     """Return results as the HTML table of a notebook."""
-    from avrare.output.session.notebook_table import render_results
+    from avrare.output.session.notebook_table import render_table
 
-    return render_results(results)
+    return render_table(list(results.values()))
 
 
 def show_progress(label: str, problem: Problem, confidence: float | None) -> AbstractContextManager[Progress]:
@@ -78,13 +85,4 @@ def show_progress(label: str, problem: Problem, confidence: float | None) -> Abs
     return show_progress(label, problem, confidence)
 
 
-RENDERERS = (
-    plot_results,
-    trace_problem,
-    trace_result,
-    find_kinds,
-    attribute_failures,
-    write_report,
-    render_table,
-    show_progress,
-)
+RENDERERS = (plot, report, render_html, show_progress)

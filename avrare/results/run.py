@@ -19,13 +19,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from avrare.base import version
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import AvrareError, UsageError
-from avrare.base.records import Records
-from avrare.base.renderers import render
 from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
 from avrare.estimation.loop.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
-from avrare.estimation.result.result import Origin, Result, Results
+from avrare.estimation.result.result import Origin, Result, ResultMapping, Results
 from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.provenance import Provenance
 from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
@@ -63,7 +61,7 @@ class _StoredRun(BaseModel):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Mapping[str, Result]):
+class Run(ResultMapping):
     """Results by specification, ``run["safe_distance"]``, and where they come from.
 
     Attributes:
@@ -102,9 +100,6 @@ class Run(Mapping[str, Result]):
 
     def __len__(self) -> int:
         return len(self.results)
-
-    def __repr__(self) -> str:
-        return repr(self.results)
 
     @staticmethod
     def of_scenario(scenario: Scenario, results: Sequence[Result], budget: Budget | None = None) -> Run:
@@ -247,22 +242,6 @@ class Run(Mapping[str, Result]):
         """List the thresholds that the scenario sets for a specification."""
         thresholds = () if self.definition is None else self.definition.thresholds
         return [threshold for threshold in thresholds if threshold.specification == specification]
-
-    def table(self) -> Records:
-        """Return one row for each result; ``.frame()`` of it is a DataFrame."""
-        return self.results.table()
-
-    def report(self, path: str | os.PathLike[str] | None = None) -> Path:
-        """Write the report, by default ``report.html`` in the run folder, and return its path.
-
-        Raises:
-            UsageError: The file cannot be written, or there is neither a path nor a folder.
-        """
-        file = path or (self.folder and self.folder / "report.html")
-        if file is None:
-            raise UsageError("the run has no folder for its report", 'run.report("report.html")')
-        written: Path = render("write_report", self, file)
-        return written
 
     @cached_property
     def problem(self) -> Problem:

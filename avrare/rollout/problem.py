@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.renderers import render
 from avrare.driving import Scene
 from avrare.logic.formula import Formula, FormulaMonitor, find_formula
 from avrare.protocols import (
@@ -207,18 +206,6 @@ class Problem:
         part.names, part.monitors = tuple(names), tuple(self.monitors[row] for row in rows)
         part._scored, part._sizes = None, self._sizes and tuple(self._sizes[row] for row in rows)
         return part
-
-    def trace(self, noise: Any = None) -> Any:
-        """Run one rollout and return its signals over time, an ``avrare.output.session.trace.Trace``.
-
-        Args:
-            noise: Noise tape (steps + 1, noise_size), or anything that has one as ``noise``, such as
-                ``result.worst`` or a stored failure. None: the noise-free rollout.
-
-        Raises:
-            UsageError: The tape does not fit.
-        """
-        return render("trace_problem", self, noise)
 
     def gamma(self, level: float) -> float:
         """Return the robustness threshold of a score's level, 0 at failure as in the papers."""

@@ -6,7 +6,7 @@ from matplotlib import figure as figures
 
 from avrare.analysis.page.player import _encode_prediction
 from avrare.driving import Prediction, Road, Scene, Vehicles, World
-from avrare.output.plots.rollout_plot import draw_drive
+from avrare.output.plots.rollout_plot import plot_drive
 from avrare.rollout.frames import Frame
 
 
@@ -30,7 +30,7 @@ def axes(tmp_path, monkeypatch):
         ]
         drawn = []
         monkeypatch.setattr(figures.Figure, "savefig", lambda self, *_, **__: drawn.append(self))
-        draw_drive(frames, scene, "title", tmp_path / "drive.png")
+        plot_drive(frames, scene, "title").save(tmp_path / "drive.png")
         return drawn[0].axes
 
     return draw

@@ -35,8 +35,9 @@ from avrare.output.documents import (
     github_output,
     monitoring_documents,
 )
-from avrare.output.plots import comparison_plot, monitoring_plot
-from avrare.output.session.python_report import render_report
+from avrare.output.plots.comparison_plot import plot_comparison
+from avrare.output.plots.monitoring_plot import plot_monitoring
+from avrare.output.session.report import render_report
 from avrare.output.terminal import comparison_table, monitoring_text, paired_table, result_table
 from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.console import make_console, print_lines, print_table
@@ -302,6 +303,6 @@ def test_commonroad(name):
 def test_plots(name, problem, tmp_path):
     path = tmp_path / "plot.png"
     drive = drive_of(name)
-    comparison_plot.draw(comparison_of(name, problem), path)
-    monitoring_plot.draw(monitored_of(name, drive), path)
+    plot_comparison(comparison_of(name, problem)).save(path)
+    plot_monitoring(monitored_of(name, drive)).save(path)
     assert path.read_bytes()[:4] == b"\x89PNG"

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from avrare.output.session.python_report import render_report
+from avrare.output.session.report import render_report
 
 MOVED = """
 requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames

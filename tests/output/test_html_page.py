@@ -15,7 +15,7 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
 from avrare.output.html.page import render_page
-from avrare.output.session.python_report import render_report
+from avrare.output.session.report import render_report
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
 

@@ -134,7 +134,7 @@ def test_the_series_as_a_file(tmp_path):
 
 @pytest.mark.parametrize("road", [None, Road((0.0,), 3.5)])
 def test_a_picture_with_and_without_a_road(tmp_path, road):
-    from avrare.output.plots.monitoring_plot import draw
+    from avrare.output.plots.monitoring_plot import plot_monitoring
 
     there = np.ones(61, dtype=bool)
     states = np.zeros((5, 61))
@@ -145,5 +145,5 @@ def test_a_picture_with_and_without_a_road(tmp_path, road):
     found = assemble_recording("t.csv", 0.1, 0.0, ego, [other], road)
     body = FALLING.copy()
     body[:3] = np.inf
-    draw(scored(body, CAUSE, WORST, recording=found), tmp_path / "m.png")
+    plot_monitoring(scored(body, CAUSE, WORST, recording=found)).save(tmp_path / "m.png")
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from avrare.base.atomic_files import remove_torn, write_atomic, write_text
-from avrare.output.plots import make_figure, save_figure
+from avrare.base.plot import Plot
+from avrare.output.plots import make_figure
 
 
 @pytest.fixture
@@ -36,8 +37,8 @@ def test_only_own_temporary_files_are_removed(tmp_path, torn):
 def test_a_link_at_the_place_of_a_file_is_replaced_and_not_followed(tmp_path):
     mine, link = tmp_path / "mine", tmp_path / "result"
     mine.write_text("precious")
-    figure = make_figure(1.0, 1.0)
-    for write in (lambda: write_atomic(link, b"new"), lambda: save_figure(figure, link)):
+    plot = Plot(make_figure(1.0, 1.0))
+    for write in (lambda: write_atomic(link, b"new"), lambda: plot.save(link)):
         link.unlink(missing_ok=True)
         link.symlink_to(mine)
         write()

@@ -9,20 +9,20 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_interval, format_probability
+from avrare.base.plot import Plot
 from avrare.base.records import Records
 from avrare.base.renderers import render
 from avrare.estimation.result.note import Note
 from avrare.protocols import Estimator, Floats
-
-if TYPE_CHECKING:
-    from avrare.rollout.problem import Problem
+from avrare.rollout.problem import Problem
+from avrare.rollout.trace import Trace, trace_tape
 
 Interval = tuple[float, float]
 AnyEstimator = Estimator[Any, Any, Any, Any, Any]
@@ -246,52 +246,26 @@ class Result:
         }
         return Records([row])
 
-    def plot(self) -> Any:
-        """Draw estimate, interval, runs and the robustness of the rollouts (needs matplotlib).
+    def plot(self) -> Plot:
+        """Draw estimate, interval, runs and the robustness of the rollouts (needs matplotlib)."""
+        return Results([self]).plot()
 
-        Returns:
-            A plot that a notebook shows; ``.save(path)`` writes it.
-        """
-        return render("plot_results", [self])
-
-    def trace(self, index: int | None = None) -> Any:
-        """Replay the least robust rollout, or the kept failure ``index``; see ``Problem.trace``.
+    def trace(self, index: int | None = None) -> Trace:
+        """Replay the least robust rollout, or the kept failure ``index``.
 
         Raises:
             UsageError: There is no such failure, or the result does not know its problem.
         """
-        return render("trace_result", self, index)
-
-    def kinds(self, max_kinds: int = 6, method: str = "kmeans") -> Any:
-        """Sort the failures into kinds, each with a probability of its own.
-
-        Args:
-            max_kinds: Largest number of kinds.
-            method: "kmeans" or "hdbscan" (needs scikit-learn).
-
-        Returns:
-            ``avrare.analysis.causes.kinds.Kinds``, a sequence with ``table()`` that prints itself.
-
-        Raises:
-            UsageError: There are no failures, or the result does not know its problem.
-        """
-        return render("find_kinds", self, max_kinds, method)
-
-    def attribution(self, fresh: int = 1000, channels: bool = False, workers: int = 1) -> Any:
-        """Attribute the failures to the noise that carries them, and tell what perfect parts would save.
-
-        Args:
-            fresh: Fresh tapes, each run once for every perfect part; 0: none.
-            channels: Give each noise channel a row of its own.
-            workers: Number of processes.
-
-        Returns:
-            ``avrare.analysis.causes.attribution.Attribution``, which prints itself.
-
-        Raises:
-            UsageError: There are fewer than two failures, or the result does not know its problem.
-        """
-        return render("attribute_failures", self, fresh, channels, workers)
+        problem = self.require_origin().problem
+        if index is None:
+            if np.isnan(self.worst.robustness):
+                raise UsageError("every rollout ended in an error, so there is none to trace")
+            return trace_tape(problem, self.worst.noise)
+        count = len(self.failures.robustness)
+        if not 0 <= index < count:
+            hint = f"it keeps {count} failures, numbered from 0" if count else "no rollout failed"
+            raise UsageError(f"the result has no failure {index}", hint)
+        return trace_tape(problem, self.failures.noise[index])
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the result as one HTML file and return its path.
@@ -314,8 +288,38 @@ class Result:
         return self.__dict__ | {"origin": None}
 
 
-class Results(Mapping[str, Result]):
-    """Results of several specifications, by name, in their order."""
+class ResultMapping(Mapping[str, Result]):
+    """Results by specification, in their order; they print and draw themselves."""
+
+    def table(self) -> Records:
+        """Return one row for each result; ``.frame()`` of it is a DataFrame."""
+        return Records(row for result in self.values() for row in result.table())
+
+    def plot(self) -> Plot:
+        """Draw all estimates with their intervals (needs matplotlib)."""
+        plot: Plot = render("plot", self)
+        return plot
+
+    def report(self, path: str | os.PathLike[str] | None = None) -> Path:
+        """Write the HTML report, by default ``report.html`` in the run folder, and return its path.
+
+        Raises:
+            UsageError: The file cannot be written, there is neither a path nor a folder, or a result does not
+                know its problem.
+        """
+        written: Path = render("report", self, path)
+        return written
+
+    def __repr__(self) -> str:
+        return "\n".join(map(repr, self.values()))
+
+    def _repr_html_(self) -> str:
+        table: str = render("render_html", self)
+        return table
+
+
+class Results(ResultMapping):
+    """Results of several specifications of a problem."""
 
     def __init__(self, results: Iterable[Result]) -> None:
         self._results = {result.specification: result for result in results}
@@ -328,26 +332,6 @@ class Results(Mapping[str, Result]):
 
     def __len__(self) -> int:
         return len(self._results)
-
-    def table(self) -> Records:
-        """Return one row for each result; ``.frame()`` of it is a DataFrame."""
-        return Records(row for result in self.values() for row in result.table())
-
-    def plot(self) -> Any:
-        """Draw all estimates with their intervals; see ``Result.plot``."""
-        return render("plot_results", list(self.values()))
-
-    def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the results as one HTML file; see ``Result.report``."""
-        written: Path = render("write_report", list(self.values()), path)
-        return written
-
-    def __repr__(self) -> str:
-        return "\n".join(map(repr, self.values()))
-
-    def _repr_html_(self) -> str:
-        table: str = render("render_table", list(self.values()))
-        return table
 
 
 def finite(value: Any) -> Any:

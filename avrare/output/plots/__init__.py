@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-import io
-from pathlib import Path
 from typing import Any
 
-from avrare.base.atomic_files import write_atomic
 from avrare.base.visible_text import spell_controls
 
 
@@ -24,13 +21,6 @@ def make_figure(width: float, height: float) -> Any:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
-
-
-def save_figure(figure: Any, path: Path, dpi: int = 110) -> None:
-    """Write a figure as a PNG, completely or not at all; a link at its place is replaced, not followed."""
-    content = io.BytesIO()
-    figure.savefig(content, dpi=dpi, format="png")
-    write_atomic(path, content.getvalue())
 
 
 def plain(text: str) -> str:

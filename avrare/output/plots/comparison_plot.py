@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 import textwrap
-from pathlib import Path
 from typing import Any
 
 from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.repetition_statistics import Summary
 from avrare.base.number_format import format_amount
-from avrare.output.plots import hide_spines, make_figure, plain, save_figure
+from avrare.base.plot import Plot
+from avrare.output.plots import hide_spines, make_figure, plain
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
 _BAND = 0.7  # share of an estimator's band that its repetitions fill
 _LABEL_WIDTH = 32  # letters per line
 
 
-def draw(comparison: Comparison, path: Path) -> None:
-    """Draw the comparison as a PNG."""
+def plot_comparison(comparison: Comparison) -> Plot:
+    """Draw every estimate of a comparison."""
     pairs = zip(comparison.arms, comparison.summaries, strict=True)
     shown = [(result, summary) for result, summary in pairs if summary]
     figure = make_figure(10.0, 1.4 + 1.15 * len(shown))
@@ -33,7 +33,7 @@ def draw(comparison: Comparison, path: Path) -> None:
     _frame(ax, [_label(result) for result, _ in shown], low, high)
     figure.suptitle(plain("\n".join(comparison.headline())), fontsize=10, x=0.01, ha="left")
     _add_legend(figure)
-    save_figure(figure, path)
+    return Plot(figure)
 
 
 def _find_range(comparison: Comparison) -> tuple[float, float]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from avrare.analysis.monitor.monitoring import MonitoringResult, format_sample_time, summarise
-from avrare.output.plots import hide_spines, make_figure, plain, save_figure
+from avrare.base.plot import Plot
+from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.output.plots.rollout_plot import draw_frame, draw_road
 from avrare.rollout.frames import Frame
 
@@ -17,8 +17,8 @@ _BEHIND, _AHEAD = 40.0, 80.0  # distances from the ego that are drawn [m]
 _SATISFIED, _VIOLATED, _PREFIX = "#2e7d4f", "#b0443c", "#6b7a8f"
 
 
-def draw(score: MonitoringResult, path: Path) -> None:
-    """Draw a scored recording as a PNG, with the road if it has one."""
+def plot_monitoring(score: MonitoringResult) -> Plot:
+    """Draw a scored recording, with the road if it has one."""
     moments = _choose_samples(score)
     figure = make_figure(12.0, 2.6 + 1.35 * len(moments))
     axes = np.atleast_1d(figure.subplots(1 + len(moments), 1, height_ratios=[2.0] + [1.0] * len(moments)))
@@ -28,7 +28,7 @@ def draw(score: MonitoringResult, path: Path) -> None:
     if moments:
         axes[-1].set_xlabel("x [m]", fontsize=8)
     figure.suptitle(plain(summarise(score)), fontsize=10, x=0.01, ha="left")
-    save_figure(figure, path)
+    return Plot(figure)
 
 
 def _choose_samples(score: MonitoringResult) -> list[int]:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from avrare.base.number_format import format_robustness
+from avrare.base.plot import Plot
 from avrare.driving import Scene
 from avrare.driving.geometry import Rectangle
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
 from avrare.estimation.result.result import Result
-from avrare.output.plots import hide_spines, make_figure, plain, save_figure
+from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import replay_tapes
@@ -41,12 +42,12 @@ def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) 
     paths = [folder / f"{name}.png" for name, _, _ in tapes]
     assert problem.scene is not None
     for path, (_, title, _), rollout in zip(paths, tapes, rollouts, strict=True):
-        draw_drive(extract_frames(problem, rollout), problem.scene, f"{scenario.name}: {title}", path)
+        plot_drive(extract_frames(problem, rollout), problem.scene, f"{scenario.name}: {title}").save(path)
     return paths
 
 
-def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) -> None:
-    """Draw a few moments of a rollout below one another as a PNG."""
+def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
+    """Draw a few moments of a rollout below one another."""
     chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
     figure = make_figure(_WIDTH, _MIN_ROW_HEIGHT * len(chosen) + 0.9)
     follow = scene.road.end - scene.road.begin > _MAX_ROAD
@@ -66,7 +67,7 @@ def draw_drive(frames: Sequence[Frame], scene: Scene, title: str, path: Path) ->
     figure.suptitle(plain(title), fontsize=11, x=0.01, ha="left")
     handles, labels = axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
-    save_figure(figure, path)
+    return Plot(figure)
 
 
 def draw_road(ax: Any, scene: Scene) -> None:

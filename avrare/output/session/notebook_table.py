@@ -11,7 +11,7 @@ from avrare.estimation.result.result import Result
 _COLUMNS = ("specification", "probability", "interval", "estimator", "rollouts", "failures", "verdict")
 
 
-def render_results(results: Sequence[Result]) -> str:
+def render_table(results: Sequence[Result]) -> str:
     """Return an HTML table with the warnings and notes below it."""
     head = "".join(f"<th>{name}</th>" for name in _COLUMNS if name != "verdict" or _judged(results))
     rows = "".join(f"<tr>{_row(one, _judged(results))}</tr>" for one in results)

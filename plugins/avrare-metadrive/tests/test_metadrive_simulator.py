@@ -158,6 +158,6 @@ def test_the_same_bits_in_one_process_and_in_two(estimator, options):
 def test_the_case_study_has_48_000_numbers_and_a_reward_in_metres(driver):
     study = avrare.load(SCENARIO)
     assert study.stack.loop.noise_size * study.steps == 48_000
-    trace = study.problem("keeps_up").trace(np.zeros((1, 201, 240)))
+    trace = avrare.trace(study.problem("keeps_up"), np.zeros((201, 240)))
     reward, remaining = trace["reward"], trace["remaining"]
     assert reward[60] - reward[40] == pytest.approx(remaining[40] - remaining[60], rel=0.15)

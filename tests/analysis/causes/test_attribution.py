@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.attribution import attribute, measure_saving
+from avrare.analysis.causes.attribution import attribute, attribution_of_result, measure_saving
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
 from avrare.analysis.causes.sensitivity import sample_failures
@@ -23,7 +23,7 @@ def static(formula, size=3):
 @pytest.fixture(scope="module")
 def only_first():
     result = avrare.estimate(static("always (u0 < 2)"), rollouts=3000, seed=1)
-    return result.attribution(fresh=1000)
+    return attribution_of_result(result, fresh=1000)
 
 
 def test_what_alone_can_fail_carries_everything(only_first):
@@ -48,7 +48,7 @@ def test_only_its_perfection_saves(only_first):
 def test_both_parts_of_a_sum_are_needed_and_neither_is_enough():
     # For X + Y > c the indices are known: the total one from P(fails | Y), the first-order one from both.
     result = avrare.estimate(static("always (u0 + u1 < 2.5)", 2), rollouts=4000, seed=1)
-    for share in result.attribution(fresh=0).shares:
+    for share in attribution_of_result(result, fresh=0).shares:
         low, high = share.carries_interval
         assert low < 0.812 < high
         low, high = share.alone_interval
@@ -58,7 +58,7 @@ def test_both_parts_of_a_sum_are_needed_and_neither_is_enough():
 def test_a_part_may_do_harm():
     # Noise 0 alone keeps the rest from failing: perfect, it lets them.
     result = avrare.estimate(static("always (u0 > 1.5 or u1 < 2.2)", 2), rollouts=4000, seed=1)
-    found = {one.name: one for one in result.attribution(fresh=4000).savings}
+    found = {one.name: one for one in attribution_of_result(result, fresh=4000).savings}
     harmful = found["perfect noise 0"]
     assert harmful.new > 0.0
     assert harmful.saved < 0.0
@@ -79,7 +79,7 @@ def test_the_first_half_of_a_walk_that_must_be_high_early():
 def test_splitting_gives_shares_too():
     problem = avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 2)"), steps=10)
     result = avrare.estimate(problem, "ams", seed=1, particles=40, discard=10, runs=4)
-    found = result.attribution(fresh=50)
+    found = attribution_of_result(result, fresh=50)
     assert len(found.shares) == 6
     for share in found.shares:
         low, high = share.carries_interval
@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_numbers_for_any_chunk():
     for chunk in (7, 500):
         problem = avrare.Problem(Static(2), avrare.stl("always (u0 + u1 < 2.5)"), steps=0, chunk=chunk)
         result = avrare.estimate(problem, rollouts=800, seed=1)
-        results.append(result.attribution(fresh=50).table())
+        results.append(attribution_of_result(result, fresh=50).table())
     assert results[0] == results[1]
 
 

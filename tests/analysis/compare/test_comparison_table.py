@@ -12,7 +12,7 @@ from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.plan.budget import Budget
-from avrare.output.plots import comparison_plot
+from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
 from avrare.testing.problems import conjunction, walk
@@ -110,5 +110,5 @@ def test_the_picture(comparison, tmp_path):
         comparison, arms=(replace(comparison.arms[0], repetitions=repetitions([0.0] * 3)),), truth=None
     )
     for name, content in (("some", comparison), ("nothing", nothing)):
-        comparison_plot.draw(content, tmp_path / f"{name}.png")
+        plot_comparison(content).save(tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")

@@ -100,11 +100,18 @@ def test_trace_is_the_replay_of_a_tape(split):
     assert split.trace(0).robustness == split.failures.robustness[0]
 
 
-def test_trace_takes_a_tape_or_what_has_one(split):
+def test_trace_takes_a_problem_with_a_tape_or_a_result_with_a_number(split):
     problem = walk(1.5)
-    assert problem.trace(split.worst).robustness == problem.trace(split.worst.noise).robustness
-    assert problem.trace().outcome == "passes"
-    assert (problem.trace()["x"] == 0.0).all()
+    assert avrare.trace(problem, split.worst.noise).robustness == split.worst.robustness
+    assert avrare.trace(split, split.worst.noise).robustness == avrare.trace(split).robustness
+    assert avrare.trace(split, 1).robustness == split.failures.robustness[1]
+    assert avrare.trace(problem).outcome == "passes"
+    assert (avrare.trace(problem)["x"] == 0.0).all()
+    assert avrare.trace(walk(1.0, 1.5), specification="below_1.5").specification == "below_1.5"
+    with pytest.raises(avrare.UsageError, match="specification"):
+        avrare.trace(walk(1.0, 1.5))
+    with pytest.raises(avrare.UsageError, match="failure 0 of a problem"):
+        avrare.trace(problem, 0)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +120,7 @@ def test_trace_takes_a_tape_or_what_has_one(split):
 )
 def test_trace_refuses_what_does_not_fit(noise, message):
     with pytest.raises(avrare.UsageError, match=message):
-        walk(1.5).trace(noise)
+        avrare.trace(walk(1.5), noise)
 
 
 def test_trace_of_a_failure_that_is_not_there(split):

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from avrare.base.number_format import format_interval, format_probability
+from avrare.base.plot import Plot
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure
-from avrare.output.session.plot import Plot
 
 _LINE, _RUN, _BLIND, _FAILED = "#1b6ca8", "#9db4c8", "#d9701a", "#b0443c"
 
