@@ -25,6 +25,7 @@ from avrare.scenario.fingerprint import identify
 def execute(args: argparse.Namespace) -> int:
     """Attribute the failures of each specification, print the tables and write them."""
     run = Run.read(args.folder)
+    args.seed = run.seed if args.seed is None else args.seed
     print_warnings((line, None) for line in run.changes)
     settings: dict[str, list[str]] = {}
     for name, setting in _split(args.variant):

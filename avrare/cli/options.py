@@ -210,7 +210,7 @@ OPTIONS: dict[str, Options] = {
             "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
             _REPEATABLE,
         ),
-        "--seed N": ("seed of the fresh noise (default 0)", {**_NATURAL, "default": 0}),
+        "--seed N": ("seed of the fresh noise; default: that of the run", _NATURAL),
         **_WORKERS,
         **_RESUMABLE,
     },

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+import avrare
 from avrare.analysis.page.causes import build_causes
 from avrare.cli.main import main
 from avrare.results.run import Run
@@ -93,3 +94,13 @@ def test_settings_of_one_variant_act_together(run, tmp_path):
     vanish = {row["perfect"]: row["vanish"] for row in rows}
     assert vanish["both"] == 1.0
     assert vanish["one"] < 1.0
+
+
+def test_command_and_function_draw_the_same_fresh_noise(run, tmp_path):
+    scenario, folder = str(run.parent / "plane.yaml"), tmp_path / "seeded"
+    assert main(["run", scenario, "--seed", "5", "--out", str(folder), "--quiet"]) == 0
+    assert main(["attribution", str(folder), "--fresh", "100", "--out", str(folder)]) == 0
+    written = json.loads((folder / "attribution.json").read_text())["attribution"]["left"]["noise"]
+    seeded, unseeded = (avrare.why(folder, fresh=100, seed=seed).attribution.table() for seed in (None, 0))
+    assert written == json.loads(json.dumps(seeded))
+    assert seeded != unseeded

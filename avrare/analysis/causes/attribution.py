@@ -308,16 +308,15 @@ def measure_saving(
 
 
 def attribution_of_result(
-    result: Result, fresh: int = _FRESH, channels: bool = False, workers: int = 1
+    result: Result, fresh: int = _FRESH, channels: bool = False, workers: int = 1, seed: int | None = None
 ) -> Attribution:
-    """Return the attribution of a result that was made in this process."""
+    """Attribute the failures of a result; without a seed that of the estimate is that of the fresh noise."""
     origin = result.require_origin()
-    problem, seed = origin.problem, origin.seed
     return attribute(
-        problem,
+        origin.problem,
         FailureSample.of(result),
-        seed=seed,
+        seed=origin.seed if seed is None else seed,
         fresh=fresh,
-        groups=list_groups(problem, channels=channels),
+        groups=list_groups(origin.problem, channels=channels),
         runner=TapeRunner(workers),
     )

@@ -49,6 +49,7 @@ def why(
     method: str = "kmeans",
     fresh: int = 1000,
     channels: bool = False,
+    seed: int | None = None,
     workers: int = 1,
 ) -> Why:
     """Sort the failures of a specification into kinds, and attribute them to the noise that carries them.
@@ -60,6 +61,7 @@ def why(
         method: "kmeans" or "hdbscan" (needs scikit-learn).
         fresh: Fresh tapes, each run once for every perfect part; 0: none.
         channels: Give each noise channel a row of its own.
+        seed: Seed of the fresh noise; None: that of the estimate.
         workers: Number of processes.
 
     Raises:
@@ -68,7 +70,7 @@ def why(
     result = source if isinstance(source, Result) else _select(source, specification)
     kinds = kinds_of_result(result, max_kinds, method)
     enough = len(result.failures.robustness) > 1
-    return Why(kinds, attribution_of_result(result, fresh, channels, workers) if enough else None)
+    return Why(kinds, attribution_of_result(result, fresh, channels, workers, seed) if enough else None)
 
 
 def _select(source: Run | str | os.PathLike[str], specification: str | None) -> Result:
