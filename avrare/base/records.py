@@ -1,7 +1,8 @@
-"""Records: a small table of plain dicts that shows itself as text, as HTML and as a DataFrame."""
+"""Records, a small table of plain dicts, and values that have one; both show themselves."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
@@ -58,6 +59,24 @@ class Records(list[dict[str, Any]]):
 
     def _rest(self) -> list[str]:
         return [f"... {len(self) - _SHOWN} more rows"] if len(self) > _SHOWN else []
+
+
+class Answer(ABC):
+    """Value that prints itself as its command does, shows itself in a notebook, and has a table."""
+
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """Return it in words."""
+
+    @abstractmethod
+    def table(self) -> Records:
+        """Return its numbers as rows; ``.frame()`` of it is a DataFrame."""
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>{self.table()._repr_html_()}"
 
 
 def _format(value: Any) -> str:

@@ -30,7 +30,7 @@ from avrare.analysis.causes.noise_groups import (
 )
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
@@ -88,7 +88,7 @@ class Saving:
 
 
 @dataclass(frozen=True, repr=False)
-class Attribution:
+class Attribution(Answer):
     """Attribution of the failures of one specification.
 
     Attributes:
@@ -162,9 +162,6 @@ class Attribution:
             saved = f"saves {_format(one.saved, one.saved_interval)}: " if self.fresh else ""
             found.append(f"  {one.name:<{width}}  {saved}{vanish}")
         return found
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def _format(value: float, interval: Interval) -> str:

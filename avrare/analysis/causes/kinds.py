@@ -21,7 +21,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.first_violation import FirstViolation, find_first_violation
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_interval, format_probability
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
@@ -80,7 +80,7 @@ class Kind:
 
 
 @dataclass(frozen=True, repr=False)
-class Kinds(Sequence[Kind]):
+class Kinds(Answer, Sequence[Kind]):
     """Kinds of failure of one specification, the likeliest first.
 
     Attributes:
@@ -133,9 +133,6 @@ class Kinds(Sequence[Kind]):
             head,
             *(line for number, kind in enumerate(self.kinds, 1) for line in _describe(number, kind)),
         ]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def _describe(number: int, kind: Kind) -> list[str]:

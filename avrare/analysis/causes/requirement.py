@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from avrare.analysis.causes.reweighed_trial import Nearby, Score
 from avrare.base.number_format import format_interval, format_probability
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 
 
@@ -34,7 +34,7 @@ class Trial:
 
 
 @dataclass(frozen=True, repr=False)
-class Requirement:
+class Requirement(Answer):
     """Requirement on one parameter.
 
     Attributes:
@@ -110,6 +110,3 @@ class Requirement:
         if self.broken is None:
             return f"{text}); no value was shown to break it"
         return f"{text}, if p is monotone in it); {self.broken:.4g} breaks it"
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())

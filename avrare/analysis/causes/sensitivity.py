@@ -18,7 +18,7 @@ from avrare.analysis.causes.failure_sample import FailureSample, normal_interval
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats, find_ability
@@ -82,7 +82,7 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, repr=False)
-class Sensitivities:
+class Sensitivities(Answer):
     """Sensitivities of one specification's probability.
 
     Attributes:
@@ -125,9 +125,6 @@ class Sensitivities:
         broken = f", {self.errors} broke down" if self.errors else ""
         head = f"{self.specification}: {total}, {self.rollouts:,} rollouts{broken}"
         return [head, *(f"  {one.line()}" for one in self.rows)]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def sample_failures(

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from avrare.analysis.causes.attribution import Attribution, attribution_of_result
 from avrare.analysis.causes.kinds import Kinds, kinds_of_result
 from avrare.base.errors import UsageError
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failing
 
 
 @dataclass(frozen=True, repr=False)
-class Why:
+class Why(Answer):
     """Causes of the failures of one specification.
 
     Attributes:
@@ -36,9 +36,6 @@ class Why:
         if self.attribution is None:
             return [*self.kinds.lines(), f"{self.kinds.specification}: one failure is too few to attribute"]
         return [*self.kinds.lines(), *self.attribution.lines()]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def why(

@@ -24,7 +24,7 @@ from avrare.analysis.check.pooling import pool
 from avrare.analysis.check.targets import CheckTarget, Look, estimate_look
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import check_scenarios
 from avrare.estimation.result.result import Result, finite
@@ -35,7 +35,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, repr=False)
-class CheckResult:
+class CheckResult(Answer):
     """Result of a check.
 
     Attributes:
@@ -104,9 +104,6 @@ class CheckResult:
         too_many = self.exit_code == ExitCode.ROLLOUT_ERRORS
         reason = ": more rollouts broke down than the scenario allows" if too_many else ""
         return f"{looks}, exit code {int(self.exit_code)}{reason}"
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of check.json."""

@@ -11,7 +11,7 @@ from functools import partial
 from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
 from avrare.base.error_place import find_place
 from avrare.base.errors import AvrareError, ExitCode, PluginError, ScenarioError, UsageError
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
@@ -25,7 +25,7 @@ Line = tuple[str, str | None]
 
 
 @dataclass(frozen=True, repr=False)
-class Validation:
+class Validation(Answer):
     """Outcome of a validation.
 
     Attributes:

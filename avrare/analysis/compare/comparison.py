@@ -16,7 +16,7 @@ from avrare.analysis.compare.repetition_statistics import (
 )
 from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_confidence, format_narrow
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
 
 
@@ -40,7 +40,7 @@ class ArmResult:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison:
+class Comparison(Answer):
     """Result of a study.
 
     Attributes:
@@ -122,9 +122,6 @@ class Comparison:
     def lines(self) -> list[str]:
         """Return the settings, the mean of each estimator, and the notes."""
         return [*self.headline(), *self.summary(), *self.notes()]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def _make_row(arm: ArmResult, summary: Summary | None) -> dict[str, object]:

@@ -17,7 +17,7 @@ import numpy as np
 from avrare.analysis.compare.study import StudyWatch, parse_cost
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_signed, format_signed_interval
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.base.special_functions import bisect, normal_factor
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Info
@@ -143,7 +143,7 @@ def _score(better: int, worse: int, total: int, change: float) -> float:
 
 
 @dataclass(frozen=True, repr=False)
-class PairedComparison:
+class PairedComparison(Answer):
     """Result of a paired comparison.
 
     Attributes:
@@ -229,9 +229,6 @@ class PairedComparison:
     def lines(self) -> list[str]:
         """Return what was compared, the change of each specification, and the notes."""
         return [*self.headline(), *self.summary(), *self.notes()]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def compare_versions(

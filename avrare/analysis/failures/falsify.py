@@ -17,7 +17,7 @@ import numpy as np
 from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
 from avrare.analysis.failures.tape_reduction import find_design_point
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import open_problem
 from avrare.rollout.noise import NoiseSource
@@ -39,7 +39,7 @@ _STARTS = 2
 
 
 @dataclass(frozen=True, repr=False)
-class FalsificationResult:
+class FalsificationResult(Answer):
     """Result of a search for failures.
 
     Attributes:
@@ -96,9 +96,6 @@ class FalsificationResult:
             f"beta = {self.norm:.3g}",
             CAUTION,
         ]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def falsify(

@@ -23,7 +23,7 @@ from avrare.analysis.failures.failure import (
 )
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.base.errors import UsageError
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats
@@ -43,7 +43,7 @@ _MAX_NAMED = 3
 
 
 @dataclass(frozen=True, repr=False)
-class FailureReplay:
+class FailureReplay(Answer):
     """Replay of a stored failure.
 
     Attributes:
@@ -90,9 +90,6 @@ class FailureReplay:
             return [outcome, f"{compared} bit-identical", *self.changes]
         unchanged = ("scenario and versions are the same: the machine or the code differs",)
         return [outcome, self.divergence, *(self.changes or unchanged)]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def replay(

@@ -19,7 +19,7 @@ from avrare.analysis.monitor.cause_finder import (
 from avrare.analysis.monitor.long_recordings import Stretches
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_robustness
-from avrare.base.records import Records
+from avrare.base.records import Answer, Records
 from avrare.logic.formula import Formula, find_formula
 from avrare.logic.syntax import nodes
 from avrare.protocols import (
@@ -35,7 +35,7 @@ from avrare.results.recordings.recording import Recording
 
 
 @dataclass(frozen=True, repr=False)
-class MonitoringResult:
+class MonitoringResult(Answer):
     """A recording under one specification."""
 
     name: str
@@ -77,9 +77,6 @@ class MonitoringResult:
     def lines(self) -> list[str]:
         """Return verdict, deciding samples and causes in one sentence."""
         return [summarise(self)]
-
-    def __repr__(self) -> str:
-        return "\n".join(self.lines())
 
 
 def summarise(result: MonitoringResult) -> str:
