@@ -21,7 +21,9 @@ if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads i
     from avrare.analysis.compare.study import compare as compare
     from avrare.analysis.failures.falsify import falsify as falsify
     from avrare.analysis.failures.stored_replays import replay as replay
+    from avrare.analysis.monitor.batch import monitor_all as monitor_all
     from avrare.analysis.monitor.drive import monitor as monitor
+    from avrare.analysis.rates.rate import rate as rate
     from avrare.base.errors import AvrareError as AvrareError
     from avrare.base.errors import FormulaError as FormulaError
     from avrare.base.errors import HealthWarning as HealthWarning

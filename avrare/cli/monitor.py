@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from avrare.analysis.monitor.drive import find_road, monitor
+from avrare.analysis.monitor.drive import monitor
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
@@ -20,7 +20,6 @@ from avrare.output.terminal.console import make_console
 from avrare.output.terminal.monitoring_text import draw_chart, headline
 from avrare.results.recordings.recording import parse_road
 from avrare.results.run import Run
-from avrare.scenario.load import load
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -28,10 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     batch = monitor_batch.is_batch(args)
     _check(args, batch)
     if batch:
-        definition, road = None if args.scenario is None else load(args.scenario), _read_lanes(args)
-        if road is None and definition is not None:
-            road = find_road(definition)
-        return monitor_batch.execute(args, road)
+        return monitor_batch.execute(args, _read_lanes(args))
     scored = _monitor(args)
     print_warnings(scored.warnings)
     if args.out is not None:

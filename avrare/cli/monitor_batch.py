@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from avrare.analysis.monitor.batch import Question, monitor_files
+from avrare.analysis.monitor.batch import monitor_all
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.output import write_files
@@ -14,7 +14,6 @@ from avrare.driving import Road
 from avrare.estimation.result.result import finite
 from avrare.output.documents.batch_documents import write_batch_csv
 from avrare.output.terminal.batch_table import print_batch
-from avrare.results.recordings.drives import list_recordings
 
 EVERY = "all"
 """Value of ``--ego``: each vehicle in turn."""
@@ -34,12 +33,16 @@ def execute(args: argparse.Namespace, road: Road | None) -> int:
     """Score all drives and print one table; return exit code 1 if any is violated, 4 if none was scored."""
     if args.rule is None:
         raise UsageError("many drives need --rule", "give --rule NAME, or several: --rule R_G1,R_I2")
-    path = Path(args.file)
-    files = list_recordings(path) if path.is_dir() else [path]
-    rules = tuple(dict.fromkeys(word.strip() for word in args.rule.split(",") if word.strip()))
-    ego = None if args.ego in (None, EVERY) else args.ego
-    question = Question(rules, tuple(args.set), road, args.network, ego)
-    result = monitor_files([str(file) for file in files], question, args.jobs)
+    result = monitor_all(
+        args.file,
+        [word.strip() for word in args.rule.split(",") if word.strip()],
+        overrides=args.set,
+        ego=None if args.ego == EVERY else args.ego,
+        scenario=args.scenario,
+        road=road,
+        network=args.network,
+        workers=args.jobs,
+    )
     if args.out is not None:
         folder = Path(args.out)
         write_files(folder, {"monitor.json": json.dumps(finite(result.as_document())) + "\n"})

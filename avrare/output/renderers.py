@@ -56,11 +56,14 @@ def plot(
 
 
 def report(source: Source, path: str | os.PathLike[str] | None = None) -> Path:
-    """Write a run, or results of ``avrare.estimate``, as one HTML file and return its path.
+    """Write a run, results of ``avrare.estimate`` or the rates of a catalogue as one HTML file.
 
     Args:
-        source: Run or its folder, or results.
-        path: File; None: ``report.html`` in the folder of the run.
+        source: Run or its folder, results, or rates.
+        path: File; None: ``report.html`` in the folder of the run or the rates.
+
+    Returns:
+        Path of the file.
 
     Raises:
         UsageError: The file cannot be written, there is neither a path nor a folder, or a result does not

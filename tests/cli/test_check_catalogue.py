@@ -100,7 +100,7 @@ def test_an_interrupted_check_tells_how_the_check_goes_on(catalogue, capsys, mon
     def interrupt(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(rate, "_estimate", interrupt)
+    monkeypatch.setattr(rate, "rate_catalogue", interrupt)
     for command in ("check", "rate"):
         assert main([command, catalogue(), "--out", "out"]) == 2
         assert f"resume with avrare {command} c.yaml --resume out\n" in capsys.readouterr().err

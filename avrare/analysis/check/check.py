@@ -7,10 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.targets import load_scenarios, load_targets, plan_looks
+from avrare.analysis.rates.catalogue import Catalogue, is_catalogue, load_catalogue
+from avrare.analysis.rates.rate import rate
+from avrare.analysis.rates.rates import BROKEN, CatalogueRates
 from avrare.base.errors import UsageError
+from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.plan.budget import Budget
 from avrare.rollout.executors.work import build_executor
@@ -34,10 +39,11 @@ def check(
     watch: Watch | None = None,
     safe: bool = False,
 ) -> CheckResult:
-    """Compare the estimates of scenarios with their thresholds and baselines.
+    """Compare the estimates of scenarios, or the rates of a catalogue, with their thresholds and baselines.
 
     Args:
-        scenarios: YAML files; their criteria share one error rate.
+        scenarios: YAML files; their criteria share one error rate. A catalogue is checked alone, by its own
+            thresholds: it takes ``budget``, ``strict``, ``workers``, ``watch`` and ``safe``.
         overrides: Settings as for ``--set``.
         estimator: Name of another estimator, with its default options.
         budget: Budget of each estimate, as for ``avrare.estimate``.
@@ -58,6 +64,22 @@ def check(
     """
     if not scenarios:
         raise UsageError("there is no scenario to check", 'avrare.check("scenario.yaml")')
+    if any(map(is_catalogue, scenarios)):
+        for option, given in {
+            "overrides": overrides,
+            "estimator": estimator,
+            "spend": spend,
+            "baseline": baseline,
+            "save": save,
+            "require_baseline": require_baseline,
+            "accept_changes": accept_changes,
+            "executor": executor,
+        }.items():
+            if given:
+                raise refuse_option(option, scenarios[0])
+        catalogue = choose_catalogue(scenarios)
+        rates = rate(catalogue.path, budget=budget, workers=workers, watch=watch, safe=safe)
+        return decide_rates(rates, strict)
     paid, spent = Budget.parse(budget), Budget.parse(spend)
     if paid and spent:
         raise UsageError("budget cannot be combined with spend", "remove one of them")
@@ -73,3 +95,38 @@ def check(
     execution = Execution(start_executor, watch or show_nothing)
     outcome = check_targets(targets, plan_looks(paid, spent), execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)
+
+
+def refuse_option(option: str, path: str | os.PathLike[str]) -> UsageError:
+    """Return the error of an option that a catalogue has no use for, or has a key of its own for."""
+    hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
+    return UsageError(f"{option} is an option of scenarios, and {path} is a catalogue", hint)
+
+
+def choose_catalogue(paths: Sequence[str | os.PathLike[str]]) -> Catalogue:
+    """Return the catalogue among files, which is checked alone.
+
+    Raises:
+        UsageError: There are other files, or it has no thresholds.
+    """
+    path = next(filter(is_catalogue, paths))
+    if len(paths) > 1:
+        raise UsageError(f"{path}: is a catalogue, which is checked alone", "check each by itself")
+    catalogue = load_catalogue(path)
+    if not catalogue.document.thresholds:
+        hint = "add one, such as {rule: no_collision, per_hour: '< 1e-3'}, or ask for its rates alone"
+        raise UsageError(f"{path}: has no thresholds to check", hint)
+    return catalogue
+
+
+def decide_rates(rates: CatalogueRates, strict: bool = False) -> CheckResult:
+    """Return the verdicts of a catalogue; the rate stands in the reason, as it is no probability."""
+    name, rows = rates.catalogue.document.name, []
+    broken = [f"{BROKEN}: {', '.join(rates.errors)}"] if rates.errors else []
+    for rule_rate in rates.rates:
+        for decision in rule_rate.decisions:
+            threshold, total = decision.threshold, rule_rate.totals[decision.threshold.unit]
+            numbers = f"{format_probability(total.value)} ({format_interval(total.interval)})"
+            reason = "; ".join([f"{numbers} per {threshold.unit}", *decision.reasons, *broken])
+            rows.append(Decision(name, rule_rate.rule, "threshold", threshold.text, decision.verdict, reason))
+    return CheckResult(tuple(rows), {name: ()}, strict=strict, has_too_many_errors=bool(broken))

@@ -45,6 +45,7 @@ class CheckResult(Answer):
         looks: Number of interim looks.
         targets: The scenarios; none for a catalogue.
         strict: A threshold that holds only as far as the search could see is not enough for exit code 0.
+        has_too_many_errors: More rollouts of a catalogue's scene ended in an error than it allows.
     """
 
     decisions: tuple[Decision, ...]
@@ -53,11 +54,13 @@ class CheckResult(Answer):
     looks: int = 1
     targets: tuple[CheckTarget, ...] = ()
     strict: bool = False
+    has_too_many_errors: bool = False
 
     @property
     def exit_code(self) -> ExitCode:
         """Exit code: too many errors take precedence over the worst verdict."""
-        if any("errors" in one.health for results in self.results.values() for one in results):
+        broken = any("errors" in one.health for results in self.results.values() for one in results)
+        if broken or self.has_too_many_errors:
             return ExitCode.ROLLOUT_ERRORS
         if self.verdict == "pass_assuming":
             return ExitCode.INCONCLUSIVE if self.strict else ExitCode.PASS

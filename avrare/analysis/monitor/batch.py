@@ -8,24 +8,35 @@ from __future__ import annotations
 
 import functools
 import math
+import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from avrare.analysis.monitor.cause_finder import DecisiveSample
+from avrare.analysis.monitor.drive import find_road
 from avrare.analysis.monitor.monitoring import describe_body, monitor_recording
-from avrare.base.errors import AvrareError
+from avrare.base.errors import AvrareError, UsageError
+from avrare.base.number_format import format_robustness
+from avrare.base.records import Answer, Records
 from avrare.driving import Road
 from avrare.protocols import Specification
-from avrare.results.recordings.drives import Drives, open_drives
+from avrare.results.recordings.drives import Drives, list_recordings, open_drives
 from avrare.results.recordings.recording import Recording
+from avrare.scenario.load import load
+from avrare.scenario.overrides import as_settings
+from avrare.scenario.safe_mode import safe_mode
 from avrare.stack.builder import build_rule
 
 _PART = 25  # egos of one file that a worker takes at a time
+_SHOWN = 5
+"""Drives of each rule, and reasons of refusals, that are named."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +127,8 @@ class RuleTotal:
         return self.violations / self.kilometres if self.kilometres else math.nan
 
 
-@dataclass(frozen=True)
-class BatchResult:
+@dataclass(frozen=True, repr=False)
+class BatchResult(Answer):
     """Scores of all drives and what could not be scored, in the order of files, egos and rules."""
 
     scores: tuple[DriveScore, ...]
@@ -139,19 +150,90 @@ class BatchResult:
             math.fsum(score.metres for score in mine) / 1000.0,
         )
 
-    def find_worst(self, rule: str, count: int = 5) -> list[DriveScore]:
+    def find_worst(self, rule: str, count: int = _SHOWN) -> list[DriveScore]:
         """Return the least robust drives of a rule that are violated."""
         mine = [score for score in self.scores if score.rule == rule and score.violations]
         return sorted(mine, key=lambda score: score.robustness)[:count]
 
-    def as_document(self) -> dict[str, Any]:
-        """Return totals, scores and refusals as plain values."""
-        totals = [
+    def table(self) -> Records:
+        """Return one row for each rule; ``scores`` has one for each drive."""
+        return Records(
             {**asdict(total), "per_hour": total.per_hour, "per_kilometre": total.per_kilometre}
             for total in self.totals
+        )
+
+    def lines(self) -> list[str]:
+        """Return the violations of each rule, its worst drives, and the refusals."""
+        totals = [
+            f"{total.rule}: {total.violations} violations in {total.violated} of {total.drives} drives, "
+            f"{total.hours:.3g} h, {total.kilometres:.3g} km"
+            for total in self.totals
         ]
+        return [*totals, *self.describe_worst(), *self.describe_refusals()]
+
+    def describe_worst(self) -> list[str]:
+        """Return a line for each of the worst drives of each rule."""
+        return [_describe_score(score) for total in self.totals for score in self.find_worst(total.rule)]
+
+    def describe_refusals(self) -> list[str]:
+        """Return what could not be read or scored, by reason."""
+        lines = [f"not read: {refusal.reason}" for refusal in self.refusals if not refusal.ego]
+        reasons = Counter(refusal.reason for refusal in self.refusals if refusal.ego)
+        lines += [f"not scored: {reason}" for reason in list(reasons)[:_SHOWN]]
+        if len(reasons) > _SHOWN:
+            lines.append(f"not scored: {len(reasons) - _SHOWN} more")
+        return lines
+
+    def as_document(self) -> dict[str, Any]:
+        """Return totals, scores and refusals as plain values."""
         scores, refusals = map(asdict, self.scores), map(asdict, self.refusals)
-        return {"totals": totals, "scores": list(scores), "refusals": list(refusals)}
+        return {"totals": list(self.table()), "scores": list(scores), "refusals": list(refusals)}
+
+
+def _describe_score(score: DriveScore) -> str:
+    by = f" by {score.vehicles}" if score.vehicles else ""
+    several = f", {score.violations} violations" if score.violations > 1 else ""
+    worst = f"{format_robustness(score.robustness)} at {score.worst:.4g} s{by}"
+    return f"{score.rule}  {score.file} ego {score.ego}: {worst}{several}"
+
+
+def monitor_all(
+    path: str | os.PathLike[str],
+    rules: Sequence[str] | str,
+    *,
+    overrides: Sequence[str] = (),
+    ego: str | None = None,
+    scenario: str | os.PathLike[str] | None = None,
+    road: Road | None = None,
+    network: str | None = None,
+    workers: int = 1,
+    safe: bool = False,
+) -> BatchResult:
+    """Evaluate rules on many recorded drives: each file of a folder, each vehicle as the ego.
+
+    Args:
+        path: Folder of CommonRoad and CSV files, or one of these.
+        rules: Traffic rules of a plugin: ``["R_G1", "R_I2"]``, or a single one.
+        overrides: Options of the rules, as for ``--set``.
+        ego: The only ego; None: every vehicle in turn.
+        scenario: Scenario file whose simulator provides the road.
+        road: Lanes of the recordings; they come before those of the scenario.
+        network: CommonRoad file with the lanes of recordings in the format of inD.
+        workers: Number of processes; changes no number.
+        safe: As for ``avrare.load``.
+
+    Raises:
+        UsageError: There is no recording, or no rule is given.
+    """
+    names = (rules,) if isinstance(rules, str) else tuple(dict.fromkeys(rules))
+    if not names:
+        raise UsageError("many drives need a rule", "name one, such as R_G1")
+    if road is None and scenario is not None:
+        with safe_mode(safe):
+            road = find_road(load(scenario))
+    files = list_recordings(Path(path)) if Path(path).is_dir() else [Path(path)]
+    question = Question(names, tuple(as_settings(overrides)), road, network, ego)
+    return monitor_files([str(file) for file in files], question, workers)
 
 
 def monitor_files(

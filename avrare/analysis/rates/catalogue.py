@@ -115,12 +115,13 @@ def is_catalogue(path: str | os.PathLike[str]) -> bool:
     return top.child("scenes") is not None and top.child("simulator") is None
 
 
-def load_catalogue(path: str) -> Catalogue:
+def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:
     """Read a catalogue and check it and all its scenes.
 
     Raises:
         ScenarioError: The file or a scene has mistakes; the message has all of those found, with places.
     """
+    path = os.fspath(source)
     try:
         with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from avrare.analysis.rates.allocation import allocate
@@ -13,9 +14,13 @@ from avrare.analysis.rates.catalogue_document import RateThreshold
 from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
 from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import finite
 from avrare.estimation.result.verdict import describe_assumption, is_below, worst_verdict
+
+BROKEN = "more rollouts ended in an error than allowed"
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,8 @@ class RuleRate:
     blind: dict[str, float]
 
 
-@dataclass(frozen=True)
-class CatalogueRates:
+@dataclass(frozen=True, repr=False)
+class CatalogueRates(Answer):
     """Rates of all rules of a catalogue.
 
     Attributes:
@@ -68,6 +73,7 @@ class CatalogueRates:
         exposures: Of each scene, in the unit of its file.
         rates: By rule.
         errors: Scenes with more errors than they allow.
+        folder: Folder of the results; None where nothing was written.
     """
 
     catalogue: Catalogue
@@ -76,6 +82,38 @@ class CatalogueRates:
     exposures: tuple[Quantity, ...]
     rates: tuple[RuleRate, ...]
     errors: tuple[str, ...] = ()
+    folder: Path | None = None
+
+    def table(self) -> Records:
+        """Return one row for each rule and unit."""
+        return Records(
+            {
+                "rule": rate.rule,
+                "unit": unit,
+                "rate": total.value,
+                "low": total.interval[0],
+                "high": total.interval[1],
+                "verdict": worst_verdict(
+                    decision.verdict for decision in rate.decisions if decision.threshold.unit == unit
+                ),
+            }
+            for rate in self.rates
+            for unit, total in rate.totals.items()
+        )
+
+    def lines(self) -> list[str]:
+        """Return the rates with their intervals, and the verdicts."""
+        lines = [
+            f"{rate.rule}: {format_probability(total.value)} ({format_interval(total.interval)}) per {unit}"
+            for rate in self.rates
+            for unit, total in rate.totals.items()
+        ]
+        lines += [
+            f"{rate.rule} {decision.threshold.text}: {decision.verdict}{decision.explanation}"
+            for rate in self.rates
+            for decision in rate.decisions
+        ]
+        return [*lines, *([f"{BROKEN}: {', '.join(self.errors)}"] if self.errors else [])]
 
     @property
     def own(self) -> Iterator[tuple[str, str, SceneEstimate, OwnEstimate]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.markup import escape
 
-from avrare.analysis.rates.rates import CatalogueRates
+from avrare.analysis.rates.rates import BROKEN, CatalogueRates
 from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
 from avrare.base.number_format import format_interval, format_percent, format_probability
 from avrare.output.terminal.console import colour_verdict, make_table, print_lines, print_table
@@ -36,8 +36,7 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
             verdict = f"{colour_verdict(one.verdict)}{escape(one.explanation)}"
             console.print(f"{escape(rate.rule)} {one.threshold.text}: {verdict}")
     if rates.errors:
-        names = ", ".join(rates.errors)
-        print_lines(console, [f"more rollouts ended in an error than allowed: {names}"], "red")
+        print_lines(console, [f"{BROKEN}: {', '.join(rates.errors)}"], "red")
 
 
 def _print_own(console: Console, rates: CatalogueRates) -> None:

@@ -144,7 +144,7 @@ def test_a_catalogue_is_run_resumed_and_reported(catalogue, capsys):
     assert Path("out/scenes/storm/result.json").exists()
 
     assert main(["rate", path, "--out", "out"]) == 4
-    assert "--resume it" in capsys.readouterr().err
+    assert "resume it, or choose another folder" in capsys.readouterr().err
     for name in ("rate.json", "scenes/storm/result.json"):
         Path("out", name).unlink()
     assert main(["rate", path, "--resume", "out", "--json"]) == 0
