@@ -14,6 +14,7 @@ import avrare.output.renderers as _renderers
 if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads it, too
     from avrare.analysis.causes.require import require as require
     from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
+    from avrare.analysis.causes.synthesis import synthesize as synthesize
     from avrare.analysis.causes.why import why as why
     from avrare.analysis.check.check import check as check
     from avrare.analysis.check.validation import validate as validate

@@ -4,23 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.cli.options import at_least
-from avrare.cli.output import say, write_file
+from avrare.cli.output import say
 
-if TYPE_CHECKING:
-    from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-    from avrare.analysis.causes.synthesis import Iteration, Measured
-    from avrare.analysis.causes.synthesis_proof import Proof
-    from avrare.rollout.loaded_scenario import LoadedScenario
-
-_SEED_OF_PROOF = 1_000_000
-"""Distance of the seeds of the proof from those of the descent."""
-_PROOF = 10_000
-_SHOWN, _WIDE = 6, 60
-"""Most numbers whose values stand in the table, and the longest list of their names."""
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
 _ANY = {
     "estimator": None,
@@ -83,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="random directions of a gradient, for many numbers (0: each number by itself)",
     )
-    stack("--proof", metavar="rollouts=N", help=f"fresh tapes of the paired proof (rollouts={_PROOF})")
+    stack("--proof", metavar="rollouts=N", help="fresh tapes of the paired proof (rollouts=10000)")
     stack("--workers", type=at_least(1), default=1, metavar="N", help="processes (1)")
     linear = parser.add_argument_group("linear systems").add_argument
     linear("--rate", type=float, metavar="R", help="of the descent on log p (1 / slope^2 at the start)")
@@ -132,129 +121,34 @@ def _execute_linear(args: argparse.Namespace) -> int:
 
 
 def _execute_any(args: argparse.Namespace) -> int:
-    from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-    from avrare.analysis.causes.scenario_parameters import ParametricScenario
-    from avrare.analysis.causes.synthesis import Search, descend
+    from avrare.analysis.causes.synthesis import synthesize
     from avrare.analysis.causes.tape_runs import TapeRunner
     from avrare.cli.failure_output import progress_line
     from avrare.cli.sensitivity import read_rollouts
 
-    settings = [f"estimator.plugin={args.estimator}"] if args.estimator else []
-    scenario = ParametricScenario(args.scenario, (*args.set, *settings))
-    name, definition = scenario.specification(args.specification), scenario.scenario.definition
-    numbers = ScenarioNumbers.of(scenario, args.parameter)
-    seed = definition.seed if args.seed is None else args.seed
-    iterations = 5 if args.steps is None else args.steps
-    search = Search(name, iterations, args.step, args.directions, args.target, args.maximise, seed)
-    measuring, proof_rollouts = _Measuring(args, name, seed), read_rollouts(args.proof, _PROOF, "--proof")
-    done: list[Iteration] = []
+    proof = None if args.proof is None else read_rollouts(args.proof, 0, "--proof")
     with progress_line() as progress:
-        for iteration in descend(numbers, search, measuring, TapeRunner(args.workers, progress)):
-            say(*([_header(numbers)] if not done else []), _line(len(done), iteration, numbers))
-            if iteration.refusal:
-                say(*(f"      {line}" for line in iteration.refusal.splitlines()))
-            done.append(iteration)
-    best = [one for one in done if one.best][-1]
-    first = done[0].measured
-    if best.measured is None or first is None or (best is done[0] and first.failures is None):
-        raise UsageError(f"{name}: no failure was found at the start", "give a larger --budget, or --run DIR")
-    if best is done[0]:
-        reached = search.reached(first.probability)
-        why = "the start is at the target" if reached else "no step was better than the start"
-        say(f"{why}: nothing is changed")
-        return int(ExitCode.INCONCLUSIVE)
-    after = numbers.at(best.values)
-    proof = _prove(args, measuring, numbers.at(numbers.start), after, first.probability, proof_rollouts)
-    say(*proof.lines())
-    if args.out is not None:
-        from avrare.scenario.yaml import dump
-
-        write_file(args.out, dump(after.definition.resolved), "choose another --out")
-        say(f"{args.out}: the scenario with other {', '.join(numbers.paths)}")
-    return int(ExitCode.PASS if proof.moved else ExitCode.INCONCLUSIVE)
-
-
-class _Measuring:
-    """Estimates of the descent and of the proof, by the scenario's estimator."""
-
-    def __init__(self, args: argparse.Namespace, name: str, seed: int) -> None:
-        self.args, self.name, self.seed = args, name, seed
-
-    def __call__(self, loaded: LoadedScenario, number: int) -> Measured:
-        from avrare.analysis.causes.failure_sample import FailureSample
-        from avrare.analysis.causes.scenario_parameters import take_sample
-        from avrare.analysis.causes.synthesis import Measured
-
-        if number == 0 and self.args.run is not None:
-            sample, interval = take_sample(Path(self.args.run), self.name, loaded)
-            return Measured(sample.probability, interval, sample, 0)
-        result = self.estimate(loaded, self.seed + number, loaded.definition.confidence)
-        failures = FailureSample.of(result) if len(result.failures.robustness) else None
-        return Measured(result.probability, result.interval, failures, result.rollouts)
-
-    def estimate(self, loaded: LoadedScenario, seed: int, confidence: float, factor: float = 1.0) -> Any:
-        """Return the result of the scenario's estimator; ``factor`` enlarges the budget."""
-        from avrare.estimation.loop.loop import run
-        from avrare.estimation.plan.budget import Budget
-        from avrare.estimation.plan.settings import Settings
-        from avrare.rollout.executors.work import build_executor
-
-        budget, definition = Budget.parse(self.args.budget), loaded.definition
-        if budget is not None:
-            budget = Budget(budget.kind, budget.amount * factor)
-        settings = Settings(seed, confidence, budget, definition.max_error_rate, definition.suppress)
-        [result] = run(
-            loaded.problem(self.name), loaded.estimator(), build_executor(self.args.workers), settings
+        synthesis = synthesize(
+            args.scenario,
+            args.parameter,
+            args.specification,
+            overrides=args.set,
+            estimator=args.estimator,
+            budget=args.budget,
+            steps=5 if args.steps is None else args.steps,
+            step=args.step,
+            directions=args.directions,
+            target=args.target,
+            maximise=args.maximise,
+            seed=args.seed,
+            run=args.run,
+            proof=proof,
+            workers=args.workers,
+            runner=TapeRunner(args.workers, progress),
+            show=say,
         )
-        return result
-
-
-def _prove(
-    args: argparse.Namespace,
-    measuring: _Measuring,
-    before: LoadedScenario,
-    after: LoadedScenario,
-    p: float,
-    rollouts: int,
-) -> Proof:
-    from avrare.analysis.causes.synthesis_proof import ENOUGH, Side, prove_by_estimates, prove_by_pairs
-    from avrare.rollout.executors.work import build_executor
-
-    seed = measuring.seed + _SEED_OF_PROOF
-    if args.proof is not None or p * rollouts >= ENOUGH:
-        return prove_by_pairs(
-            before, after, measuring.name, rollouts, seed, build_executor(args.workers), args.maximise
-        )
-
-    def estimate(loaded: LoadedScenario, number: int, level: float) -> Side:
-        found = measuring.estimate(loaded, seed + number, level, 2.0)
-        return Side(found.probability, found.interval)
-
-    return prove_by_estimates(before, after, before.definition.confidence, estimate, args.maximise)
-
-
-def _header(numbers: ScenarioNumbers) -> str:
-    what = ", ".join(numbers.names)
-    if len(numbers.names) > _SHOWN:
-        what = f"change of {len(numbers.names)} numbers"
-    elif len(what) > _WIDE:
-        what = ", ".join(numbers.paths)
-    return f"{'step':<6}{'p':<11}{'interval':<24}{'failures':<10}{'slope':<8}{what}"
-
-
-def _line(number: int, one: Iteration, numbers: ScenarioNumbers) -> str:
-    import numpy as np
-
-    from avrare.base.number_format import format_interval, format_probability
-
-    if len(one.values) <= _SHOWN:
-        values = ", ".join(f"{value:.4g}" for value in one.values)
-    else:
-        moved = (one.values - numbers.start) / numbers.scale
-        values = f"{100.0 * float(np.sqrt(np.mean(moved**2))):.3g} %"
-    if one.measured is None:
-        return f"{number:<6}{'refused':<11}{'':<42}{values}"
-    p, interval = format_probability(one.measured.probability), format_interval(one.measured.interval)
-    failures = one.measured.failures.size if one.measured.failures is not None else 0
-    slope = f"{one.slope:.2g}" if one.gradient is not None else "" if one.best else "worse"
-    return f"{number:<6}{p:<11}{interval:<24}{failures:<10}{slope:<8}{values}"
+    say(*synthesis.conclude())
+    if args.out is not None and synthesis.proof is not None:
+        synthesis.write(args.out)
+        say(f"{args.out}: the scenario with other {', '.join(synthesis.numbers.paths)}")
+    return int(ExitCode.PASS if synthesis.proved else ExitCode.INCONCLUSIVE)

@@ -1,209 +1,261 @@
-"""Synthesis on any stack: numbers of a scenario, changed until its failures are rarer.
-
-Each iteration estimates log p with the scenario's estimator, derives it from the failing tapes of that
-estimate (``failing_tapes``), and steps against the gradient, each number in the unit of its own size. A step
-after which p is not lower is taken back, and the next one is half as long. The estimates of the descent
-choose, so they prove nothing: ``prove`` compares start and result on noise of its own.
-"""
+"""Synthesis: numbers of a scenario changed until its failures are rarer, and the proof that they are."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from avrare.analysis.causes.failing_tapes import Derivative, derive_from_failures
+from avrare.analysis.causes.descent import Iteration, Measured, Search, descend
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
+from avrare.analysis.causes.scenario_parameters import ParametricScenario, take_sample
+from avrare.analysis.causes.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import ScenarioError, UsageError
-from avrare.estimation.result.intervals import Interval
-from avrare.protocols import Floats
+from avrare.base.atomic_files import explain_file_errors, write_text
+from avrare.base.errors import UsageError
+from avrare.base.number_format import format_interval, format_probability
+from avrare.base.records import Answer, Records
+from avrare.estimation.loop.loop import run
+from avrare.estimation.plan.budget import Budget
+from avrare.estimation.plan.settings import Settings
+from avrare.estimation.result.result import Result
+from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.scenario.overrides import as_settings
+from avrare.scenario.safe_mode import safe_mode
+from avrare.scenario.yaml import dump
 
-_LONGEST = 0.5
-"""Largest change of a number in one iteration, in its unit."""
-_GROWTH, _MOST_FALL = 1.5, 3.0
+PROOF_ROLLOUTS = 10_000
+_SEED_OF_PROOF = 1_000_000
+"""Distance of the seeds of the proof from those of the descent."""
+_MAX_VALUES, _MAX_NAMES_LENGTH = 6, 60
+"""Most numbers whose values stand in the table, and the longest list of their names."""
 
 
-@dataclass(frozen=True)
-class Search:
-    """Settings of a descent.
+@dataclass(frozen=True, repr=False)
+class Synthesis(Answer):
+    """Descent of a failure probability, and the proof of its result.
 
     Attributes:
         specification: Name of the specification.
-        iterations: Estimates at most, that of the start included.
-        step: Step of the differences, in units of the numbers.
-        directions: Random directions of each gradient; 0: each number by itself.
-        target: Probability that is low enough.
-        maximise: Raise the probability instead.
-        seed: Seed of the first estimate; iteration i has ``seed + i``.
-
-    Raises:
-        UsageError: A number is out of range.
+        numbers: Numbers that may change.
+        iterations: Iterations of the descent.
+        reached: The probability is at the target.
+        proof: Comparison of start and result on fresh noise; None where the start was the best.
     """
 
     specification: str
-    iterations: int = 5
-    step: float = 0.1
-    directions: int = 0
-    target: float | None = None
-    maximise: bool = False
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.iterations < 1 or not 0.0 < self.step <= _LONGEST or self.directions < 0:
-            needs = f"at least one iteration, a step in (0, {_LONGEST}], and no negative directions"
-            raise UsageError(f"synthesis needs {needs}")
-        if self.target is not None and not 0.0 < self.target < 1.0:
-            raise UsageError(f"the target should be a probability between 0 and 1, not {self.target:g}")
+    numbers: ScenarioNumbers
+    iterations: tuple[Iteration, ...]
+    reached: bool
+    proof: Proof | None = None
 
     @property
-    def sign(self) -> float:
-        """-1: downhill, the paper's v_dir."""
-        return 1.0 if self.maximise else -1.0
-
-    def reached(self, probability: float) -> bool:
-        """Return whether a probability is at the target."""
-        return self.target is not None and self.sign * (probability - self.target) >= 0.0
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Estimate at some values.
-
-    Attributes:
-        probability: The estimate.
-        interval: Its interval.
-        failures: Its failures; None where none was found.
-        rollouts: What it cost.
-    """
-
-    probability: float
-    interval: Interval
-    failures: FailureSample | None
-    rollouts: int
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """Iteration of a descent.
-
-    Attributes:
-        values: (P,) numbers.
-        measured: Estimate at them; None where the scenario does not accept them.
-        best: Nothing before was better.
-        gradient: (P,) of log p in the units of the numbers, shrunk by its error; None where it was not
-            wanted.
-        derivatives: Along each direction.
-        refusal: Why the scenario does not accept the values, or those of a difference around them.
-    """
-
-    values: Floats
-    measured: Measured | None
-    best: bool
-    gradient: Floats | None = None
-    derivatives: tuple[Derivative, ...] = ()
-    refusal: str = ""
+    def best(self) -> Iteration:
+        """Iteration with the best estimate."""
+        return [iteration for iteration in self.iterations if iteration.best][-1]
 
     @property
-    def slope(self) -> float:
-        """Length of the gradient."""
-        return 0.0 if self.gradient is None else float(np.linalg.norm(self.gradient))
+    def proved(self) -> bool:
+        """True where the probability is shown to have moved as it should."""
+        return self.proof is not None and self.proof.moved
+
+    @property
+    def scenario_text(self) -> str:
+        """The changed scenario as YAML."""
+        return dump(self.numbers.at(self.best.values).definition.resolved)
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the changed scenario.
+
+        Raises:
+            UsageError: No step was better than the start, or the file cannot be written.
+        """
+        if self.proof is None:
+            raise UsageError(
+                f"{self.specification}: nothing is changed", "give a larger budget, or more steps"
+            )
+        with explain_file_errors(f"{path}: cannot write", "choose another file"):
+            write_text(Path(path), self.scenario_text)
+        return Path(path)
+
+    def table(self) -> Records:
+        """Return one row for each iteration; NaN where the scenario does not accept its values."""
+        return Records(
+            {
+                "probability": iteration.measured.probability if iteration.measured else np.nan,
+                "low": iteration.measured.interval[0] if iteration.measured else np.nan,
+                "high": iteration.measured.interval[1] if iteration.measured else np.nan,
+                "best": iteration.best,
+                "slope": iteration.slope,
+                **dict(zip(self.numbers.names, map(float, iteration.values), strict=True)),
+                "refusal": iteration.refusal,
+            }
+            for iteration in self.iterations
+        )
+
+    def lines(self) -> list[str]:
+        """Return the descent and the proof in words."""
+        descent = [
+            line
+            for number, iteration in enumerate(self.iterations)
+            for line in _describe_iteration(number, iteration, self.numbers)
+        ]
+        return [_describe_heads(self.numbers), *descent, *self.conclude()]
+
+    def conclude(self) -> list[str]:
+        """Return the proof in words, or why nothing is changed."""
+        if self.proof is not None:
+            return self.proof.lines()
+        reason = "the start is at the target" if self.reached else "no step was better than the start"
+        return [f"{reason}: nothing is changed"]
 
 
-Measure = Callable[[LoadedScenario, int], Measured]
-"""Estimate of a scenario's probability; the number is that of the iteration."""
-
-
-def descend(
-    numbers: ScenarioNumbers, search: Search, measure: Measure, runner: TapeRunner
-) -> Iterator[Iteration]:
-    """Yield the iterations of a descent; the last one that is ``best`` has the result.
+def synthesize(
+    path: str | os.PathLike[str],
+    parameters: Sequence[str] | str,
+    specification: str | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    estimator: str | None = None,
+    budget: Budget | Mapping[str, float] | str | None = None,
+    steps: int = 5,
+    step: float = 0.1,
+    directions: int = 0,
+    target: float | None = None,
+    maximise: bool = False,
+    seed: int | None = None,
+    run: str | os.PathLike[str] | None = None,
+    proof: int | None = None,
+    workers: int = 1,
+    runner: TapeRunner | None = None,
+    show: Callable[[str], None] | None = None,
+    safe: bool = False,
+) -> Synthesis:
+    """Change numbers of a scenario until its failures are rarer, and prove it on fresh noise.
 
     Args:
-        numbers: What may change.
-        search: Settings.
-        measure: Estimates p, with failures.
-        runner: Runs failing tapes again.
+        path: YAML file.
+        parameters: Dotted paths of numbers, lists, matrices, or arrays of a policy network.
+        specification: Name; None: the only one.
+        overrides: Settings as for ``--set``.
+        estimator: Name of another estimator, with its default options.
+        budget: Budget of each step's estimate, as for ``avrare.estimate``.
+        steps: Estimates at most, that of the start included.
+        step: Relative step of the differences.
+        directions: Random directions of a gradient, for many numbers; 0: each number by itself.
+        target: Probability that is low enough.
+        maximise: Raise the probability instead.
+        seed: Seed of the first step; None: the scenario's.
+        run: Run folder with stored failures of this scenario, for the first step.
+        proof: Fresh tapes of the paired proof; None: 10,000, or two estimates where the start is too rare.
+        workers: Number of processes.
+        runner: Runs and counts the tapes.
+        show: Called with each line on the descent as it becomes known.
+        safe: As for ``avrare.load``.
 
     Raises:
-        UsageError: The start has no failure to learn from.
+        UsageError: A parameter has no numbers, or no failure was found at the start.
     """
-    values, best, fall = numbers.start, None, 1.0
-    for i in range(search.iterations):
-        found, refusal = _measure(numbers, values, measure, i)
-        better = found is not None and (best is None or _beats(found, best.measured, search))
-        now = Iteration(values, found, better, refusal=refusal)
-        enough = found is None or found.failures is None or search.reached(found.probability)
-        if better and found is not None and i + 1 < search.iterations and not enough:
-            now = _try_gradient(now, numbers, search, runner, i)
-        yield now
-        if better:
-            best, fall = now, fall if best is None else min(_GROWTH * fall, _MOST_FALL)
-        else:
-            fall /= 2.0
-        if best is None or best.gradient is None or best.slope == 0.0:
-            return
-        fall = min(fall, _longest_fall(best.gradient))
-        move = search.sign * fall / best.slope**2 * best.gradient  # changes log p by ``fall``, to first order
-        values = best.values + numbers.scale * move
+    chosen = as_settings(parameters)
+    if any("." not in parameter for parameter in chosen):
+        hint = "`avrare synthesize` takes it; numbers of any scenario have a path such as controller.gain"
+        raise UsageError(f"{', '.join(chosen)}: a parameter without a dot is that of a linear system", hint)
+    settings = [f"estimator.plugin={estimator}"] if estimator else []
+    scenario = ParametricScenario(path, (*as_settings(overrides), *settings))
+    with safe_mode(safe):
+        name, definition = scenario.specification(specification), scenario.scenario.definition
+    numbers = ScenarioNumbers.of(scenario, chosen)
+    first_seed = definition.seed if seed is None else seed
+    search = Search(name, steps, step, directions, target, maximise, first_seed)
+    estimates = _Estimates(name, first_seed, Budget.parse(budget), workers, run)
+    iterations: list[Iteration] = []
+    for iteration in descend(numbers, search, estimates.measure, runner or TapeRunner(workers)):
+        lines = _describe_iteration(len(iterations), iteration, numbers)
+        for line in [*([] if iterations else [_describe_heads(numbers)]), *lines]:
+            if show is not None:
+                show(line)
+        iterations.append(iteration)
+    best, start = [entry for entry in iterations if entry.best][-1], iterations[0]
+    if best.measured is None or start.measured is None or (best is start and start.measured.failures is None):
+        raise UsageError(f"{name}: no failure was found at the start", "give a larger budget, or a run")
+    p = start.measured.probability
+    if best is start:
+        return Synthesis(name, numbers, tuple(iterations), search.reached(p))
+    before, after = numbers.at(numbers.start), numbers.at(best.values)
+    proved = estimates.prove(before, after, p, proof, maximise)
+    return Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability), proved)
 
 
-def _beats(found: Measured, best: Measured | None, search: Search) -> bool:
-    return best is None or search.sign * (found.probability - best.probability) > 0.0
+@dataclass(frozen=True)
+class _Estimates:
+    """Estimates of the descent and of the proof, by the scenario's estimator."""
+
+    specification: str
+    seed: int
+    budget: Budget | None
+    workers: int
+    run: str | os.PathLike[str] | None
+
+    def measure(self, scenario: LoadedScenario, number: int) -> Measured:
+        """Return the estimate of an iteration; the first one may be that of a run."""
+        if number == 0 and self.run is not None:
+            sample, interval = take_sample(Path(self.run), self.specification, scenario)
+            return Measured(sample.probability, interval, sample, 0)
+        result = self._estimate(scenario, self.seed + number, scenario.definition.confidence)
+        failures = FailureSample.of(result) if len(result.failures.robustness) else None
+        return Measured(result.probability, result.interval, failures, result.rollouts)
+
+    def prove(
+        self, before: LoadedScenario, after: LoadedScenario, p: float, rollouts: int | None, maximise: bool
+    ) -> Proof:
+        """Compare start and result on the same fresh tapes; where few would fail, by two estimates."""
+        seed, tapes = self.seed + _SEED_OF_PROOF, PROOF_ROLLOUTS if rollouts is None else rollouts
+        if rollouts is not None or p * tapes >= ENOUGH:
+            executor = build_executor(self.workers)
+            return prove_by_pairs(before, after, self.specification, tapes, seed, executor, maximise)
+
+        def estimate(scenario: LoadedScenario, number: int, level: float) -> Side:
+            result = self._estimate(scenario, seed + number, level, 2.0)
+            return Side(result.probability, result.interval)
+
+        return prove_by_estimates(before, after, before.definition.confidence, estimate, maximise)
+
+    def _estimate(
+        self, scenario: LoadedScenario, seed: int, confidence: float, factor: float = 1.0
+    ) -> Result:
+        budget, definition = self.budget, scenario.definition
+        if budget is not None:
+            budget = Budget(budget.kind, budget.amount * factor)
+        settings = Settings(seed, confidence, budget, definition.max_error_rate, definition.suppress)
+        problem, executor = scenario.problem(self.specification), build_executor(self.workers)
+        return run(problem, scenario.estimator(), executor, settings)[0]
 
 
-def _measure(
-    numbers: ScenarioNumbers, values: Floats, measure: Measure, number: int
-) -> tuple[Measured | None, str]:
-    try:
-        return measure(numbers.at(values), number), ""
-    except (ScenarioError, UsageError) as error:
-        if number == 0:
-            raise
-        return None, str(error)  # the step left what the scenario accepts; the next one is shorter
+def _describe_heads(numbers: ScenarioNumbers) -> str:
+    names = ", ".join(numbers.names)
+    if len(numbers.names) > _MAX_VALUES:
+        names = f"change of {len(numbers.names)} numbers"
+    elif len(names) > _MAX_NAMES_LENGTH:
+        names = ", ".join(numbers.paths)
+    return f"{'step':<6}{'p':<11}{'interval':<24}{'failures':<10}{'slope':<8}{names}"
 
 
-def _try_gradient(
-    now: Iteration, numbers: ScenarioNumbers, search: Search, runner: TapeRunner, number: int
-) -> Iteration:
-    try:
-        return _with_gradient(now, numbers, search, runner, number)
-    except (ScenarioError, UsageError) as error:
-        if number == 0:
-            raise
-        return replace(now, refusal=str(error))  # nothing leads on from here
-
-
-def _longest_fall(gradient: Floats) -> float:
-    return _LONGEST * float(gradient @ gradient) / float(np.abs(gradient).max())
-
-
-def _with_gradient(
-    now: Iteration, numbers: ScenarioNumbers, search: Search, runner: TapeRunner, number: int
-) -> Iteration:
-    sample = now.measured.failures if now.measured is not None else None
-    assert sample is not None
-    lines = _directions(len(now.values), search, number)
-    found = []
-    for k, line in enumerate(lines):
-        ends = tuple(
-            numbers.at(now.values + end * search.step * numbers.scale * line).problem(search.specification)
-            for end in (-1.0, 1.0)
-        )
-        name = numbers.names[k] if not search.directions else f"direction {k + 1} of {len(lines)}"
-        found.append(derive_from_failures((ends[0], ends[1]), search.step, sample, runner, name))
-    gradient = np.linalg.pinv(lines) @ np.array([one.shrunk for one in found])
-    return replace(now, gradient=gradient, derivatives=tuple(found))
-
-
-def _directions(size: int, search: Search, number: int) -> Floats:
-    """Return directions (K, P) orthogonal to each other; a random one moves each number by about 1."""
-    if not search.directions:
-        return np.eye(size)
-    rng = np.random.default_rng((search.seed, number))
-    basis, _ = np.linalg.qr(rng.normal(size=(size, min(search.directions, size))))
-    return np.asarray(math.sqrt(size) * basis.T)
+def _describe_iteration(number: int, iteration: Iteration, numbers: ScenarioNumbers) -> list[str]:
+    if len(iteration.values) <= _MAX_VALUES:
+        values = ", ".join(f"{value:.4g}" for value in iteration.values)
+    else:
+        change = (iteration.values - numbers.start) / numbers.scale
+        values = f"{100.0 * float(np.sqrt(np.mean(change**2))):.3g} %"
+    refusal = [f"      {line}" for line in iteration.refusal.splitlines()]
+    measured = iteration.measured
+    if measured is None:
+        return [f"{number:<6}{'refused':<11}{'':<42}{values}", *refusal]
+    p, interval = format_probability(measured.probability), format_interval(measured.interval)
+    failures = measured.failures.size if measured.failures is not None else 0
+    slope = f"{iteration.slope:.2g}" if iteration.gradient is not None else "" if iteration.best else "worse"
+    return [f"{number:<6}{p:<11}{interval:<24}{failures:<10}{slope:<8}{values}", *refusal]

@@ -8,10 +8,10 @@ import yaml
 from feedback_loop import feedback_loop
 
 import avrare
+from avrare.analysis.causes.descent import Measured, Search, descend
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.scenario_parameters import ParametricScenario
-from avrare.analysis.causes.synthesis import Measured, Search, descend
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
