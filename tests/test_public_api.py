@@ -3,14 +3,22 @@
 import inspect
 import json
 import math
+import re
 import subprocess
 import sys
+from dataclasses import is_dataclass
+from functools import cached_property
 
 import numpy as np
 import pytest
 
 import avrare
 import odd_systems
+from avrare.analysis.causes.attribution import Attribution
+from avrare.analysis.causes.kinds import Kinds
+from avrare.analysis.causes.synthesis import Synthesis
+from avrare.base.plot import Plot
+from avrare.base.records import Answer
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
@@ -314,23 +322,52 @@ print(avrare.estimate(problem, rollouts=2000, seed=3).probability)
     assert float(done.stdout) == avrare.estimate(walk(), rollouts=2000, seed=3).probability
 
 
-def test_no_command_has_an_untyped_argument_or_result():
-    for name in [
-        "validate",
-        "check",
-        "compare",
-        "compare_versions",
-        "falsify",
-        "replay",
-        "why",
-        "monitor",
-        "run",
-    ]:
-        signature = inspect.signature(getattr(avrare, name))
-        annotations = [parameter.annotation for parameter in signature.parameters.values()]
-        for annotation in (*annotations, signature.return_annotation):
-            assert annotation is not inspect.Parameter.empty
-            assert "Any" not in str(annotation), (name, annotation)
+def list_functions(value):
+    """Return a function, or the public functions and properties of a class, by name."""
+    if not isinstance(value, type):
+        return {value.__name__: value}
+    inner = {property: "fget", cached_property: "func", staticmethod: "__func__", classmethod: "__func__"}
+    members = {
+        name: getattr(member, inner.get(type(member), ""), member) for name, member in vars(value).items()
+    }
+    return {
+        f"{value.__name__}.{name}": member
+        for name, member in members.items()
+        if inspect.isfunction(member)
+        if not name.startswith("_") or (name == "__init__" and not is_dataclass(value))
+    }
+
+
+def find_classes(annotation, module):
+    """Return the classes of the core that an annotation of a module names.
+
+    Those of ``avrare.protocols`` are contracts: their states are of any type.
+    """
+    names = vars(sys.modules[module])
+    values = [names.get(word) for word in re.findall(r"\w+", str(annotation))]
+    classes = [value for value in values if isinstance(value, type)]
+    return [value for value in classes if re.match(r"avrare\.(?!protocols)", value.__module__)]
+
+
+def test_no_public_signature_is_untyped():
+    todo = [value for name in avrare.__all__ if callable(value := getattr(avrare, name))]
+    walked, untyped = set(), set()
+    while todo:
+        value = todo.pop()
+        if value in walked:
+            continue
+        walked.add(value)
+        for name, function in list_functions(value).items():
+            annotations = {key: str(text) for key, text in function.__annotations__.items()}
+            parameters = {*inspect.signature(function).parameters, "return"} - {"self", "cls"}
+            untyped |= {(name, key) for key in parameters - set(annotations)}
+            untyped |= {(name, key) for key, text in annotations.items() if re.search(r"\bAny\b", text)}
+            todo += find_classes(annotations.get("return", ""), function.__module__)
+        if isinstance(value, type) and issubclass(value, Answer):
+            for text in inspect.get_annotations(value).values():
+                todo += find_classes(text, value.__module__)
+    assert {avrare.Result, avrare.Run, avrare.Trace, Plot, Kinds, Attribution, Synthesis} <= walked
+    assert not untyped, sorted(untyped)
 
 
 def test_a_problem_is_falsified_and_compared_as_a_scenario_is():

@@ -5,9 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avrare.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _SHOWN = 60
 """Rows that are printed; the others are only counted."""
@@ -19,14 +22,14 @@ class Records(list[dict[str, Any]]):
     ``json.dumps``, ``csv.DictWriter`` and ``pandas.DataFrame`` take it as it is.
     """
 
-    def __init__(self, rows: Iterable[Mapping[str, Any]]) -> None:
+    def __init__(self, rows: Iterable[Mapping[str, object]]) -> None:
         super().__init__(dict(row) for row in rows)
 
     def head(self, rows: int = 5) -> Records:
         """Return the first rows."""
         return Records(self[:rows])
 
-    def frame(self) -> Any:
+    def frame(self) -> DataFrame:
         """Return a ``pandas.DataFrame``.
 
         Raises:

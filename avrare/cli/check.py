@@ -41,6 +41,7 @@ from avrare.cli.output import (
 )
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
+from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
 from avrare.output.documents.check_documents import junit, markdown
@@ -189,7 +190,7 @@ def _plan(
 def _pilot(one: CheckTarget, budget: Budget | None, machine: Execution) -> list[Result]:
     """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
     estimator = one.definition.estimator
-    if budget is None and estimator.plugin == "mc":
+    if budget is None and isinstance(estimator.config, McConfig):
         runs = estimator.config.runs
         budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
     elif budget is None and estimator.plugin == "auto":

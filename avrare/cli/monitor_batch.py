@@ -45,11 +45,11 @@ def execute(args: argparse.Namespace, road: Road | None) -> int:
     )
     if args.out is not None:
         folder = Path(args.out)
-        write_files(folder, {"monitor.json": json.dumps(finite(result.as_document())) + "\n"})
+        write_files(folder, {"monitor.json": json.dumps(finite(result.to_dict())) + "\n"})
         with explain_file_errors(f"{folder}: cannot write", "choose another --out"):
             write_batch_csv(result, folder / "monitor.csv")
     if args.json:
-        print(json.dumps(finite(result.as_document())))
+        print(json.dumps(finite(result.to_dict())))
     else:
         print_batch(result)
     if not result.scores:

@@ -46,9 +46,9 @@ def estimate(
     budget: Budget | Mapping[str, float] | str | None = None,
     suppress: Sequence[str] = (),
     checkpoint: str | os.PathLike[str] | None = None,
-    cross_check: CrossCheck | Mapping[str, Any] | bool = False,
+    cross_check: CrossCheck | Mapping[str, object] | bool = False,
     progress: Progress | bool = False,
-    **options: Any,
+    **options: object,
 ) -> Result:
     """Estimate the failure probability of ``problem``.
 
@@ -96,9 +96,9 @@ def estimate_all(
     budget: Budget | Mapping[str, float] | str | None = None,
     suppress: Sequence[str] = (),
     checkpoint: str | os.PathLike[str] | None = None,
-    cross_check: CrossCheck | Mapping[str, Any] | bool = False,
+    cross_check: CrossCheck | Mapping[str, object] | bool = False,
     progress: Progress | bool = False,
-    **options: Any,
+    **options: object,
 ) -> Results:
     """Estimate the failure probability of each specification of ``problem``.
 
@@ -120,7 +120,7 @@ class _Call:
     checkpoint: Any
     cross_check: Any
     progress: Progress | bool
-    options: dict[str, Any]
+    options: dict[str, object]
 
     def estimate(self, problem: Problem, name: str) -> list[Result]:
         if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
@@ -201,7 +201,7 @@ _ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint
 """Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
 
 
-def _estimator(name: str, options: dict[str, Any]) -> Estimator:
+def _estimator(name: str, options: dict[str, object]) -> Estimator:
     if not isinstance(name, str):
         raise UsageError(
             f"estimator must be a name, not {name!r}", 'such as "mc"; `avrare plugins` lists all'

@@ -205,7 +205,7 @@ class Run(ResultMapping):
             write_text(path / RESULT, json.dumps(run.to_dict(), indent=2) + "\n")
         return run
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the content of result.json, with its checksum."""
         content = {
             "schema": 1,

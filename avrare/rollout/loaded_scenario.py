@@ -11,7 +11,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene
 from avrare.logic import formula as logic
 from avrare.logic.formula import FormulaMonitor
-from avrare.protocols import HasMargin, find_ability
+from avrare.protocols import Estimator, HasMargin, find_ability
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import shape_of
@@ -20,6 +20,8 @@ from avrare.scenario.load import load as read_scenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
 from avrare.stack.builder import Stack, build_block, build_stack, refuse_violated_starts
+
+AnyEstimator = Estimator[Any, Any, Any, Any, Any]
 
 
 def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool = False) -> LoadedScenario:
@@ -133,9 +135,10 @@ class LoadedScenario:
                 )
         return ScenarioProblem(self, names)
 
-    def estimator(self) -> Any:
+    def estimator(self) -> AnyEstimator:
         """Build the scenario's estimator."""
-        return build_block(self.definition.estimator, self.scene)
+        estimator: AnyEstimator = build_block(self.definition.estimator, self.scene)
+        return estimator
 
 
 class ScenarioProblem(Problem):

@@ -72,7 +72,7 @@ class Problem:
     def __init__(
         self,
         system: System,
-        specification: Any,
+        specification: Formula | Specification | Mapping[str, Formula | Specification],
         steps: int,
         score: ScoreFunction | Formula | str | None = None,
         *,
@@ -374,7 +374,7 @@ def _check_integer(name: str, value: object, least: int) -> None:
         raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")
 
 
-def _as_monitor(specification: Any) -> Specification:
+def _as_monitor(specification: Formula | Specification) -> Specification:
     if isinstance(specification, Formula):
         return FormulaMonitor(specification)
     if not (hasattr(specification, "start") and hasattr(specification, "update")):
@@ -382,4 +382,4 @@ def _as_monitor(specification: Any) -> Specification:
             f"{specification!r} is no specification",
             'write avrare.stl("always (x < 4)") or give an object with start and update',
         )
-    return specification  # type: ignore[no-any-return]
+    return specification

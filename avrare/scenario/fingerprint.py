@@ -35,7 +35,7 @@ def comparable(scenario: Scenario) -> dict[str, Any]:
 
     So a scenario that is called from another folder is the same; ``digests`` tells what the files hold.
     """
-    plain = scenario.resolved
+    plain: dict[str, Any] = dict(scenario.resolved)
     for key, block in scenario.blocks.items():
         kind, _, name = key.partition(".")
         _leave_folders_out(block.config, plain[kind][name] if name else plain[kind])

@@ -260,13 +260,13 @@ class Block:
 
     plugin: str
     component: Component
-    config: Any
+    config: BaseModel
     distribution: str = ""
     version: str = ""
     draws: Draws | None = None
 
     @property
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> dict[str, object]:
         """Block as plain data with all defaults."""
         options = self.config.model_dump(mode="json", by_alias=True, warnings=False)
         if self.draws is not None:
@@ -335,7 +335,7 @@ class Scenario:
         return dict(sorted({**used, "avrare": version.__version__}.items()))
 
     @property
-    def resolved(self) -> dict[str, Any]:
+    def resolved(self) -> dict[str, object]:
         """Scenario as plain data with all defaults; loading it gives an equal scenario."""
         plain: dict[str, Any] = {"name": self.name, "description": self.description, "steps": self.steps}
         plain |= {key: part.resolved for key in PARTS if (part := getattr(self, key))}

@@ -18,9 +18,7 @@ _ANY_STEP = Fraction(1, 10**9)
 
 def step_of(simulator: Block | None) -> float | None:
     """Return the simulator's option ``dt`` [s], or None if it has none."""
-    if simulator is None or "dt" not in type(simulator.config).model_fields:
-        return None
-    dt = simulator.config.dt
+    dt = None if simulator is None else dict(simulator.config).get("dt")
     return float(dt) if isinstance(dt, (int, float)) and not isinstance(dt, bool) else None
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.check import baseline_files as baseline
 from avrare.analysis.check.criteria import (
@@ -108,7 +107,7 @@ class CheckResult(Answer):
         reason = ": more rollouts broke down than the scenario allows" if too_many else ""
         return f"{looks}, exit code {int(self.exit_code)}{reason}"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the content of check.json."""
         return {
             "schema": SCHEMA,

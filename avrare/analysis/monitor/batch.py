@@ -15,7 +15,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -184,7 +183,7 @@ class BatchResult(Answer):
             lines.append(f"not scored: {len(reasons) - _SHOWN} more")
         return lines
 
-    def as_document(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return totals, scores and refusals as plain values."""
         scores, refusals = map(asdict, self.scores), map(asdict, self.refusals)
         return {"totals": list(self.table()), "scores": list(scores), "refusals": list(refusals)}

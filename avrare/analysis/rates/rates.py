@@ -136,7 +136,7 @@ class CatalogueRates(Answer):
         codes = {"fail": ExitCode.FAIL, "inconclusive": ExitCode.INCONCLUSIVE}
         return codes.get(self.verdict or "", ExitCode.PASS)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the content of rate.json."""
         document = self.catalogue.document
         rows = zip(document.scenes, self.exposures, self.rollouts, self.estimates, strict=True)

@@ -20,12 +20,12 @@ from avrare.base.plot import Plot
 from avrare.base.records import Records
 from avrare.base.renderers import render
 from avrare.estimation.result.note import Note
-from avrare.protocols import Estimator, Floats
+from avrare.protocols import Floats
+from avrare.rollout.loaded_scenario import AnyEstimator
 from avrare.rollout.problem import Problem
 from avrare.rollout.trace import Trace, trace_tape
 
 Interval = tuple[float, float]
-AnyEstimator = Estimator[Any, Any, Any, Any, Any]
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class Result:
             )
         return self.origin
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json; NaN and infinities become None."""
         entry = {
             "specification": self.specification,

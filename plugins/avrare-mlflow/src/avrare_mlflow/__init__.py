@@ -69,7 +69,7 @@ def _list_parameters(run: Run) -> Iterator[tuple[str, str]]:
 def _list_metrics(run: Run) -> Iterator[tuple[str, float]]:
     for specification, result in run.items():
         for name, number in result.to_dict().items():
-            if name in _METRICS and number is not None:
+            if name in _METRICS and isinstance(number, (int, float)):
                 yield f"{specification}/{name}", float(number)
         for name, end in zip(("low", "high"), result.interval, strict=True):
             yield f"{specification}/{name}", end
