@@ -383,7 +383,7 @@ def test_a_problem_is_falsified_and_compared_as_a_scenario_is():
     comparison = avrare.compare(problem, ["mc", "ams:particles=40"], "rollouts=400", "low", repeat=2)
     assert [row["estimator"] for row in comparison.table()] == ["mc", "ams:particles=40"]
     assert repr(comparison).startswith("Walk  low  p ")
-    with pytest.raises(avrare.UsageError, match="specification is required"):
+    with pytest.raises(avrare.UsageError, match="specification must be named"):
         avrare.falsify(problem)
     with pytest.raises(avrare.UsageError, match="there is no specification 'lo'"):
         avrare.falsify(problem, "lo")

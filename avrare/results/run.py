@@ -193,7 +193,7 @@ class Run(ResultMapping):
         path, results = Path(folder), list(self.values())
         files = _encode_files(self.scenario_text, results)
         run = replace(self, folder=path, files={name: digest(text) for name, text in files.items()})
-        hint = "free some disk space and --resume the run, or choose another --out"
+        hint = "free some disk space and resume the run, or choose another folder"
         with explain_file_errors(f"{path}: cannot write the result", hint):
             path.mkdir(parents=True, exist_ok=True)
             _remove_stale(path, files)

@@ -26,7 +26,7 @@ from avrare.scenario.yaml import dump
 def make_folder(out: str | Path, name: str, several: bool) -> Path:
     """Make the folder of one scenario of a run: ``out``, or a folder in it when there are several."""
     folder = Path(out) / name if several else Path(out)
-    with explain_file_errors(f"{folder}: cannot make this folder", "choose another --out"):
+    with explain_file_errors(f"{folder}: cannot make this folder", "choose another folder"):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -35,7 +35,7 @@ def make_new_folder(names: Sequence[str]) -> Path:
     """Make a new folder under ``runs/`` for a run of these scenarios."""
     name = names[0] if len(names) == 1 else f"{len(names)}-scenarios"
     stem = f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
-    with explain_file_errors(f"runs/{stem}: cannot make this folder", "choose another --out"):
+    with explain_file_errors(f"runs/{stem}: cannot make this folder", "choose another folder"):
         for number in count(1):  # two runs may begin in the same second
             folder = Path("runs", stem if number == 1 else f"{stem}-{number}")
             with suppress(FileExistsError):
@@ -113,7 +113,7 @@ def _remove_without_chunks(folder: Path) -> None:
             resume = resume_hint(folder.parent)
             raise UsageError(
                 f"{folder.parent}: contains an interrupted run",
-                f"{resume}; else remove {folder} or choose another --out",
+                f"{resume}; else remove {folder} or choose another folder",
             )
         old.remove()
 

@@ -14,7 +14,7 @@ from avrare.base.stored_files import read_json
 from avrare.base.visible_text import spell_line
 
 KINDS_FILE, ATTRIBUTION_FILE = "kinds.json", "attribution.json"
-_AGAIN = "remove it, or write it again with --out"
+_AGAIN = "remove it, or let the command write it again"
 _Content = TypeVar("_Content", bound=BaseModel)
 _Text = Annotated[str, AfterValidator(spell_line)]
 

@@ -40,7 +40,7 @@ def select_failure(run: Run, specification: str | None, index: int | None) -> tu
     names = select_failing(run)
     listing = ", ".join(f"{name} ({len(run[name].failures.robustness)})" for name in names)
     if specification is None and len(names) > 1:
-        hint = f"choose one with --specification: {listing}"
+        hint = f"choose a specification: {listing}"
         raise UsageError(f"{_place(run)}: several specifications have failures", hint)
     name = names[0] if specification is None else specification
     if name not in names:

@@ -73,7 +73,7 @@ def select_specification(names: Sequence[str], specification: str | None, place:
         UsageError: There are several, or ``place`` has none of that name.
     """
     if specification is None and len(names) > 1:
-        raise UsageError("--specification is required", f"one of: {', '.join(names)}")
+        raise UsageError("a specification must be named", f"one of: {', '.join(names)}")
     if specification is not None and specification not in names:
         text = f"{place}: there is no specification {specification!r}"
         raise UsageError(text, did_you_mean(specification, names))

@@ -27,7 +27,7 @@ VARIABLE = "AVRARE_SAFE"
 _active: ContextVar[bool] = ContextVar("safe", default=False)
 _REFERENCE = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
-TRUST = "without --safe this is allowed: leave it out only for scenarios that you trust"
+TRUST = "outside safe mode this is allowed: leave it only for scenarios that you trust"
 
 
 @contextmanager

@@ -304,7 +304,7 @@ def build_rule(name: str, settings: Sequence[str], scene: Scene) -> Specificatio
         both = " and ".join(offer.row.name for offer in offers)
         raise UsageError(
             f"rule {name!r} is offered by more than one plugin: {both}",
-            "put it in a scenario and choose it with --specification",
+            "put it in a scenario, and name its specification",
         )
     return _build_configured(offers[0].row, "rule", name, settings, scene)
 

@@ -117,7 +117,7 @@ def test_a_baseline_of_another_problem_is_refused_unless_accepted(drive, capsys)
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--set", "steps=2"]) == 4
     error = capsys.readouterr().err
     assert "steps 1 -> 2, simulator.dt 0.1 -> 0.05" in error
-    assert "--accept-changes" in error
+    assert "accept changes to compare anyway" in error
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--accept-changes"]) == 0
     assert "although the problem changed" in capsys.readouterr().out
 
@@ -127,7 +127,7 @@ def test_a_new_rule_has_no_baseline(drive, check):
     code, content = check("drive.yaml", "--seed", "1")
     assert code == 3
     assert verdicts(content)["on_road", "regression"] == "inconclusive"
-    assert "--save" in content["rows"][-1]["reason"]
+    assert "save a new one" in content["rows"][-1]["reason"]
 
 
 def test_a_threshold_of_a_rule_that_is_not_estimated_does_not_pass(drive, check):

@@ -12,7 +12,9 @@ BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
 def test_a_failing_row_names_its_failure_and_how_to_replay_it(drive, check, capsys):
     _, content = check(drive(BOUND % "0.02"))
     (row,) = content["rows"]
-    assert re.fullmatch(r"failure [0-9a-f]{8}: --out DIR keeps it for `avrare replay`", row["next_step"])
+    assert re.fullmatch(
+        r"failure [0-9a-f]{8}: a folder for the results keeps it for a replay", row["next_step"]
+    )
     _, content = check("drive.yaml", "--out", "seen here")
     command = shlex.split(content["rows"][0]["next_step"].partition(": ")[2])
     assert command[:3] == ["avrare", "replay", "drive.yaml"]

@@ -121,8 +121,16 @@ def test_one_repetition_has_no_error(capsys):
         (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=99"], 4, "mc: a budget of steps=99"),
         (["problem:d_rw_L2.5", "--estimators", "amss", *SMALL], 5, "'ams'"),
         (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--truth", "0.1"], 4, "known probability"),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"], 4, "--set"),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--specification", "a"], 4, "--specification"),
+        (
+            ["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"],
+            4,
+            "setting scenario.KEY",
+        ),
+        (
+            ["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--specification", "a"],
+            4,
+            "specification cannot",
+        ),
         (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--seed", "-1"], 4, "--seed"),
         (
             ["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=1e5", "--repeat", "0"],

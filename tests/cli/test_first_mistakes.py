@@ -1,5 +1,7 @@
 """Mistakes of the first hours: what is wrong, where, and what to do next."""
 
+from functools import partial
+
 import pytest
 
 import avrare
@@ -106,7 +108,7 @@ def test_a_class_is_no_system():
 @pytest.mark.parametrize("noise", ["worst", [[1.0], "x"], {}])
 def test_noise_that_is_no_array_is_refused(noise):
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
-    for take in (problem.trace, problem.robustness):
+    for take in (partial(avrare.trace, problem), problem.robustness):
         with pytest.raises(UsageError, match="the noise is no array of numbers"):
             take(noise)
 

@@ -88,7 +88,7 @@ def test_every_command_refuses(folder, capsys, command):
     assert main([*command.split(), "--safe"]) == 4
     err = capsys.readouterr().err
     assert SAID in err
-    assert "hint: without --safe this is allowed" in err
+    assert "hint: outside safe mode this is allowed" in err
 
 
 def test_a_catalogue_names_no_scenario_elsewhere_and_changes_none(folder, capsys):

@@ -47,7 +47,7 @@ def test_the_ego_must_be_a_moving_obstacle(sample):
     ):
         with pytest.raises(UsageError, match=text) as caught:
             read_commonroad(sample, ego)
-        assert caught.value.hint == "choose it with --ego; there are: 13, 15"
+        assert caught.value.hint == "choose the ego; there are: 13, 15"
 
 
 def test_a_road_of_the_callers_own(sample):

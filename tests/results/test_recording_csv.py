@@ -183,7 +183,7 @@ def test_every_mistake_is_one_clear_line(fails, text, message):
 
 
 def test_hints(fails):
-    assert fails(VEHICLES, ego="egon")[1] == "choose it with --ego; there are: a, ego, parked"
+    assert fails(VEHICLES, ego="egon")[1] == "choose the ego; there are: a, ego, parked"
     assert "line 3" in fails(VEHICLES.replace("0.1,a", "0.0,a"))[1]
     assert "separate them by commas" in fails("time;x\n0;1\n")[1]
 

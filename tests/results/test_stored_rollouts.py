@@ -83,7 +83,7 @@ def test_another_robustness_is_named(folder, tmp_path):
     [
         ("nears", None, "there is no specification 'nears'", "did you mean 'near'?"),
         ("far", None, "no failure of far is stored", "stored: near"),
-        (None, None, "several specifications have failures", "choose one with --specification: near"),
+        (None, None, "several specifications have failures", "choose a specification: near"),
         ("near", 99, "near has no failure 99", "numbered from 0"),
         ("near", -1, "near has no failure -1", "numbered from 0"),
     ],

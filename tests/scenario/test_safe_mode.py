@@ -156,7 +156,7 @@ def test_options_that_are_handed_on_name_no_code_and_no_file(folder, options, sa
     text = refusals()
     assert "simulator.options.config" in text
     assert said in text
-    assert "hint: without --safe this is allowed" in text
+    assert "hint: outside safe mode this is allowed" in text
 
 
 @pytest.mark.parametrize(

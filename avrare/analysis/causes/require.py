@@ -133,7 +133,7 @@ class _Evaluation:
 
 def _choose_range(parameter: str, value: float) -> tuple[float, float]:
     if value <= 0.0:
-        raise UsageError(f"{parameter} is {value:g}: where should be looked?", "give --between LOW,HIGH")
+        raise UsageError(f"{parameter} is {value:g}: where should be looked?", "say between which values")
     least = 1.0 if isinstance(value, int) else 0.0
     return max(least, value / _WIDE), value * _WIDE
 
@@ -147,5 +147,5 @@ def _read_limit(probability: str | float) -> float:
     try:
         return Threshold.model_validate({"specification": "any", "probability": probability}).limit
     except ValidationError:
-        text = f"--probability {probability!r}: should be an upper bound such as '< 1e-4'"
+        text = f"probability {probability!r}: should be an upper bound such as '< 1e-4'"
         raise UsageError(text, "quote it: the shell reads < as a redirection") from None

@@ -164,7 +164,7 @@ def sensitivity(
     chosen = list(as_settings(parameters)) or (scenario.default_parameters() if by_score else [])
     if not chosen:
         text = f"{path}: its perception has no score function, so there are no parameters to begin with"
-        raise UsageError(text, "name some, for example --parameter controller.horizon")
+        raise UsageError(text, "name some, such as controller.horizon")
     values = {parameter: scenario.value(parameter) for parameter in chosen}
     settings = Settings(seed, confidence, None, definition.max_error_rate, definition.suppress)
     check_estimate(problem, MonteCarlo(McConfig()), settings)
@@ -224,10 +224,10 @@ def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[Failure
     """
     stored = Run.read(run)
     if name not in stored or not len(stored[name].failures.robustness):
-        raise UsageError(f"{run}: no failure of {name} is stored", "leave --run out, or run more rollouts")
+        raise UsageError(f"{run}: no failure of {name} is stored", "leave the run out, or run more rollouts")
     if differences := _find_differences(stored, name, scenario.definition):
         text = f"{run}: its failures are of another scenario: {differences}"
-        raise UsageError(text, "give the run of this scenario, or leave --run out")
+        raise UsageError(text, "give the run of this scenario, or none")
     return FailureSample.of(stored[name]), stored[name].interval
 
 

@@ -139,7 +139,7 @@ def sample_failures(
     if not len(noise):
         raise UsageError(
             f"{problem.names[0]}: none of {rollouts} rollouts failed",
-            "give more of them (--budget rollouts=N), or a run of an estimator for rare events (--run DIR)",
+            "give more of them, or the run of an estimator for rare events",
         )
     p = len(noise) / rollouts
     error = math.sqrt((1.0 - p) / (p * rollouts))

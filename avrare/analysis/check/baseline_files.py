@@ -185,7 +185,7 @@ def save(
         "files": digests(scenario),
     }
     path = folder / f"{max(_numbers(folder), default=0) + 1:04d}.json"
-    with explain_file_errors(f"{path}: cannot save the baseline", "choose another folder with --baseline"):
+    with explain_file_errors(f"{path}: cannot save the baseline", "choose another folder of baselines"):
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, json.dumps(seal(content), indent=1) + "\n")
     return path

@@ -222,7 +222,7 @@ def _explain_share(look: Look) -> Iterator[None]:
     except UsageError as error:
         if look.share == 1.0 or "does not pay" not in error.message:
             raise
-        hint = f"--spend is divided into looks; the first has {look.share:g} of it"
+        hint = f"the budget to spend is divided into looks; the first has {look.share:g} of it"
         raise UsageError(error.message, hint) from None
 
 
@@ -307,7 +307,7 @@ def _decide_without_baseline(
             cause = "another specification of this scenario is unhealthy or fails"
         verdict, reason = "inconclusive", f"no baseline, and none was saved: {obstacle or cause}"
     else:
-        verdict, reason = "inconclusive", "the baseline lacks this specification: --save makes a new one"
+        verdict, reason = "inconclusive", "the baseline lacks this specification: save a new one"
     return Decision(
         target.name,
         result.specification,

@@ -67,7 +67,7 @@ def _replay_step(target: CheckTarget, result: Result, folder: Path | None) -> st
     with suppress(UsageError):  # a stack that is not reproducible: its warning says so
         failure = record_failure(target.scenario, result.specification, result.failures.noise[worst])
         if folder is None:
-            return f"failure {failure.id}: --out DIR keeps it for `avrare replay`"
+            return f"failure {failure.id}: a folder for the results keeps it for a replay"
         words = ["avrare", "replay", target.definition.path, "--run", str(folder), "--specification"]
         return f"failure {failure.id}: {shlex.join([*words, result.specification])}"
     return ""
@@ -86,5 +86,4 @@ def _decisive_size(target: CheckTarget, criterion: Criterion, result: Result) ->
     cost, *_ = estimate_costs(target.name, criteria, entries, "this check", target.definition.confidence)
     if cost.rollouts is None:
         return cost.reason
-    spend = f"--spend rollouts={cost.rollouts}"
-    return f"about {cost.rollouts:,} rollouts would decide it in 9 of 10 cases ({spend})"
+    return f"about {cost.rollouts:,} rollouts would decide it in 9 of 10 cases"

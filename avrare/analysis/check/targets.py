@@ -113,8 +113,7 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     if changes and not accept:
         raise UsageError(
             f"{definition.path}: not comparable with {baseline.path}: {summarise_differences(changes)}",
-            "undo the change; or --accept-changes to compare anyway, with --save to make this run the new "
-            "baseline",
+            "undo the change; or accept changes to compare anyway, and save this run as the new baseline",
         )
     notes = [f"compared although the problem changed: {summarise_differences(changes)}"] if changes else []
     versions = [
@@ -182,7 +181,7 @@ def load_targets(
         targets.append(load_target(scenario, folder, compared, accept))
         if require and targets[-1].baseline is None:
             text = f"{folder}: there is no baseline of {scenario.name!r}"
-            raise UsageError(text, "check the folder, or save a baseline with --save and commit it")
+            raise UsageError(text, "check the folder, or save a baseline and commit it")
     return targets
 
 

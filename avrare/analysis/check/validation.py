@@ -110,10 +110,10 @@ def validate(
 
 
 def _refuse_options(path: str, overrides: Sequence[str], estimator: str | None, build: bool) -> None:
-    for option, given in (("--set", overrides), ("--estimator", estimator), ("--build", build)):
+    for option, given in (("a setting", overrides), ("an estimator", estimator), ("a build", build)):
         if given:
-            text = f"{option} is an option of scenarios, and {path} is a catalogue"
-            raise UsageError(text, f"leave it out, or give the catalogue's scenarios with {option}")
+            text = f"{option} is for scenarios, and {path} is a catalogue"
+            raise UsageError(text, "leave it out, or validate the catalogue's scenarios with it")
 
 
 def _describe_catalogue(path: str) -> tuple[str, ...]:

@@ -40,8 +40,8 @@ class GroundTruth:
         if not 0.0 < result.probability < 1.0:
             which = "no" if result.probability == 0.0 else "every"
             raise UsageError(
-                f"--truth: {which} rollout of {result.rollouts} failed, so the probability is not known",
-                "give more rollouts, or omit --truth",
+                f"truth: {which} rollout of {result.rollouts} failed, so the probability is not known",
+                "give more rollouts, or leave the truth out",
             )
         return GroundTruth(result.probability, "monte carlo", result.interval, result.failures.count)
 
@@ -97,9 +97,9 @@ def open_case(
             case = scenario_case(path, specification, overrides)
         return replace(case, truth=given)
     for option, value in (
-        ("--truth", truth),
-        ("--specification", specification),
-        ("--set scenario.KEY", overrides),
+        ("truth", truth),
+        ("specification", specification),
+        ("setting scenario.KEY", overrides),
     ):
         if value:
             raise UsageError(
@@ -152,8 +152,8 @@ def parse_truth(text: str) -> GroundTruth | int:
     if not equals and 0.0 < value < 1.0:
         return GroundTruth(value, "given")
     raise UsageError(
-        f"--truth {text}: should be a probability between 0 and 1, or mc=ROLLOUTS",
-        "for example --truth 1.2e-4 or --truth mc=1e6",
+        f"truth {text}: should be a probability between 0 and 1, or mc=ROLLOUTS",
+        "for example 1.2e-4 or mc=1e6",
     )
 
 
@@ -161,12 +161,12 @@ def _select(definition: Scenario, specification: str | None) -> str:
     known = definition.specifications
     if specification is not None and specification not in known:
         raise UsageError(
-            f"--specification: scenario {definition.name!r} has no specification {specification!r}",
+            f"scenario {definition.name!r} has no specification {specification!r}",
             did_you_mean(specification, known),
         )
     if specification is None and len(definition.estimated) > 1:
         raise UsageError(
             f"scenario {definition.name!r} has {len(definition.estimated)} specifications: choose one",
-            f"--specification {' | '.join(definition.estimated)}",
+            f"one of: {', '.join(definition.estimated)}",
         )
     return definition.estimated[0] if specification is None else specification

@@ -102,7 +102,7 @@ class Comparison(Answer):
         ]
         lines += _truth_notes(self.truth)
         if self.design.repeat < MIN_REPETITIONS:
-            lines.append(f"one repetition has no spread: give --repeat {MIN_REPETITIONS} or more")
+            lines.append(f"one repetition has no spread: make {MIN_REPETITIONS} or more")
         for label, summary in zip(labels, self.summaries, strict=True):
             if summary:
                 lines += [f"{label}: {text}" for text in _summary_notes(summary)]
@@ -157,7 +157,7 @@ def _format_mean(summary: Summary | None) -> str:
 
 def _truth_notes(truth: GroundTruth | None) -> list[str]:
     if truth is None:
-        return [f"the truth is unknown: give --truth, or an mc with {ENOUGH_FAILURES} failures in all"]
+        return [f"the truth is unknown: give it, or an mc with {ENOUGH_FAILURES} failures in all"]
     if truth.failures is None:
         return []
     error = truth.failures**-0.5

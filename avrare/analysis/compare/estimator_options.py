@@ -25,7 +25,7 @@ from avrare.scenario.yaml import parse_value
 
 _SCENARIO = "scenario"  # prefix of a --set key of the scenario itself
 _EXAMPLE = "for example mc,ams,ams:particles=100:discard=10"
-_MARK = Mark("--estimators")
+_MARK = Mark("estimators")
 _SHARED_SETTINGS = ("seed", "budget", "workers", "confidence")
 
 
@@ -75,7 +75,7 @@ def parse_arms(
     for label in labels:
         if not label or labels.count(label) > 1:
             problem = f"{label!r} appears twice" if label else "an estimator's name is missing"
-            raise UsageError(f"--estimators: {problem}", _EXAMPLE)
+            raise UsageError(f"estimators: {problem}", _EXAMPLE)
     _check_settings(settings, {part[0] for part in parts})
     return [
         make_arm(registry, part[0], _collect_options(part, settings, scenario_block), label)
@@ -97,7 +97,7 @@ def _collect_options(
     for option in own:
         if "=" not in option:
             problem = f"{option!r} in {':'.join(part)!r} should be OPTION=VALUE"
-            raise UsageError(f"--estimators: {problem}", _EXAMPLE)
+            raise UsageError(f"estimators: {problem}", _EXAMPLE)
     # In rising precedence: the scenario, --set, the arm itself.
     start: dict[str, Any] = {}
     if scenario_block is not None and scenario_block.plugin == name:
@@ -113,7 +113,7 @@ def _check_settings(settings: Sequence[str], names: set[str]) -> None:
         if name not in names:
             key = setting.partition("=")[0]
             raise UsageError(
-                f"--set {key}: should be NAME.OPTION=VALUE, for an estimator that is compared, or "
+                f"{key}: should be NAME.OPTION=VALUE, for an estimator that is compared, or "
                 f"{_SCENARIO}.KEY=VALUE",
                 did_you_mean(name or key, [*names, _SCENARIO]),
             )

@@ -281,8 +281,8 @@ def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
         prefix, _, rest = text.partition(".")
         if prefix not in ("scenario", "against") or not rest:
             raise UsageError(
-                f"--set {text}: with --against, KEY must begin with scenario. or against.",
-                "write --set scenario.KEY=VALUE for both, --set against.KEY=VALUE for the second only",
+                f"{text}: a setting of two versions begins with scenario. or against.",
+                "write scenario.KEY=VALUE for both, against.KEY=VALUE for the second only",
             )
         (both if prefix == "scenario" else second_only).append(rest)
     return both, second_only
@@ -294,7 +294,7 @@ def _count_rollouts(given: Budget | Mapping[str, float] | str | None, steps: int
     budget = parse_cost(given)
     rollouts = int(budget.amount // (max(steps, 1) if budget.kind == "steps" else 1))
     if rollouts < 1:
-        raise UsageError(f"--budget {given} does not cover one rollout of {steps} steps")
+        raise UsageError(f"the budget {given} does not cover one rollout of {steps} steps")
     return rollouts
 
 

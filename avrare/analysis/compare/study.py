@@ -89,7 +89,7 @@ def parse_cost(budget: Budget | Mapping[str, float] | str) -> Budget:
     assert parsed is not None
     if parsed.kind == "seconds":
         raise UsageError(
-            "--budget seconds=N is not comparable: its cost differs between machines and runs",
+            "a budget of seconds is not comparable: its cost differs between machines and runs",
             "give steps=N or rollouts=N",
         )
     return parsed

@@ -125,7 +125,7 @@ def _read(path: str, ego: str | None, road: Road | None, network: str | None) ->
         return read_commonroad(path, ego, road)
     if is_drone_recording(Path(path)) or network is not None:
         if ego is None:
-            raise UsageError(f"{path}: no ego is chosen", "choose it by its id with --ego, or --ego all")
+            raise UsageError(f"{path}: no ego is chosen", "choose it by its id, or take all in turn")
         return open_drives(path, road, network).recording(ego)
     return read_csv(path, "ego" if ego is None else ego, road)
 
@@ -139,7 +139,7 @@ def _build(question: _Question, recording: Recording, scenario: Scenario | None)
         return question.rule, build_rule(question.rule, question.settings, recording.scene)
     name = question.specification
     if scenario is None or name is None:
-        raise UsageError("a specification needs the scenario that it is of", "give --scenario FILE")
+        raise UsageError("a specification needs the scenario that it is of", "give the scenario file")
     part = scenario.specifications.get(name)
     if part is None:
         near = did_you_mean(name, scenario.specifications)
@@ -153,7 +153,7 @@ def _build_formula(text: str, settings: Sequence[str], recording: Recording) -> 
     if relations and recording.scene is not None:
         return build_formula(text, settings, recording.scene)
     if settings:
-        raise UsageError("--set cannot be used with a formula over signals", "it has no options")
+        raise UsageError("a formula over signals has no options", "leave the settings out")
     if relations and not set(formula.signals) <= set(recording.signals):
         raise _missing_scene(recording, "predicates of vehicles need")
     return formula.monitor()
@@ -173,7 +173,7 @@ def _list_doubts(specification: Specification, recording: Recording) -> list[Lin
 
 def _missing_scene(recording: Recording, what: str) -> UsageError:
     if "ego_x" in recording.signals:
-        hint = "give --scenario FILE, or --lanes with the lane centres from right to left"
+        hint = "give a scenario file, or the lanes with their centres from right to left"
         return UsageError(f"{recording.source}: {what} a road", hint)
-    hint = "give a file with the columns time, vehicle, x, y, ...; or score signals with --stl"
+    hint = "give a file with the columns time, vehicle, x, y, ...; or score signals by a formula"
     return UsageError(f"{recording.source}: {what} vehicles, not named signals", hint)

@@ -193,7 +193,7 @@ class CsvDrives:
         if ego not in self.vehicles:
             names = ", ".join(sorted(self.vehicles)[:12])
             many = len(self.vehicles) > 12
-            hint = did_you_mean(ego, self.vehicles) if many else f"choose it with --ego; there are: {names}"
+            hint = did_you_mean(ego, self.vehicles) if many else f"choose the ego; there are: {names}"
             raise UsageError(f"{table.path}: no vehicle is called {ego!r}", hint)
         own = self.vehicles[ego]
         dt = _find_step(table, own.times, own.rows)

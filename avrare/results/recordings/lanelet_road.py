@@ -57,7 +57,7 @@ def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
     chains = [chain for way in (False, True) for chain in _chain(sections, names, way)]
     if not chains:
         text = f"{path}: no border of the lanelets that the ego drives on runs along their middle"
-        raise UsageError(text, "mend the lanelets, or give the lanes with --lanes")
+        raise UsageError(text, "mend the lanelets, or give the lanes yourself")
     return _assemble(line, sorted(chains, key=_mean_offset))
 
 
@@ -67,7 +67,7 @@ def find_path(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
     used = _count_samples(known, positions, headings)
     if not used:
         text = f"{path}: the ego drives on no lanelet, or against all that it touches"
-        raise UsageError(text, "choose another ego, or give the lanes with --lanes in the file's coordinates")
+        raise UsageError(text, "choose another ego, or give the lanes yourself, in the file's coordinates")
     return _find_path(known, used)
 
 

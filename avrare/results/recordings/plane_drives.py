@@ -52,7 +52,7 @@ class PlaneDrives:
         if ego not in self.names:
             known = ", ".join(self.names) or "none"
             text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
-            raise UsageError(f"{self.path}: {text}", f"choose it with --ego; there are: {known}")
+            raise UsageError(f"{self.path}: {text}", f"choose the ego; there are: {known}")
         own = self.obstacles[ego]
         first, samples = int(own.steps.min()), int(own.steps.max() - own.steps.min()) + 1
         if len(set(own.steps.tolist())) < samples:  # or else one step far off makes arrays of any size
@@ -139,7 +139,7 @@ class PlaneDrives:
     @cached_property
     def _straight(self) -> tuple[Road, float] | None:
         if not self.lanelets:
-            raise UsageError(f"{self.path}: there are no lanelets", "give a map as network, or --lanes")
+            raise UsageError(f"{self.path}: there are no lanelets", "give a map as network, or the lanes")
         if self._has_right_of_way:  # which are read along the ego's way
             return None
         try:

@@ -40,7 +40,7 @@ def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float
     Curved lanelets beside straight ones, such as the taper of a ramp, are ignored.
     """
     if not lanelets:
-        raise UsageError(f"{path}: there are no lanelets", "give --lanes")
+        raise UsageError(f"{path}: there are no lanelets", "give the lanes yourself")
     chords = ((one.center_vertices[-1] - one.center_vertices[0])[:2] for one in lanelets)  # heights aside
     chord = max(chords, key=lambda one: float(np.hypot(*one)))
     angle = math.atan2(chord[1], chord[0])

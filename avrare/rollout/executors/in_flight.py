@@ -106,7 +106,7 @@ class Window:
             raise WorkerDied(
                 f"a worker process ended without an answer ({end}), {worst.losses} times "
                 f"{worst.chunk.describe()}",
-                "run with --workers 1 to see the cause",
+                "run with a single worker to see the cause",
             ) from None
 
 

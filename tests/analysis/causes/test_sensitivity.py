@@ -209,7 +209,7 @@ def test_what_is_no_number_is_refused(parameters, message):
 
 
 def test_several_specifications_must_be_told_apart():
-    with pytest.raises(UsageError, match="--specification is required"):
+    with pytest.raises(UsageError, match="specification must be named"):
         avrare.sensitivity(SCENARIO, rollouts=10)
 
 

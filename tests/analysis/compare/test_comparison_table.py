@@ -77,7 +77,7 @@ def test_notes_on_the_truth(comparison):
 def test_notes_on_an_interruption_and_a_single_repetition(comparison):
     assert replace(comparison, interrupted=True).notes()[-1].startswith("interrupted: 4 of 4")
     single = replace(comparison, design=replace(comparison.design, repeat=1))
-    assert "one repetition has no spread: give --repeat 2 or more" in single.notes()
+    assert "one repetition has no spread: make 2 or more" in single.notes()
 
 
 def test_markdown_is_one_table(comparison):
