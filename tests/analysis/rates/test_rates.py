@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import avrare
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.analysis.rates.rates import compute, divide
 from avrare.analysis.rates.scene_estimates import SceneEstimate
@@ -218,3 +219,25 @@ def test_the_shipped_catalogue_has_six_scenes():
     read = load_catalogue(str(path))
     assert len(read.document.scenes) == 6
     assert {scene.exposure.unit for scene in read.document.scenes} == {"hour", "km"}
+
+
+def test_the_function_writes_what_the_command_writes(catalogue):
+    path = catalogue()
+    assert main(["rate", path, "--out", "command", "--quiet"]) == 0
+    rates = avrare.rate(path, out="python", workers=2)
+    assert avrare.report(rates) == Path("python/report.html")
+    for name in ("rate.json", "report.html"):
+        assert Path("python", name).read_bytes() == Path("command", name).read_bytes()
+    assert [row["unit"] for row in rates.table()] == ["hour", "km"] * 2
+    assert any(line == "calm < 10000 per hour: pass" for line in rates.lines())
+    with pytest.raises(UsageError, match="contains the run of a catalogue"):
+        avrare.rate(path, out="python")
+    assert avrare.rate(path, out="python", resume=True).table() == rates.table()
+
+
+def test_a_catalogue_is_checked_as_scenarios_are(catalogue):
+    outcome = avrare.check(catalogue())
+    assert (outcome.verdict, int(outcome.exit_code)) == ("pass", 0)
+    assert [row["required"] for row in outcome.table()] == ["< 10000 per hour"]
+    with pytest.raises(UsageError, match="overrides is an option of scenarios"):
+        avrare.check("c.yaml", overrides=["seed=3"])
