@@ -1,16 +1,25 @@
-"""Causes of failure: kinds with their probabilities, and what perfect parts would save."""
+"""Causes of failure: kinds with their probabilities and pictures, and what perfect parts would save."""
 
 from __future__ import annotations
 
+import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-from avrare.analysis.page.kind_pictures import STYLES, draw_map, draw_moment
-from avrare.analysis.page.model import Causes, Command, Kind, Kinds, Savings
+import numpy as np
+
+from avrare.analysis.page.model import Car, Causes, Command, Kind, Kinds, Picture, Savings
 from avrare.analysis.page.player import name_rollout
 from avrare.analysis.page.stored_rollouts import MonitoredRollout
+from avrare.base.chart import Chart, Points, make_linear_scale
 from avrare.base.number_format import describe_share, format_typeset
+from avrare.driving import Road, Vehicles, World
+from avrare.driving.frames import to_plane
+from avrare.driving.lanes import lane_borders, lane_exists
+from avrare.driving.markings import list_markings
 from avrare.estimation.result.result import Result
+from avrare.protocols import Floats
 from avrare.results.run import Run
 from avrare.results.stored_causes import (
     StoredAttribution,
@@ -21,6 +30,12 @@ from avrare.results.stored_causes import (
 )
 
 _UNKNOWN = "unknown"
+_BEHIND, _AHEAD = 30.0, 50.0
+"""Stretch of road around the ego that is drawn [m]."""
+_TRAIL = 3.0
+"""Time whose paths are drawn [s]."""
+_STYLES = 6
+"""Colours of kinds; the seventh kind has that of the first."""
 
 
 def build_causes(
@@ -65,7 +80,7 @@ def _build_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) -
     )
     return Kind(
         kind.kind,
-        (kind.kind - 1) % STYLES,
+        (kind.kind - 1) % _STYLES,
         kind.probability,
         (kind.low, kind.high),
         describe_share(kind.share),
@@ -116,3 +131,131 @@ def _describe_new(saving: StoredSaving) -> str:
     if saving.new_high >= 1.0:  # without fresh tapes
         return _UNKNOWN
     return f"{format_typeset(saving.new, 2)} (up to {format_typeset(saving.new_high, 2)})"
+
+
+def draw_moment(rollout: MonitoredRollout) -> Picture | None:
+    """Return the first violation, or the decisive sample, seen from above; None without vehicles.
+
+    A road that bends is drawn in the plane, turned so that it leads to the right where the ego is.
+    """
+    result = rollout.result
+    decisive = None if result is None else result.first or result.worst
+    if result is None or decisive is None or not rollout.frames or result.recording.scene is None:
+        return None
+    scene, at = result.recording.scene, decisive.sample
+    view = _View(scene.road, float(rollout.frames[at].world.ego.x[0]))
+    lanes, lines, low, high = _draw_road(view, scene.road)
+    first = max(at - round(_TRAIL / result.recording.dt), 0)
+    trail = [view.place(frame.world) for frame in rollout.frames[first : at + 1]]
+    names = set(decisive.vehicles.values())
+    cars = []
+    for v, name in enumerate(scene.names):
+        style = "decides" if name in names else "other"
+        size = float(scene.lengths[v]), float(scene.widths[v])
+        cars.append(_draw_vehicle([others for _, others in trail], (0, v), size, style, name))
+    ego = float(scene.ego_length), float(scene.ego_width)
+    cars.append(_draw_vehicle([vehicle for vehicle, _ in trail], (0,), ego, "ego", "ego"))
+    moment = "first violation" if result.first is not None else "least robustness"
+    return Picture(
+        f"The road at {result.recording.time(at):.1f} s, at the {moment}",
+        (0.0, -high - 2.5, _BEHIND + _AHEAD, high - low + 5.0),
+        lanes,
+        lines,
+        tuple(car for car in cars if car is not None),
+    )
+
+
+class _View:
+    """Plane of the picture, in which the road leads to the right at one station.
+
+    Attributes:
+        stations: x of the road's points that are drawn.
+    """
+
+    def __init__(self, road: Road, x: float) -> None:
+        self._road, self._x = road, np.array([x])
+        steps = 2 if road.line is None and not road.lanes else 81
+        self.stations = np.linspace(x - _BEHIND, x + _AHEAD, steps)
+
+    def _turned(self, vehicles: Vehicles) -> Vehicles:
+        if self._road.line is None:
+            return replace(vehicles, x=vehicles.x - self._x[0] + _BEHIND)
+        x, y, heading, _ = (field[0] for field in self._road.line.frame(self._x))
+        plane = to_plane(self._road, vehicles)
+        ahead, aside = plane.x - x, plane.y - y
+        cos, sin = np.cos(heading), np.sin(heading)
+        return replace(
+            plane,
+            x=ahead * cos + aside * sin + _BEHIND,
+            y=aside * cos - ahead * sin,
+            heading=plane.heading - heading,
+        )
+
+    def place(self, world: World) -> tuple[Vehicles, Vehicles]:
+        """Return ego and others in the picture; y is still to the left."""
+        return self._turned(world.ego), self._turned(world.others)
+
+    def curve(self, x: Floats, y: Floats) -> Floats:
+        """Return points (K, 2) of the road in the picture, y downwards."""
+        zeros = np.zeros_like(x)
+        there = self._turned(Vehicles(x, y, zeros, zeros, zeros))
+        return np.stack([there.x, -there.y], axis=1)
+
+
+def _draw_road(view: _View, road: Road) -> tuple[tuple[Points, ...], tuple[Points, ...], float, float]:
+    # Lanes as far as they are there, then the lines between them; and the least and greatest y to the left.
+    surfaces, lines, reach = [], [], []
+    there = lane_exists(road, view.stations)
+    right, left = (np.broadcast_to(border, there.shape) for border in lane_borders(road, view.stations))
+    for lane in np.flatnonzero(there.sum(axis=1) > 1).tolist():
+        x = view.stations[there[lane]]
+        borders = [view.curve(x, border[lane][there[lane]]) for border in (right, left)]
+        surfaces.append(_list_points([*borders[0], *borders[1][::-1]]))
+        reach += [points[:, 1] for points in borders]
+    for marking in (marking for marking in list_markings(road) if marking.inner):
+        x = view.stations[(view.stations >= marking.x[0]) & (view.stations <= marking.x[-1])]
+        if len(x) > 1:
+            lines.append(_list_points(view.curve(x, np.interp(x, marking.x, marking.y))))
+    if not reach:
+        return (), (), 0.0, 0.0
+    every = np.concatenate(reach)
+    return tuple(surfaces), tuple(lines), -float(every.max()), -float(every.min())
+
+
+def _list_points(points: Iterable[Floats]) -> Points:
+    return tuple((float(x), float(y)) for x, y in points)
+
+
+def _draw_vehicle(
+    trail: Sequence[Vehicles], at: tuple[int, ...], size: tuple[float, float], style: str, name: str
+) -> Car | None:
+    points = [np.array([vehicles.x[at], -vehicles.y[at]]) for vehicles in trail]
+    x, y = points[-1].tolist()
+    if not -size[0] <= x <= _BEHIND + _AHEAD + size[0]:
+        return None
+    turn = -math.degrees(float(trail[-1].heading[at]))
+    return Car(name, style, x, y, turn, *size, trail=_list_points(points))
+
+
+def draw_map(kinds: StoredKinds) -> Chart | None:
+    """Return all failures in the plane of their principal components, a colour for each kind."""
+    if len(kinds.points) < 3 or len(kinds.points) != len(kinds.labels):
+        return None
+    points, labels = np.array(kinds.points), np.array(kinds.labels)
+    if not np.ptp(points, axis=0).all():
+        return None
+    x, y = (make_linear_scale(points[:, axis].tolist()) for axis in (0, 1))
+    numbers = sorted(set(labels.tolist()))
+    chart = Chart(
+        x,
+        y,
+        f"{len(points)} failures in the plane of their two principal components",
+        caption="The failures: near ones are alike",
+        height=140,
+        bare=True,
+        legend=tuple((f"dot kind-{number % _STYLES}", f"kind {number + 1}") for number in numbers),
+    )
+    for number in numbers:
+        chosen = points[labels == number]
+        chart = chart.dots(chosen[:, 0], chosen[:, 1], f"kind-{number % _STYLES}")
+    return chart

@@ -10,8 +10,8 @@ import avrare
 from avrare.analysis.failures.lost import Continuations
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.analysis.page import player
+from avrare.analysis.page.causes import draw_map, draw_moment
 from avrare.analysis.page.drive_charts import DriveCharts
-from avrare.analysis.page.kind_pictures import draw_map, draw_moment
 from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
 from avrare.driving.reference_line import CurvedLine, Piece

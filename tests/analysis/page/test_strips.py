@@ -8,7 +8,7 @@ import numpy as np
 
 import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
-from avrare.analysis.page.strips import evaluate_predicates, select_rows, shade
+from avrare.analysis.page.player import evaluate_predicates, select_rows, shade
 from avrare.output.html.pictures import encode_png, encode_strip
 from avrare.results.recordings.recording import Recording
 
