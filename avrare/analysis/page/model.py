@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from typing import Self
 
 from pydantic import JsonValue, TypeAdapter
 
@@ -256,8 +257,25 @@ class Origin:
     scenario: str
 
 
+class StoredModel:
+    """Model of a page, which can be stored."""
+
+    def to_json(self) -> str:
+        """Return the model as JSON text."""
+        return json.dumps(TypeAdapter(type(self)).dump_python(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the model that ``to_json`` has written.
+
+        Raises:
+            ValueError: The text is of something else.
+        """
+        return TypeAdapter(cls).validate_json(text)
+
+
 @dataclass(frozen=True)
-class ReportModel:
+class ReportModel(StoredModel):
     """Everything that the page of a run shows.
 
     Attributes:
@@ -281,19 +299,3 @@ class ReportModel:
     notices: tuple[Notice, ...]
     sections: tuple[Section, ...]
     origin: Origin
-
-    def to_json(self) -> str:
-        """Return the model as JSON text."""
-        return json.dumps(_ADAPTER.dump_python(self))
-
-    @staticmethod
-    def from_json(text: str) -> ReportModel:
-        """Return the model that ``to_json`` has written.
-
-        Raises:
-            ValueError: The text is of something else.
-        """
-        return _ADAPTER.validate_json(text)
-
-
-_ADAPTER = TypeAdapter(ReportModel)

@@ -6,12 +6,12 @@ import os
 from pathlib import Path
 
 from avrare.analysis.page.build import build_report
+from avrare.analysis.page.rates import build_rates
 from avrare.analysis.rates.rates import CatalogueRates
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Result, ResultMapping
-from avrare.output.html.page import render_page
-from avrare.output.html.rate_page import render_rates
+from avrare.output.html.page import render_page, render_rates
 from avrare.results.run import Run
 
 Source = Run | ResultMapping | Result | CatalogueRates | str | os.PathLike[str]
@@ -33,7 +33,7 @@ def write_report(source: Source, path: str | os.PathLike[str] | None) -> Path:
 def render_report(source: Source) -> str:
     """Return the report as HTML."""
     if isinstance(source, CatalogueRates):
-        return render_rates(source)
+        return render_rates(build_rates(source))
     return render_page(build_report(_open_run(source)))
 
 

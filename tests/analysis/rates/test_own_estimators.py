@@ -8,12 +8,16 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
+import avrare
+from avrare.analysis.page.rates import build_rates
+from avrare.analysis.page.rates_model import RatesModel
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.analysis.rates.rates import compute, divide
 from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.plan.budget import Budget
+from avrare.output.html.page import render_rates
 from benchmarks.rates import REGIMES, Splitting, study
 from plain_results import plain_result
 
@@ -380,3 +384,10 @@ def test_intervals_of_catalogues_with_rare_scenes_cover(name):
     found = study(next(one for one in REGIMES if one.name == name), 20, 100)
     assert 0.93 <= found.shares.mean() <= 0.97
     assert max(found.low_missed, found.high_missed) < 0.04
+
+
+def test_a_model_read_from_json_renders_the_same_page(catalogue):
+    model = build_rates(avrare.rate(catalogue(), out="model"))
+    assert model.own
+    assert any(rate.verdicts for rate in model.rates)
+    assert render_rates(RatesModel.from_json(model.to_json())) == render_rates(model)
