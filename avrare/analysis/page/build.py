@@ -4,15 +4,45 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import get_args
 
-from avrare.analysis.page.model import Estimate, Limit, Notice, Origin, ReportModel
-from avrare.analysis.page.section import build_sections
-from avrare.analysis.page.verdict import build_summary
-from avrare.base.chart import Scale, make_log_scale
+from avrare.analysis.page import estimate_charts as charts
+from avrare.analysis.page.causes import build_causes
+from avrare.analysis.page.model import (
+    Answer,
+    Estimate,
+    Limit,
+    Notice,
+    Origin,
+    ReportModel,
+    Rule,
+    Section,
+    Summary,
+)
+from avrare.analysis.page.player import build_player
+from avrare.analysis.page.stored_rollouts import replay_stored
+from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
+from avrare.base.chart import Chart, Scale, make_log_scale
+from avrare.base.errors import AvrareError
+from avrare.base.number_format import format_amount_in_words, format_percent
+from avrare.estimation.loop.preflight import prepare_problem
 from avrare.estimation.result.result import Result
+from avrare.estimation.result.verdict import Verdict, worst_verdict
+from avrare.logic.formula import find_formula
+from avrare.logic.syntax.words import HasWords, to_words
+from avrare.protocols import find_ability
 from avrare.results.run import Run
+from avrare.results.stored_causes import read_causes
+from avrare.scenario.exposure import Exposure
+
+_FREQUENT = 0.1
+"""A smaller probability is written as one in so many."""
+_MAX_WORDS_LENGTH = 400
+"""Longer words of a formula are not shown: they say less than the formula."""
 
 
 def build_report(run: Run) -> ReportModel:
@@ -24,10 +54,10 @@ def build_report(run: Run) -> ReportModel:
         run.versions.get("avrare", ""),
         "" if definition is None else definition.description or "",
         _list_facts(run),
-        build_summary(estimates, None if definition is None else definition.exposure),
+        _build_summary(estimates, None if definition is None else definition.exposure),
         _make_axis(estimates),
         tuple(_list_notices(run)),
-        build_sections(run, estimates),
+        _build_sections(run, estimates),
         _build_origin(run),
     )
 
@@ -97,3 +127,180 @@ def _build_origin(run: Run) -> Origin:
         tuple(facts),
         run.scenario_text,
     )
+
+
+def _build_summary(estimates: Sequence[Estimate], exposure: Exposure | None) -> Summary:
+    """Return the overall verdict and a sentence for each specification; ``exposure`` gives rates."""
+    judged = [estimate for estimate in estimates if estimate.verdict]
+    example = f'thresholds: [{{specification: {estimates[0].specification}, probability: "< 1e-3"}}]'
+    met = None if exposure is None else from_exposure(exposure, estimates[0].confidence)
+    return Summary(
+        worst_verdict(estimate.verdict for estimate in estimates),
+        _summarise(judged),
+        "" if judged else example,
+        tuple(
+            _build_answer(index, estimate, exposure)
+            for index, estimate in sorted(enumerate(estimates), key=lambda entry: _grade(entry[1]))
+        ),
+        "" if exposure is None or met is None else _describe_exposure(exposure, met),
+    )
+
+
+def _grade(estimate: Estimate) -> tuple[int, float]:
+    order = (*get_args(Verdict), None)
+    return order.index(estimate.verdict), -estimate.probability
+
+
+def _summarise(judged: Sequence[Estimate]) -> str:
+    # One of several thresholds of a rule decides: its worst verdict is stored.
+    if not judged:
+        return "No threshold is set, so there is no verdict: this is how often each rule was broken."
+    many = len(judged)
+    verdicts = Counter(estimate.verdict for estimate in judged)
+    assuming, exceeded = verdicts["pass_assuming"], verdicts["fail"]
+    holding = verdicts["pass"] + assuming
+    if holding == many:
+        lead = "The threshold holds" if many == 1 else f"All {many} thresholds hold"
+        return f"{lead}{_say_assuming(assuming, holding)}."
+    clauses = [f"{holding} of {many} thresholds hold{_say_assuming(assuming, holding)}" if many > 1 else ""]
+    if exceeded:
+        clauses.append(
+            f"{exceeded} {'are' if exceeded > 1 else 'is'} exceeded"
+            if many > 1
+            else "The threshold is exceeded"
+        )
+    if rest := many - holding - exceeded:
+        clauses.append(
+            f"{rest} {'are' if rest > 1 else 'is'} undecided" if many > 1 else "The threshold is undecided"
+        )
+    return ", ".join(clause for clause in clauses if clause) + "."
+
+
+def _say_assuming(assuming: int, holding: int) -> str:
+    if not assuming:
+        return ""
+    return f"{f', {assuming} of them' if holding > assuming else ''} as far as the search could see"
+
+
+def _build_answer(index: int, estimate: Estimate, exposure: Exposure | None) -> Answer:
+    rates = []
+    if exposure is not None:
+        probability = Quantity(estimate.probability, *estimate.interval)
+        total = combine([from_exposure(exposure, estimate.confidence)], [probability])
+        rates.append(f"{_say_rate(exposure.unit, total.value, total.interval)}.")
+    return Answer(index, f"{_say_estimate(estimate)}{_say_limits(estimate)}.", tuple(rates))
+
+
+def _say_estimate(estimate: Estimate) -> str:
+    low, high = estimate.interval
+    level = f"{format_percent(estimate.confidence)} confidence"
+    if not estimate.probability:
+        return f"never broken in {estimate.rollouts:,} rollouts, so in at most {_say_share(high)} ({level})"
+    rollouts = " of all rollouts" if estimate.probability >= _FREQUENT else " rollouts"
+    ends = f"at most {_say_share(high)}" if low <= 0.0 else f"{_say_share(low)} to {_say_share(high)}"
+    return f"broken in {_say_share(estimate.probability)}{rollouts} ({ends}, {level})"
+
+
+def _say_share(probability: float) -> str:
+    # 35 % or 1 in 430
+    if probability <= 0.0:
+        return "none"
+    if probability >= _FREQUENT:
+        return format_percent(float(f"{probability:.2g}"))
+    return f"1 in {format_amount_in_words(1.0 / probability)}"
+
+
+def _say_limits(estimate: Estimate) -> str:
+    if not estimate.limits or estimate.verdict is None:
+        return ""
+    bounds = " and ".join(map(_say_limit, estimate.limits))
+    said = {
+        "pass": f"; allowed is {bounds}: it holds",
+        "pass_assuming": f"; allowed is {bounds}: it holds as far as the search could see, and failures that "
+        f"nothing led to could be up to {_say_share(estimate.blind_bound or 0.0)}",
+        "fail": f"; allowed is {bounds}: it does not hold",
+        "inconclusive": f"; allowed is {bounds}: undecided, more rollouts are needed",
+    }
+    return said[estimate.verdict]
+
+
+def _say_limit(limit: Limit) -> str:
+    return f"{'less than' if limit.strict else 'at most'} {_say_share(limit.limit)}"
+
+
+def _say_rate(unit: str, value: float, interval: Interval) -> str:
+    low, high = interval
+    noun = "hours" if unit == "hour" else "km"
+    rarest = f"to {format_amount_in_words(1.0 / low)} {noun}" if low > 0.0 else f"{noun} or more"
+    if not value:
+        return f"On the road: less than once in {format_amount_in_words(1.0 / high)} {noun}"
+    often = f"once in {format_amount_in_words(1.0 / value)} {noun}"
+    return f"On the road: {often} ({format_amount_in_words(1.0 / high)} {rarest})"
+
+
+def _describe_exposure(exposure: Exposure, met: Quantity) -> str:
+    source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
+    often = f"{met.value:.3g} times per {exposure.unit}"
+    often += f" ({met.low:.2g} – {met.high:.2g})" if met.low < met.high else ""
+    return f"This scene is met {often}, {source}."
+
+
+def _build_sections(run: Run, estimates: Sequence[Estimate]) -> tuple[Section, ...]:
+    """Return a section for each estimate of a run."""
+    stored = read_causes(run.folder, {name: result.probability for name, result in run.items()})
+    rollouts, errors = replay_stored(run, stored.kinds)
+    sections = []
+    for estimate in estimates:
+        name = estimate.specification
+        result, shown = run[name], rollouts.get(name, [])
+        section = Section(
+            estimate,
+            _build_rule(run, name),
+            build_causes(run, result, stored, shown),
+            _draw_convergence(result),
+            _draw_levels(result),
+            tuple(build_player(rollout, run.problem, run.folder) for rollout in shown),
+            None if shown else _explain_absence(run, errors if name in rollouts else ()),
+        )
+        sections.append(section)
+    return tuple(sections)
+
+
+def _build_rule(run: Run, name: str) -> Rule | None:
+    if run.build_errors or name not in run.problem.names:
+        return None
+    specification = run.problem.monitor(name)
+    formula, saying = find_formula(specification), find_ability(specification, HasWords)
+    words = saying.words if saying is not None else ""
+    if formula is not None and not words:
+        words = to_words(formula.node, float(formula.dt))
+    text = "" if formula is None else formula.text.strip()
+    return Rule("" if len(words) > _MAX_WORDS_LENGTH else words, text)
+
+
+def _draw_convergence(result: Result) -> tuple[Chart, ...]:
+    histogram = charts.draw_histogram(result.robustness, bool(result.diagnostics.get("levels")))
+    drawn = (histogram, charts.draw_convergence(result, result.robustness))
+    return tuple(chart for chart in drawn if chart is not None)
+
+
+def _draw_levels(result: Result) -> tuple[Chart, ...]:
+    if not result.diagnostics.get("levels"):
+        return ()
+    return charts.draw_levels(result.diagnostics, *_find_gamma(result))
+
+
+def _find_gamma(result: Result) -> tuple[Callable[[float], float], str]:
+    # the map from levels of the score to robustness thresholds γ, if it is known, and its label
+    with suppress(AvrareError):  # the label says that the axis is the score
+        origin = result.require_origin()
+        return prepare_problem(origin.estimator, origin.problem).gamma, "γ, 0 at failure"
+    return float, "score"
+
+
+def _explain_absence(run: Run, errors: Sequence[str]) -> Notice:
+    if run.build_errors:
+        return Notice("The stored rollouts are not shown: the scenario cannot be built here.")
+    if errors:
+        return Notice("The stored rollouts could not be replayed:", tuple(errors))
+    return Notice("No rollout is stored in the run folder.")
