@@ -85,6 +85,29 @@ def test_results_replay_and_report(scenario):
     assert "avrare.run(" in run["in_lane"].report("own.html").read_text(encoding="utf-8")
 
 
+def test_a_run_and_its_folder_are_drawn_traced_and_reported_alike(scenario):
+    run = avrare.run(scenario, out="here")
+    assert run.plot()._repr_png_() == avrare.plot(run)._repr_png_() == avrare.plot(run.results)._repr_png_()
+    assert run._repr_html_() == run.results._repr_html_()
+    worst = avrare.trace("here", specification="in_lane")
+    assert worst.robustness == avrare.trace(run["in_lane"]).robustness == run["in_lane"].worst.robustness
+    assert avrare.trace(run, 1, "in_lane").robustness == run["in_lane"].failures.robustness[1]
+    assert avrare.trace(scenario, specification="in_lane").outcome == "passes"
+    assert avrare.report("here") == avrare.report(run) == Path("here/report.html")
+    assert avrare.report(run.results, "there.html").is_file()
+    with pytest.raises(avrare.UsageError, match="no folder for the report"):
+        avrare.report(run.results)
+
+
+def test_comparisons_and_monitored_drives_are_drawn(scenario, tmp_path):
+    comparison = avrare.compare(scenario, "mc", "rollouts=50", "in_lane", repeat=2)
+    monitored = avrare.monitor(avrare.run(scenario, out="here"), specification="in_lane")
+    for value in (comparison, monitored):
+        file = avrare.plot(value).save(tmp_path / "plot.svg")
+        assert file.read_text(encoding="utf-8").lstrip().startswith("<?xml")
+        assert value._repr_html_().startswith("<pre>")
+
+
 def test_an_interrupted_run_is_resumed(scenario):
     def stop(info):
         if info.rollouts >= 200:
