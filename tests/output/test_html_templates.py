@@ -6,7 +6,7 @@ import math
 import pytest
 from markupsafe import Markup
 
-from avrare.output.html.environment import load_templates
+from avrare.output.html.page import load_templates
 
 
 def render(source, **values):
