@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from avrare.analysis.check.check import choose_catalogue, decide_rates, refuse_option
-from avrare.analysis.rates.catalogue import Catalogue
+from avrare.analysis.check.check import choose_catalogue, decide_rates
 from avrare.cli import rate
 from avrare.cli.output import ensure_files, write_file
 from avrare.output.documents.check_documents import junit, markdown
@@ -28,7 +27,7 @@ _OF_SCENARIOS = (
 
 def execute(args: argparse.Namespace) -> int:
     """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
-    catalogue = _thresholds(args)
+    catalogue = choose_catalogue(args.scenarios, **{name: getattr(args, name) for name in _OF_SCENARIOS})
     ensure_files({"--junit": args.junit, "--markdown": args.markdown})
     rates = rate.estimate(
         argparse.Namespace(
@@ -48,12 +47,3 @@ def execute(args: argparse.Namespace) -> int:
         for line in annotate_rows(outcome, paths):
             print(line, file=sys.stderr if args.json else sys.stdout)
     return int(outcome.exit_code)
-
-
-def _thresholds(args: argparse.Namespace) -> Catalogue:
-    catalogue = choose_catalogue(args.scenarios)
-    for name in _OF_SCENARIOS:
-        given = getattr(args, name)
-        if given is not None and given is not False and given != []:  # a seed may be 0
-            raise refuse_option("--" + name.replace("_", "-"), catalogue.path)
-    return catalogue

@@ -109,12 +109,12 @@ def test_an_interrupted_check_tells_how_the_check_goes_on(catalogue, capsys, mon
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--seed", "3"], "--seed is an option of scenarios"),
-        (["--seed", "0"], "--seed is an option of scenarios"),
-        (["--set", "seed=3"], "--set is an option of scenarios"),
-        (["--save"], "--save is an option of scenarios"),
-        (["--require-baseline"], "--require-baseline is an option of scenarios"),
-        (["--plan"], "--plan is an option of scenarios"),
+        (["--seed", "3"], "seed is an option of scenarios"),
+        (["--seed", "0"], "seed is an option of scenarios"),
+        (["--set", "seed=3"], "set is an option of scenarios"),
+        (["--save"], "save is an option of scenarios"),
+        (["--require-baseline"], "require baseline is an option of scenarios"),
+        (["--plan"], "plan is an option of scenarios"),
         (["tank.yaml"], "is a catalogue, which is checked alone"),
     ],
 )

@@ -43,7 +43,7 @@ def check(
 
     Args:
         scenarios: YAML files; their criteria share one error rate. A catalogue is checked alone, by its own
-            thresholds: it takes ``budget``, ``strict``, ``workers``, ``watch`` and ``safe``.
+            thresholds: it takes ``budget``, ``strict``, ``workers``, ``executor``, ``watch`` and ``safe``.
         overrides: Settings as for ``--set``.
         estimator: Name of another estimator, with its default options.
         budget: Budget of each estimate, as for ``avrare.estimate``.
@@ -65,20 +65,19 @@ def check(
     if not scenarios:
         raise UsageError("there is no scenario to check", 'avrare.check("scenario.yaml")')
     if any(map(is_catalogue, scenarios)):
-        for option, given in {
-            "overrides": overrides,
-            "estimator": estimator,
-            "spend": spend,
-            "baseline": baseline,
-            "save": save,
-            "require_baseline": require_baseline,
-            "accept_changes": accept_changes,
-            "executor": executor,
-        }.items():
-            if given:
-                raise refuse_option(option, scenarios[0])
-        catalogue = choose_catalogue(scenarios)
-        rates = rate(catalogue.path, budget=budget, workers=workers, watch=watch, safe=safe)
+        catalogue = choose_catalogue(
+            scenarios,
+            overrides=overrides,
+            estimator=estimator,
+            spend=spend,
+            baseline=baseline,
+            save=save,
+            require_baseline=require_baseline,
+            accept_changes=accept_changes,
+        )
+        rates = rate(
+            catalogue.path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe
+        )
         return decide_rates(rates, strict)
     paid, spent = Budget.parse(budget), Budget.parse(spend)
     if paid and spent:
@@ -97,21 +96,20 @@ def check(
     return replace(with_next_steps(outcome, targets, None), strict=strict)
 
 
-def refuse_option(option: str, path: str | os.PathLike[str]) -> UsageError:
-    """Return the error of an option that a catalogue has no use for, or has a key of its own for."""
-    hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
-    return UsageError(f"{option} is an option of scenarios, and {path} is a catalogue", hint)
-
-
-def choose_catalogue(paths: Sequence[str | os.PathLike[str]]) -> Catalogue:
-    """Return the catalogue among files, which is checked alone.
+def choose_catalogue(paths: Sequence[str | os.PathLike[str]], **options: object) -> Catalogue:
+    """Return the catalogue among files, which is checked alone, without these options of scenarios.
 
     Raises:
-        UsageError: There are other files, or it has no thresholds.
+        UsageError: There are other files, an option is given, or it has no thresholds.
     """
     path = next(filter(is_catalogue, paths))
     if len(paths) > 1:
         raise UsageError(f"{path}: is a catalogue, which is checked alone", "check each by itself")
+    for name, given in options.items():
+        if given is not None and given is not False and given not in ([], ()):  # a seed may be 0
+            text = f"{name.replace('_', ' ')} is an option of scenarios, and {path} is a catalogue"
+            hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
+            raise UsageError(text, hint)
     catalogue = load_catalogue(path)
     if not catalogue.document.thresholds:
         hint = "add one, such as {rule: no_collision, per_hour: '< 1e-3'}, or ask for its rates alone"

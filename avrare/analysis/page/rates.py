@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from avrare.analysis.page.rates_model import (
-    OwnEstimate,
-    Rate,
-    RatesModel,
-    RuleScenes,
-    SceneExposure,
-    SceneShare,
-)
+from avrare.analysis.page.rates_model import Rate, RatesModel, Table
 from avrare.analysis.rates.combination import Total
-from avrare.analysis.rates.rates import CatalogueRates, RuleRate
+from avrare.analysis.rates.rates import BROKEN, CatalogueRates, RuleRate
 from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
 from avrare.base.chart import Scale, make_log_scale
+from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
 
 
 def build_rates(rates: CatalogueRates) -> RatesModel:
@@ -26,44 +20,22 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
     for rate in rates.rates:
         for unit, total in rate.totals.items():
             totals.setdefault(unit, []).append(total)
-    rows = zip(document.scenes, rates.exposures, rates.rollouts, strict=True)
+    broken = f"{BROKEN[0].upper()}{BROKEN[1:]}: {', '.join(rates.errors)}."
+    notices = ((broken,) if rates.errors else (), tuple(describe_warnings(rates)))
+    facts = (
+        f"{len(document.scenes)} scenes",
+        f"{sum(rates.rollouts):,} rollouts",
+        f"seed {document.seed}",
+        f"{format_percent(document.confidence)} intervals",
+    )
     return RatesModel(
         document.name,
         document.description or "",
-        sum(rates.rollouts),
-        document.seed,
-        document.confidence,
-        document.speed,
-        rates.errors,
-        tuple(describe_warnings(rates)),
+        facts,
+        tuple(filter(None, notices)),
         {unit: _make_axis(several) for unit, several in totals.items()},
         tuple(_build_rate(rate, unit, total) for rate in rates.rates for unit, total in rate.totals.items()),
-        tuple(_build_rule(rates, rate) for rate in rates.rates),
-        tuple(
-            OwnEstimate(
-                scene,
-                rule,
-                own.estimator,
-                own.probability,
-                own.interval,
-                estimate.rollouts,
-                own.simulated_steps,
-                tuple(estimate.warnings),
-            )
-            for scene, rule, estimate, own in rates.own
-        ),
-        tuple(describe_blind(rates)),
-        tuple(
-            SceneExposure(
-                entry.name,
-                entry.scenario,
-                exposure.value,
-                (exposure.low, exposure.high),
-                entry.exposure.unit,
-                rollouts,
-            )
-            for entry, exposure, rollouts in rows
-        ),
+        (*(_list_scenes(rates, rate) for rate in rates.rates), *_list_own(rates), _list_exposures(rates)),
     )
 
 
@@ -73,27 +45,68 @@ def _make_axis(totals: Sequence[Total]) -> Scale:
 
 
 def _build_rate(rate: RuleRate, unit: str, total: Total) -> Rate:
-    decisions = [decision for decision in rate.decisions if decision.threshold.unit == unit]
     verdicts = [
-        (decision.verdict, f"{decision.threshold.text}{decision.explanation}") for decision in decisions
+        (decision.verdict, f"{decision.threshold.text}{decision.explanation}")
+        for decision in rate.decisions
+        if decision.threshold.unit == unit
     ]
     return Rate(rate.rule, unit, total.value, total.interval, total.sampling, total.exposure, tuple(verdicts))
 
 
-def _build_rule(rates: CatalogueRates, rate: RuleRate) -> RuleScenes:
+def _list_scenes(rates: CatalogueRates, rate: RuleRate) -> Table:
+    # those that contribute most first
     total, sentence = next(iter(rate.totals.values())), describe_scenes(rates, rate)
-    scenes = [
-        _build_share(entry.name, estimates[rate.rule], share, doubt)
-        for entry, estimates, share, doubt in zip(
-            rates.catalogue.document.scenes, rates.estimates, total.shares, total.doubts, strict=True
-        )
+    scenes = zip(rates.catalogue.document.scenes, rates.estimates, total.shares, total.doubts, strict=True)
+    rows = [
+        (entry.name, _describe(estimates[rate.rule]), *(format_percent(round(x, 3)) for x in (share, doubt)))
+        for entry, estimates, share, doubt in sorted(scenes, key=lambda scene: -scene[2])
     ]
-    ordered = sorted(scenes, key=lambda scene: -scene.share)
-    return RuleScenes(rate.rule, f"{sentence[:1].upper()}{sentence[1:]}.", tuple(ordered))
+    heads = ("Scene", "Failures", "Share of the rate", "Share of the interval's squared width")
+    return Table(rate.rule, f"{sentence[:1].upper()}{sentence[1:]}.", heads, tuple(rows))
 
 
-def _build_share(scene: str, estimate: SceneEstimate, share: float, doubt: float) -> SceneShare:
-    probability, estimator = (
-        (0.0, "") if estimate.own is None else (estimate.own.probability, estimate.own.estimator)
-    )
-    return SceneShare(scene, estimate.failures, estimate.rollouts, probability, estimator, share, doubt)
+def _describe(estimate: SceneEstimate) -> str:
+    if estimate.own is None:
+        return f"{estimate.failures:,} of {estimate.rollouts:,}"
+    return f"{format_typeset(estimate.own.probability)} by {estimate.own.estimator}"
+
+
+def _list_own(rates: CatalogueRates) -> list[Table]:
+    rows = [
+        (
+            scene,
+            rule,
+            own.estimator,
+            format_typeset(own.probability),
+            format_typeset_interval(own.interval),
+            f"{estimate.rollouts:,}",
+            f"{own.simulated_steps:,}",
+            ", ".join(estimate.warnings) or "–",
+        )
+        for scene, rule, estimate, own in rates.own
+    ]
+    if not rows:
+        return []
+    text = "Estimates with intervals of their own. Their cost is no part of what the pilot shares."
+    heads = ("Scene", "Rule", "Estimator", "Probability", "Interval", "Rollouts", "Steps", "Warnings")
+    lines = tuple(f"{line}." for line in describe_blind(rates))
+    return [Table("Estimators of the scenes’ own", text, heads, tuple(rows), (1, 2, 7), lines)]
+
+
+def _list_exposures(rates: CatalogueRates) -> Table:
+    document = rates.catalogue.document
+    rows = [
+        (
+            entry.name,
+            entry.scenario,
+            f"{format_typeset(exposure.value)} per {entry.exposure.unit}",
+            format_typeset_interval((exposure.low, exposure.high)),
+            f"{rollouts:,}",
+        )
+        for entry, exposure, rollouts in zip(document.scenes, rates.exposures, rates.rollouts, strict=True)
+    ]
+    own = " or its own estimator took" if any(rates.own) else ""
+    text = f"How often each scene is met, and the rollouts that the pilot gave it{own}."
+    if document.speed:
+        text += f" Hours and km are converted at {document.speed:g} km/h."
+    return Table("Scenes", text, ("Scene", "Scenario", "Exposure", "Interval", "Rollouts"), tuple(rows), (1,))

@@ -22,51 +22,18 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class SceneShare:
-    """Part of a scene in a rate and in its interval; ``estimator`` is empty where counts are all."""
+class Table:
+    """Section of one table: its heads, and the cells of each row, as text.
 
-    scene: str
-    failures: int
-    rollouts: int
-    probability: float
-    estimator: str
-    share: float
-    doubt: float
+    ``words`` are the columns that are no numbers, ``lines`` stand below it.
+    """
 
-
-@dataclass(frozen=True)
-class RuleScenes:
-    """Scenes of a rule, those that contribute most first."""
-
-    rule: str
-    sentence: str
-    scenes: tuple[SceneShare, ...]
-
-
-@dataclass(frozen=True)
-class OwnEstimate:
-    """Estimate of a rule by a scene's own estimator, with the names of its warnings."""
-
-    scene: str
-    rule: str
-    estimator: str
-    probability: float
-    interval: tuple[float, float]
-    rollouts: int
-    steps: int
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SceneExposure:
-    """How often a scene is met, and its rollouts."""
-
-    scene: str
-    scenario: str
-    value: float
-    interval: tuple[float, float]
-    unit: str
-    rollouts: int
+    title: str
+    text: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    words: tuple[int, ...] = ()
+    lines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,31 +43,17 @@ class RatesModel(StoredModel):
     Attributes:
         name: Name of the catalogue.
         description: What it says of itself.
-        rollouts: Rollouts of all scenes.
-        seed: Seed.
-        confidence: Level of the intervals.
-        speed: Speed at which hours and km are converted [km/h]; None where they are not.
-        errors: Scenes with more errors than they allow.
-        warnings: Lines on warned estimates.
+        facts: Facts below the title.
+        notices: Scenes with too many errors, and warned estimates: the lines of each.
         axes: Axis of the intervals of each unit.
         rates: Rates of the rules.
-        rules: Scenes of each rule.
-        own: Estimates with intervals of their own.
-        blind: Lines on failures that the rates may leave out.
-        scenes: All scenes.
+        tables: Scenes of each rule, estimates with intervals of their own, and all scenes.
     """
 
     name: str
     description: str
-    rollouts: int
-    seed: int
-    confidence: float
-    speed: float | None
-    errors: tuple[str, ...]
-    warnings: tuple[str, ...]
+    facts: tuple[str, ...]
+    notices: tuple[tuple[str, ...], ...]
     axes: dict[str, Scale]
     rates: tuple[Rate, ...]
-    rules: tuple[RuleScenes, ...]
-    own: tuple[OwnEstimate, ...]
-    blind: tuple[str, ...]
-    scenes: tuple[SceneExposure, ...]
+    tables: tuple[Table, ...]

@@ -43,6 +43,7 @@ def rate(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     workers: int = 1,
+    executor: str | None = None,
     watch: Watch | None = None,
     safe: bool = False,
 ) -> CatalogueRates:
@@ -54,6 +55,7 @@ def rate(
         out: Folder of the results; by default a new one under ``runs/``.
         resume: Continue the interrupted run in ``out``.
         workers: Number of processes; changes no number.
+        executor: Executor with its options, as for ``--executor``.
         watch: Progress display.
         safe: As for ``avrare.load``.
 
@@ -64,7 +66,7 @@ def rate(
 
     def estimate(scenario: LoadedScenario, paid: Budget | None, checkpoint: Checkpoint) -> list[Result]:
         journal = cache(lambda name: checkpoint.journal(f"{scenario.name}/{name}"))
-        execution = Execution(partial(build_executor, workers), watch or show_nothing, journal)
+        execution = Execution(partial(build_executor, workers, executor), watch or show_nothing, journal)
         return estimate_scenario(scenario, scenario.definition.estimated, paid, execution)
 
     with safe_mode(safe):
