@@ -19,6 +19,8 @@ from avrare.analysis.causes.kinds import Kinds
 from avrare.analysis.causes.synthesis import Synthesis
 from avrare.base.plot import Plot
 from avrare.base.records import Answer
+from avrare.scenario.schema import Block
+from avrare.stack.builder import build_block
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
 
@@ -351,6 +353,7 @@ def find_classes(annotation, module):
 
 def test_no_public_signature_is_untyped():
     todo = [value for name in avrare.__all__ if callable(value := getattr(avrare, name))]
+    todo += [build_block, Block]
     walked, untyped = set(), set()
     while todo:
         value = todo.pop()

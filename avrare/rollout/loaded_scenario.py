@@ -137,8 +137,7 @@ class LoadedScenario:
 
     def estimator(self) -> AnyEstimator:
         """Build the scenario's estimator."""
-        estimator: AnyEstimator = build_block(self.definition.estimator, self.scene)
-        return estimator
+        return build_block(self.definition.estimator, self.scene, AnyEstimator)
 
 
 class ScenarioProblem(Problem):

@@ -11,7 +11,13 @@ from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import default_registry
-from avrare.protocols import HasDensity, PersistentPerceptionErrorModel, find_ability, find_scene
+from avrare.protocols import (
+    HasDensity,
+    PerceptionErrorModel,
+    PersistentPerceptionErrorModel,
+    find_ability,
+    find_scene,
+)
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Block
 from avrare.scenario.validation import check_options
@@ -89,9 +95,9 @@ def check_proposal(options: Mapping[str, Any]) -> Block:
     return Block(name, component, config, row.distribution, row.version)
 
 
-def _build_proposal(options: Mapping[str, Any], loop: ClosedLoop) -> Any:
+def _build_proposal(options: Mapping[str, Any], loop: ClosedLoop) -> PerceptionErrorModel:
     block = check_proposal(options)
-    built = build_block(block, find_scene(loop.simulator))
+    built = build_block(block, find_scene(loop.simulator), PerceptionErrorModel)
     _check_memoryless(built)
     if find_ability(built, HasDensity) is None:
         raise UsageError(f"the proposal {block.plugin!r} has no log_prob: it cannot be weighed")

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,10 +18,14 @@ from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, s
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
+    Controller,
     ExplainsViolation,
     Floats,
     HasMargin,
+    PerceptionErrorModel,
+    Simulator,
     Specification,
+    Tracker,
     check_steps,
     find_ability,
     find_judged_scene,
@@ -38,6 +42,8 @@ from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart, TakesDraws
 from avrare.stack.noise_names import check_noise
 from avrare.stack.unlabelled import check_labels, scene_of_tracks
+
+PartT = TypeVar("PartT")
 
 _STARTS = 32
 """Starts drawn with noise where the noise-free one violates a specification."""
@@ -81,23 +87,27 @@ def build_stack(scenario: Scenario) -> Stack:
     return Stack(ClosedLoop(simulator, perception, tracker, controller, start), scene, specifications)
 
 
-def _build_parts(scenario: Scenario, scene: Scene | None) -> tuple[Any, Any, Any]:
-    parts: dict[str, Any] = {}
-    known = scene
-    for kind in ("perception", "tracker", "controller"):
-        block = getattr(scenario, kind)
-        with _located(scenario, kind):
-            parts[kind] = build_block(block, known) if block is not None else None
-            if kind == "perception" and block is not None:
-                check_noise(parts[kind])
-            if kind == "tracker":
-                check_labels(parts["perception"], parts[kind])
-                known = scene_of_tracks(parts[kind], scene)
-    return parts["perception"], parts["tracker"], parts["controller"]
+def _build_parts(
+    scenario: Scenario, scene: Scene | None
+) -> tuple[PerceptionErrorModel | None, Tracker | None, Controller | None]:
+    perception, tracker, controller = None, None, None
+    if scenario.perception is not None:
+        with _located(scenario, "perception"):
+            perception = build_block(scenario.perception, scene, PerceptionErrorModel)
+            check_noise(perception)
+    with _located(scenario, "tracker"):
+        if scenario.tracker is not None:
+            tracker = build_block(scenario.tracker, scene, Tracker)
+        check_labels(perception, tracker)
+        known = scene_of_tracks(tracker, scene)
+    if scenario.controller is not None:
+        with _located(scenario, "controller"):
+            controller = build_block(scenario.controller, known, Controller)
+    return perception, tracker, controller
 
 
-def _build_simulator(block: Block) -> Any:
-    simulator = build_block(block, None)
+def _build_simulator(block: Block) -> Simulator:
+    simulator = build_block(block, None, Simulator)
     if block.draws is None:
         return simulator
     drawing = find_ability(simulator, TakesDraws)
@@ -106,7 +116,8 @@ def _build_simulator(block: Block) -> Any:
             f"simulator {block.plugin!r} marks options as drawable, but has no `drawing` and `reset_drawn`",
             "see avrare.stack.drawn_start.TakesDraws",
         )
-    return drawing.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True)))
+    drawn: Simulator = drawing.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True)))
+    return drawn
 
 
 def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
@@ -252,8 +263,11 @@ def _located(scenario: Scenario, path: str) -> Iterator[None]:
         raise ScenarioError([(f"{scenario.path}: {path}: {error.message}", error.hint)]) from error
 
 
-def build_block(block: Block, scene: Scene | None) -> Any:
-    """Build the part that a block describes; ``scene`` is the simulator's, None if it has no road."""
+def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> PartT:
+    """Build the part that a block describes, which offers what its ``contract`` says.
+
+    ``scene`` is the simulator's, None if it has no road.
+    """
     if block.component.driving and scene is None:
         raise UsageError(
             f"{block.component.kind} {block.plugin!r} is for vehicles on a road, and this simulator has none",
@@ -263,7 +277,7 @@ def build_block(block: Block, scene: Scene | None) -> Any:
         factory = block.component.load_factory()
     with _plugin_errors(block, "built"), warnings.catch_warnings():
         warnings.simplefilter("ignore", FormulaWarning)  # given where the formula is validated
-        part = factory(block.config, scene)
+        part: PartT = factory(block.config, scene)
     kind = block.component.kind
     if missing := missing_members(kind, part):
         text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
@@ -293,7 +307,7 @@ def _plugin_errors(block: Block, done: str) -> Iterator[None]:
 def build_specification(part: Block | Formula, scene: Scene | None, dt: float) -> Specification:
     """Build the monitor of one specification, for signals every ``dt`` [s]."""
     if isinstance(part, Block):
-        return build_block(part, scene)  # type: ignore[no-any-return]
+        return build_block(part, scene, Specification)
     return FormulaMonitor(stl(part.stl, dt=dt, until=part.until, warn=False))
 
 
@@ -333,4 +347,4 @@ def _build_configured(row: Row, key: str, value: str, settings: Sequence[str], s
     if config is None:
         raise scenario_error(problems)
     block = Block(row.name, component, config, row.distribution, row.version)
-    return build_block(block, scene)  # type: ignore[no-any-return]
+    return build_block(block, scene, Specification)

@@ -10,6 +10,7 @@ import pytest
 from avrare import UsageError
 from avrare.base.errors import PluginError
 from avrare.plugin import Component
+from avrare.protocols import Simulator
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 from avrare.scenario.schema import Block
@@ -42,7 +43,7 @@ def build(tmp_path, monkeypatch):
         (tmp_path / "odd_part.py").write_text(source)
         monkeypatch.delitem(sys.modules, "odd_part", raising=False)
         component = Component("simulator", "odd", "json:JSONDecoder", "odd_part:build", "for tests")
-        return build_block(Block("odd", component, SimpleNamespace(), "avrare-odd", "1.0"), None)
+        return build_block(Block("odd", component, SimpleNamespace(), "avrare-odd", "1.0"), None, Simulator)
 
     yield build
     sys.modules.pop("odd_part", None)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.driving import Road, Scene
+from avrare.driving import Road
 from avrare.logic import stl
 from avrare.logic.formula import find_formula
 from avrare.logic.syntax import nodes
-from avrare.protocols import Specification, find_scene
+from avrare.protocols import Simulator, Specification, find_scene
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
 from avrare.results.recordings.drives import open_drives
@@ -77,7 +77,7 @@ def monitor(
 
 def find_road(scenario: Scenario) -> Road | None:
     """Return the road of a scenario's simulator, None where it has none."""
-    scene: Scene | None = find_scene(build_block(scenario.simulator, None))
+    scene = find_scene(build_block(scenario.simulator, None, Simulator))
     return scene.road if scene is not None else None
 
 
