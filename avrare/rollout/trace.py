@@ -109,7 +109,7 @@ class Trace(Mapping[str, NDArray[Any]]):
             signals: Names; by default those of the formula, else the first eight.
 
         Raises:
-            UsageError: There is no such signal.
+            UsageError: No signal has the name.
         """
         plot: Plot = render("plot", self, signals)
         return plot

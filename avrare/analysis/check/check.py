@@ -118,7 +118,7 @@ def choose_catalogue(paths: Sequence[str | os.PathLike[str]], **options: object)
 
 
 def decide_rates(rates: CatalogueRates, strict: bool = False) -> CheckResult:
-    """Return the verdicts of a catalogue; the rate stands in the reason, as it is no probability."""
+    """Return the verdicts of a catalogue; its rates stand in the reasons."""
     name, rows = rates.catalogue.document.name, []
     broken = [f"{BROKEN}: {', '.join(rates.errors)}"] if rates.errors else []
     for rule_rate in rates.rates:

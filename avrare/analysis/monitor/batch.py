@@ -222,7 +222,7 @@ def monitor_all(
         safe: As for ``avrare.load``.
 
     Raises:
-        UsageError: There is no recording, or no rule is given.
+        UsageError: No recording is found, or no rule is given.
     """
     names = (rules,) if isinstance(rules, str) else tuple(dict.fromkeys(rules))
     if not names:

@@ -25,7 +25,7 @@ class Rate:
 class Table:
     """Section of one table: its heads, and the cells of each row, as text.
 
-    ``words`` are the columns that are no numbers, ``lines`` stand below it.
+    ``words`` are the columns of words, which are not set as numbers; ``lines`` stand below it.
     """
 
     title: str

@@ -22,7 +22,7 @@ def write_report(source: Source, path: str | os.PathLike[str] | None) -> Path:
     made = source if isinstance(source, CatalogueRates) else _open_run(source)
     file = path or (made.folder and made.folder / "report.html")
     if file is None:
-        raise UsageError("there is no folder for the report", 'name a file, such as "report.html"')
+        raise UsageError("the report has no folder", 'name a file, such as "report.html"')
     text = render_report(made)
     with explain_file_errors(f"{file}: cannot write", "choose another file"):
         Path(file).parent.mkdir(parents=True, exist_ok=True)

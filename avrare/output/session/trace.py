@@ -29,7 +29,7 @@ def trace(
         specification: Specification that judges it; None: the only one.
 
     Raises:
-        UsageError: The tape does not fit, there is no such failure, or the specification must be named.
+        UsageError: The tape does not fit, no failure has the number, or the specification must be named.
     """
     if isinstance(source, (str, os.PathLike)) and Path(source).is_dir():
         source = Run.read(source)

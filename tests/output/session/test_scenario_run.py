@@ -95,7 +95,7 @@ def test_a_run_and_its_folder_are_drawn_traced_and_reported_alike(scenario):
     assert avrare.trace(scenario, specification="in_lane").outcome == "passes"
     assert avrare.report("here") == avrare.report(run) == Path("here/report.html")
     assert avrare.report(run.results, "there.html").is_file()
-    with pytest.raises(avrare.UsageError, match="no folder for the report"):
+    with pytest.raises(avrare.UsageError, match="the report has no folder"):
         avrare.report(run.results)
 
 
