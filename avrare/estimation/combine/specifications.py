@@ -86,7 +86,7 @@ def estimate_specifications(
         settings: Settings of each estimate; the budget leaves room for its cross-check.
         execution: Runs the estimates.
         check: Options of the cross-check of each result, None for none.
-        title: Label of an estimate of several specifications.
+        title: Label of an estimate of several specifications; by default their names.
         note: Text that is added to each label.
     """
 
@@ -97,7 +97,7 @@ def estimate_specifications(
 
     for group in group_specifications(problem, estimator):
         names = group.names
-        label = f"{title if len(names) > 1 else names[0]}{note}  {estimator.name}"
+        label = f"{(len(names) > 1 and title) or ', '.join(names)}{note}  {estimator.name}"
         results = execution.run(label, names[0], group, estimator, settings)
         for part, result in zip(group.separate(), results, strict=True):
             if check is not None:

@@ -12,7 +12,7 @@ from typing import Any
 from avrare.base.errors import Interrupted, UsageError
 from avrare.estimation.checks.result_builder import examine
 from avrare.estimation.loop.pace import Pace
-from avrare.estimation.loop.preflight import Clearance, clear
+from avrare.estimation.loop.preflight import Clearance, clear_estimate
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.plan import (
     DelegatesEstimates,
@@ -54,7 +54,7 @@ def run(
     if delegating is not None:
         execute = _Parts(executor, progress, journal, stop)
         return delegating.estimate_by(problem, settings, execute)
-    with clear(problem, estimator, settings, executor) as clearance:
+    with clear_estimate(problem, estimator, settings, executor) as clearance:
         return _run_cleared(clearance, executor, progress, journal, stop)
 
 
@@ -113,7 +113,7 @@ class _Parts:
 
         with ExitStack() as stack:
             try:
-                clearance = stack.enter_context(clear(problem, estimator, settings, self.executor))
+                clearance = stack.enter_context(clear_estimate(problem, estimator, settings, self.executor))
             except UsageError as error:
                 raise Refused(error.message, error.hint) from None
             try:

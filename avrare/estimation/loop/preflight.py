@@ -46,7 +46,7 @@ class Clearance:
 
 
 @contextmanager
-def clear(
+def clear_estimate(
     problem: Problem, estimator: Estimator, settings: Settings, executor: Executor
 ) -> Iterator[Clearance]:
     """Yield the clearance of an estimate; its executor stays open until the block ends.
@@ -70,7 +70,7 @@ def check_estimate(problem: Problem, estimator: Estimator, settings: Settings) -
     Raises:
         UsageError: The estimate could not begin.
     """
-    with clear(problem, estimator, settings, SerialExecutor()) as clearance:
+    with clear_estimate(problem, estimator, settings, SerialExecutor()) as clearance:
         return clearance
 
 
