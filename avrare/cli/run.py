@@ -33,14 +33,13 @@ from avrare.output.terminal.result_table import (
     warning_lines,
 )
 from avrare.plugin.registry import default_registry
-from avrare.protocols import ReplacesWorkers, find_ability
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.child_process import SystemCrashed
 from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
-from avrare.rollout.executors.work import build_executor
+from avrare.rollout.executors.work import Executor, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.json_schema import scenario_schema
 from avrare.scenario.schema import Scenario
@@ -229,10 +228,10 @@ def estimate_run(
     definition = scenario.definition
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None
     journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))
-    executors: list[Any] = []
+    executors: list[Executor] = []
     begun: set[str] = set()
 
-    def start_executor() -> Any:
+    def start_executor() -> Executor:
         executors.append(build_executor(args.workers, args.executor))
         return executors[-1]
 
@@ -250,11 +249,9 @@ def estimate_run(
     return [with_verdict(result, definition.thresholds) for result in results]
 
 
-def _report_restarts(executor: Any) -> None:
-    replacing = find_ability(executor, ReplacesWorkers)
-    restarts = replacing.restarts if replacing is not None else 0
-    if restarts:  # no part of any result: the chunks gave the same bits the second time
-        say(f"note: workers died {restarts} time(s); their chunks were run again", error=True)
+def _report_restarts(executor: Executor) -> None:
+    if executor.restarts:  # no part of any result: the chunks gave the same bits the second time
+        say(f"note: workers died {executor.restarts} time(s); their chunks were run again", error=True)
 
 
 def _show(

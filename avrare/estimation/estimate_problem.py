@@ -28,7 +28,6 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Origin, Result, Results
-from avrare.logic.formula import find_formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
@@ -208,13 +207,13 @@ def _estimator(name: str, options: dict[str, object]) -> Estimator:
         )
     component = default_registry().get("estimator", name)
     config = check_options(component.load_config(), name, options, other_keys=_ARGUMENTS)
-    return component.load_factory()(config, None)  # type: ignore[no-any-return]
+    return component.build(config)  # type: ignore[no-any-return]
 
 
 def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings) -> dict[str, Any]:
     # names do not identify a system or a score: the loop replays a stored chunk to compare those
     row = default_registry().find("estimator", name)
-    formula = find_formula(problem.monitors[0])
+    formula = problem.monitors[0].formula
     task = {
         "estimator": name,
         "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from avrare.logic.syntax import nodes
 from avrare.logic.syntax.lint import LintWarning
 from avrare.logic.syntax.parser import parse_with_warnings
 from avrare.logic.syntax.printer import to_text
-from avrare.protocols import Bools, Floats, HasFormula, Signals, find_ability
+from avrare.protocols import Bools, Floats, Signals, Specification
 
 
 class FormulaWarning(UserWarning):
@@ -192,7 +192,7 @@ class Formula:
         return found
 
 
-class FormulaMonitor(RobustnessMonitor):
+class FormulaMonitor(RobustnessMonitor, Specification):
     """Robustness monitor that remembers its formula, for explanations and early stopping.
 
     Args:
@@ -225,9 +225,3 @@ def _reject_nan(values: Floats) -> None:
             "a term of the formula has no value (NaN) for these signals",
             "look for the difference of two infinite signals, log or sqrt of a negative number, or 0/0",
         )
-
-
-def find_formula(specification: object) -> Formula | None:
-    """Return the formula that a specification monitors, None where it has none."""
-    monitor = find_ability(specification, HasFormula)
-    return cast("Formula", monitor.formula) if monitor is not None else None

@@ -14,6 +14,8 @@ import pluggy
 from pydantic import BaseModel
 
 from avrare.base.late_import import late_import
+from avrare.driving import Scene
+from avrare.protocols import BASES, adapt
 
 KINDS = ("simulator", "perception", "tracker", "controller", "specification", "estimator", "executor")
 
@@ -96,8 +98,7 @@ class AutoRole:
         order: Candidates with smaller numbers are tried first.
         with_steps: True: for problems with steps only; False: for those without; None: for both.
         gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
-            candidate has ``scaled`` (``cross_check.ScalesToCost``), and is chosen where a small
-            trial of it promises a gain.
+            candidate has ``scaled``, and is chosen where a small trial of it promises a gain.
         options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
             to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.
             ``relative_error`` and ``memory`` are given to estimators that have them. Must import nothing
@@ -141,8 +142,7 @@ class Component:
             A text may have {placeholders} (``avrare.base.health_messages.fill``).
         family: Method of an estimator: estimators of one family do not cross-check each other. Default: its
             name.
-        cross_check: Role of an estimator in cross-checks; it then has ``scaled``
-            (``avrare.estimation.combine.cross_check.ScalesToCost``). None: it checks no others.
+        cross_check: Role of an estimator in cross-checks; it then has ``scaled``. None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
     """
 
@@ -176,6 +176,10 @@ class Component:
     def load_factory(self) -> Callable[..., Any]:
         """Import the function that builds the component; may import heavy packages."""
         return late_import(self.factory)  # type: ignore[no-any-return]
+
+    def build(self, config: Any, scene: Scene | None = None) -> Any:
+        """Build the part; it has the members of its kind's base class (``avrare.protocols``)."""
+        return adapt(BASES[self.kind], self.load_factory()(config, scene))
 
     def load_rules(self) -> list[RuleCard]:
         """Return the rules that the component offers by name, if any."""

@@ -1,121 +1,276 @@
-"""Protocols of the system and of the seven kinds of component."""
+"""Contracts: base classes of the system and of the seven kinds of part.
+
+All parts work on N particles at once (leading axis N) and are deterministic: every random choice is a
+transform of the standard normal numbers handed to them. A state, world, track or memory is a value: a
+dataclass or dict of arrays with leading axis N that no method changes; it is copied with its particle.
+
+A class without the base class works too, if it has the members without a default: ``adapt`` adds the others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from avrare.driving import Action, Observation, Prediction, Vehicles
+from avrare.base.errors import UsageError
+from avrare.driving import Observation, Prediction, Scene
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Signals = Mapping[str, NDArray[Any]]
 
-WorkT = TypeVar("WorkT", contravariant=True)
-ChunkT = TypeVar("ChunkT", contravariant=True)
-OutcomeT = TypeVar("OutcomeT", covariant=True)
-PlanT = TypeVar("PlanT", contravariant=True)
-InfoT = TypeVar("InfoT", covariant=True)
-RequestT = TypeVar("RequestT", covariant=True)
-RolloutsT = TypeVar("RolloutsT", contravariant=True)
+WorkT = TypeVar("WorkT")
+ChunkT = TypeVar("ChunkT")
+OutcomeT = TypeVar("OutcomeT")
+PlanT = TypeVar("PlanT")
+InfoT = TypeVar("InfoT")
+RequestT = TypeVar("RequestT")
+RolloutsT = TypeVar("RolloutsT")
 ResultT = TypeVar("ResultT")
 
 
-@runtime_checkable
-class System(Protocol):
-    """Anything whose failure probability can be estimated; the closed loop is one too.
-
-    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``DrawsUnderLaw`` with ``WeighsRollouts``.
-    """
+class _Dynamics(ABC):
+    # What systems and simulators share.
 
     noise_size: int
+    noise_names: Sequence[str] | None = None
+    perfect_noise: Sequence[float] | Floats | None = None
+    scene: Scene | None = None
+    lacks: Mapping[str, str] | None = None
+    notes: Mapping[str, str] = {}
 
+    def check_steps(self, steps: int) -> None:  # noqa: B027 (its default)
+        """Raise a ``UsageError`` where rollouts cannot have so many steps. Default: they can."""
+
+    def faults(self, state: Any) -> Bools | None:
+        """Return (N,) True for rows that have broken down; called after every step. Default: None, no row."""
+        return None
+
+    def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
+        """Return counters (N,) by name, which results sum up; called where a rollout ends. Default: none."""
+        return {}
+
+    def features(self, state: Any) -> Floats | None:
+        """Return (N, F) numbers that tell how a rollout may go on, for estimators that learn it.
+
+        Default: None. A simulator has its signals and vehicles, any other system its signals.
+        """
+        return None
+
+
+class System(_Dynamics):
+    """System: anything whose failure probability can be estimated; the closed loop is one.
+
+    Attributes:
+        noise_size: Number of standard normal numbers of the start, and of each step.
+        dt: Time of a step [s], which formulas in seconds use. Default: None.
+        noise_names: Name of each number for reports, such as "lateral error of cut_in". Default: numbered.
+        perfect_noise: Value of each number where no error is made. Default: zeros.
+        scene: Road, sizes and names of a driving system. Default: None.
+        lacks: Reasons by missing capability: "branches" (continuing from a copied state), "noise" (the same
+            noise gives the same rollout). Default: None, it has both.
+        notes: Health warnings for every result, texts by name. Default: none.
+    """
+
+    dt: float | None = None
+
+    @abstractmethod
     def initial(self, noise: Floats) -> Any:
-        """Return the state at t = 0 from noise (N, noise_size)."""
+        """Return the state at t = 0 from noise (N, noise_size); called once a rollout."""
 
+    @abstractmethod
     def step(self, state: Any, noise: Floats) -> Any:
-        """Return the next state; must not change ``state``."""
+        """Return the state one step later, from noise (N, noise_size)."""
 
+    @abstractmethod
     def signals(self, state: Any) -> Signals:
-        """Return named arrays with leading axis N, the samples that formulas read."""
+        """Return arrays (N, ...) by name, which formulas read; called at t = 0 and after each step."""
+
+    def under(self, law: Any) -> System:
+        """Return the system that draws from the law of a request; it has ``log_weights``.
+
+        Default: raises a ``UsageError``.
+        """
+        raise UsageError(
+            f"{type(self).__name__} cannot draw from another law",
+            "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
+        )
+
+    def with_weights(self) -> System:
+        """Return the system for an estimator that takes weights into account. Default: itself."""
+        return self
+
+    def log_weights(self, state: Any) -> Floats | None:
+        """Return (N,) log p/q along each row so far: p is the law that is meant, q the one drawn from.
+
+        Called at each sample. Default: None, they are the same.
+        """
+        return None
 
 
-class Simulator(Protocol):
-    """Simulator: the world without the stack under test (``avrare.stack.features.HasFeatures`` for learning).
+class Simulator(_Dynamics):
+    """Simulator: the world without the stack under test.
 
-    A driving simulator also has a scene (``HasScene``) and worlds with ``ego`` and ``others`` (``Vehicles``).
-    Optional: ``ReportsFaults``, ``CountsEvents``, ``HasNotes``, ``HasLimits``, ``NamesNoise``, ``TakesDraws``
+    A driving simulator has a scene, and worlds with ``ego`` and ``others`` (``avrare.driving.Vehicles``).
+
+    Attributes:
+        dt: Time of a step [s].
+        noise_size: Number of standard normal numbers of the start, and of each step.
+        junction: Scene of an intersection for specifications, in place of a road. Default: None.
+        noise_names, perfect_noise, scene, lacks, notes: As of a ``System``.
     """
 
     dt: float
-    noise_size: int
+    junction: Scene | None = None
 
+    @abstractmethod
     def reset(self, noise: Floats) -> Any:
-        """Return the world at t = 0 from noise (N, noise_size)."""
+        """Return the world at t = 0 from noise (N, noise_size); called once a rollout."""
 
+    @abstractmethod
     def step(self, world: Any, action: Any, noise: Floats) -> Any:
-        """Return the world one ``dt`` later."""
+        """Return the world one ``dt`` later; ``action`` is the controller's, None without one."""
 
+    @abstractmethod
     def signals(self, world: Any) -> Signals:
-        """Return named arrays with leading axis N."""
+        """Return arrays (N, ...) by name, which formulas read; called at t = 0 and after each step."""
+
+    def drawing(self, laws: Mapping[str, Any]) -> Simulator:
+        """Return the simulator whose options are drawn by these laws, by the place of each option.
+
+        Called once, where a scenario draws options (``avrare.plugin.Drawable``); it has ``reset_drawn``.
+        """
+        raise NotImplementedError
+
+    def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> Any:
+        """Return the world at t = 0 with drawn values (N,) of the options; called in place of ``reset``."""
+        raise NotImplementedError
 
 
-class PerceptionErrorModel(Protocol):
+class PerceptionErrorModel(ABC):
     """Model of sensors and detector: true world in, erroneous observation out.
 
-    Optional: ``HasDensity``, ``NamesNoise``, ``ReportsGhosts``, ``PersistentPerceptionErrorModel``.
+    Attributes:
+        noise_size: Number of standard normal numbers of each step.
+        noise_names, perfect_noise: As of a ``System``.
+        ghost_slots: Columns of an observation for false detections, after the vehicles'. Default: 0.
     """
 
     noise_size: int
+    noise_names: Sequence[str] | None = None
+    perfect_noise: Sequence[float] | Floats | None = None
+    ghost_slots: int = 0
 
+    @abstractmethod
     def observe(self, world: Any, noise: Floats) -> Observation:
-        """Return one observation of every other vehicle, from noise (N, noise_size)."""
-
-
-@runtime_checkable
-class PersistentPerceptionErrorModel(PerceptionErrorModel, Protocol):
-    """Perception error model whose errors last from step to step: the closed loop calls ``follow``.
-
-    Its ``observe`` is an observation without a past. Its memory is copied with the particle.
-    """
+        """Return one observation of every other vehicle, without a past, from noise (N, noise_size)."""
 
     def start(self, noise: Floats) -> Any:
-        """Return the memory at t = 0, where nothing is observed yet, from noise (N, noise_size)."""
+        """Return the memory at t = 0, where nothing is observed yet. Default: None, errors do not last."""
+        return None
 
     def follow(self, world: Any, noise: Floats, memory: Any) -> tuple[Observation, Any]:
-        """Return the observation of the next step and the memory after it."""
+        """Return the observation of a step and the memory after it; called after each step of the world.
+
+        Default: ``observe``, and the memory as it is. A model with its own has errors that last, and
+        then no ``log_prob``.
+        """
+        return self.observe(world, noise), memory
+
+    def features(self, memory: Any) -> Floats | None:
+        """Return (N, F) numbers as ``System.features`` does. Default: None."""
+        return None
+
+    def log_prob(self, world: Any, observation: Observation) -> Floats:
+        """Return (N,) log density of an observation of a world, for importance sampling.
+
+        Called after each step. Without it the model can neither be a proposal nor have one.
+        """
+        raise NotImplementedError
+
+    def log_ratio(
+        self, world: Any, noise: Floats, memory: Any, other: Any, other_memory: Any
+    ) -> tuple[Floats, Any]:
+        """Return (N,) log density ratio of ``other`` for the observation from ``noise``, and its memory.
+
+        It is NaN where ``other`` may observe what this model cannot: no weights of rollouts under this model
+        make up for that. ``memory`` is that before the step, and ``other_memory`` that of the tape on which
+        ``other`` would have observed the same; both are None where errors do not last. Called after each step
+        of failures that are reweighed for a nearby model. Without it they are run again.
+        """
+        raise NotImplementedError
 
 
-class Tracker(Protocol):
-    """Tracker: estimates the others' states and predicts them (``HasFeatures``, ``AssociatesDetections``)."""
+class Tracker(ABC):
+    """Tracker: estimates the others' states and predicts them.
 
+    Attributes:
+        known_scene: Scene with a vehicle for each track, of a tracker that finds out itself which detection
+            belongs to which track: the simulator's vehicles, then others. The controller is built for it.
+            Default: None, observations say which vehicle they are of.
+    """
+
+    known_scene: Scene | None = None
+
+    @abstractmethod
     def start(self, world: Any) -> Any:
         """Return the track at t = 0, before any observation; it may know the world exactly, or nothing."""
 
+    @abstractmethod
     def update(self, track: Any, observation: Observation) -> Any:
         """Return the track one step later; missed detections are predicted through."""
 
+    @abstractmethod
     def predict(self, track: Any, steps: int) -> Prediction:
-        """Return positions now and over ``steps`` further steps, inf for a vehicle without a track."""
+        """Return positions now and over ``steps`` further steps, inf for a vehicle without a track.
+
+        Called before each step, with the horizon of the controller.
+        """
+
+    def features(self, track: Any) -> Floats | None:
+        """Return (N, F) numbers as ``System.features`` does. Default: None, the errors of the tracks."""
+        return None
 
 
-class Controller(Protocol):
-    """Planner under test. Its memory (warm start, counters) is copied with the particle.
+class Controller(ABC):
+    """Planner under test.
 
-    Optional: ``CountsEvents``, ``HasFeatures``; a memory may have a plan (``HasPlan``).
+    Attributes:
+        horizon: Number of steps that it wants predicted.
+        arrays: Arrays by name that the option ``arrays`` replaces, such as a network's. Default: none.
     """
 
     horizon: int
+    arrays: Mapping[str, Any] = {}
 
+    @abstractmethod
     def start(self, n: int) -> Any:
-        """Return the memory of ``n`` particles before the first step."""
+        """Return the memory (warm start, counters) of ``n`` particles before the first step."""
 
-    def act(self, memory: Any, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Any]:
-        """Return the action for the next step and the memory after it."""
+    @abstractmethod
+    def act(self, memory: Any, ego: Any, prediction: Prediction | None) -> tuple[Any, Any]:
+        """Return the action for the next step and the memory after it; called before each step.
+
+        ``ego`` is that of the world: in driving ``avrare.driving.Vehicles``, and the answer an ``Action``;
+        a simulator without vehicles says what it gives and takes. ``prediction`` is None without tracker.
+        """
+
+    def counts(self, memory: Any) -> Mapping[str, NDArray[np.int64]]:
+        """Return counters (N,) by name, such as a solver's fallbacks. Default: none."""
+        return {}
+
+    def plan(self, memory: Any) -> Floats | None:
+        """Return the planned motion (N, H + 1, >= 2), x and y first, for pictures. Default: None."""
+        return None
+
+    def features(self, memory: Any) -> Floats | None:
+        """Return (N, F) numbers as ``System.features`` does. Default: None, some nodes of the plan."""
+        return None
 
 
 @dataclass(frozen=True)
@@ -133,78 +288,132 @@ class Verdict:
     score: Floats
 
 
-class Specification(Protocol):
+class Specification(ABC):
     """Formula over signals with an online monitor whose state is a value.
 
-    Optional: ``HasFormula``, ``HasMargin``, ``SelectsSamples``, ``ExplainsViolation``, ``NamesVehicles``,
-    ``ExcludesVehicles``.
+    Attributes:
+        formula: Formula that it monitors (``avrare.logic.formula.Formula``). Default: None.
+        names: Vehicles that its quantifiers range over. Default: None, all.
+        excluded: Vehicles that it leaves out. Default: none.
+        words: Requirement in English, for reports. Default: the formula in words.
     """
 
-    def start(self, n: int) -> Any:
-        """Return the monitor state before sample 0."""
+    formula: Any = None
+    names: tuple[str, ...] | None = None
+    excluded: tuple[str, ...] = ()
+    words: str = ""
 
+    @abstractmethod
+    def start(self, n: int) -> Any:
+        """Return the monitor state of ``n`` particles before sample 0."""
+
+    @abstractmethod
     def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
         """Return the monitor state and the verdict after one more sample."""
 
+    def margin(self, state: Any) -> Floats | None:
+        """Return (N,) robustness of φ at the newest sample, of "always φ". Default: None, another shape."""
+        return None
 
-class Estimator(Protocol[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
+    def sample(self, signals: Signals) -> Signals:
+        """Return the signals of the formula from those of the system. Default: the same."""
+        return signals
+
+    def explain(self, signals: Signals) -> str:
+        """Return the cause of a violation at sample 0, for the error of a scenario. Default: empty."""
+        return ""
+
+
+class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
     """Estimator: owns no loop, but asks for rollouts and is given their outcome.
 
-    ``avrare.estimation.plan.plan.Estimator`` names the value types. Optional: ``PreparesProblem``,
-    ``NeedsCapabilities``, ``StopsEarly``, ``RebuildsCarries``, ``ScalesToCost`` (``estimation.cross_check``).
+    ``avrare.estimation.plan.plan.Estimator`` names the value types.
 
     Attributes:
         name: Name in results.
-        single: True where it estimates one specification at a time.
+        single: True where it estimates one specification at a time. Default: False.
+        needs: What a system must not lack: "branches", "noise". Default: nothing.
+        final_scores: True where it reads only the scores of complete rollouts. Default: False.
+        stops_early: True where rollouts may end before the last step. Default: False.
+        rebuilds_carries: True where it can do without the carries of a stage that is read from a checkpoint.
+            Default: False, the stage is run again.
     """
 
     name: str
-    single: bool
+    single: bool = False
+    needs: tuple[str, ...] = ()
+    final_scores: bool = False
+    stops_early: bool = False
+    rebuilds_carries: bool = False
 
+    @abstractmethod
     def init(self, plan: PlanT) -> tuple[Any, InfoT]:
-        """Return the state before the first rollout, and the progress to show."""
+        """Return the state before the first rollout, and the progress to show; refuse a budget too small."""
 
+    @abstractmethod
     def ask(self, state: Any) -> RequestT | None:
-        """Return the next rollouts to run, or None when done."""
+        """Return the next rollouts to run, or None when done; called before each stage."""
 
+    @abstractmethod
     def tell(self, state: Any, rollouts: RolloutsT) -> tuple[Any, InfoT]:
         """Return the state after the rollouts asked for, and the progress to show."""
 
+    @abstractmethod
     def estimate(self, state: Any) -> list[ResultT]:
-        """Return one result per specification."""
+        """Return one result per specification; called once, after the last stage."""
+
+    def prepare(self, problem: Any) -> Any:
+        """Return the problem to estimate; may run rollouts to set itself up. Default: the same problem."""
+        return problem
+
+    def estimate_by(self, problem: Any, settings: Any, execute: Any) -> list[ResultT] | None:
+        """Return the results of other estimators, run by ``execute`` (``avrare.estimation.plan.plan.Execute``).
+
+        Called before all others. Default: None, it estimates itself.
+        """
+        return None
+
+    def demand(self, plan: PlanT, carry: int) -> Any:
+        """Return the memory that it needs (``avrare.estimation.plan.memory.Demand``). Default: None, not known.
+
+        Called before the first rollout; a particle's carry has ``carry`` bytes, 0: not known.
+        """
+        return None
+
+    def scaled(self, rollouts: float, probability: float) -> Any:
+        """Return this estimator at the size that costs about ``rollouts`` complete rollouts.
+
+        ``probability`` is about that of the failures. Called for cross-checks, and for trials of ``auto``.
+        Default: None, so few say nothing.
+        """
+        return None
 
 
-class Executor(Protocol[WorkT, ChunkT, OutcomeT]):
+class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
     """Executor: an ordered map over chunks of rollouts, and over errands.
 
-    It hands both to ``run`` of the work. ``avrare.rollout.executors.work.Executor`` names the value types.
-    Optional: ``ReplacesWorkers``.
+    It hands both to ``run`` of the work.
+    ``avrare.rollout.executors.work.Executor`` names the value types.
+
+    Attributes:
+        workers: Workers among which the rollouts of a request are spread. Default: 1.
     """
 
+    workers: int = 1
+
+    @abstractmethod
     def open(self, work: WorkT) -> None:
         """Prepare the workers for chunks of ``work``."""
 
+    @abstractmethod
     def map(self, chunks: Iterable[ChunkT]) -> Iterator[OutcomeT]:
         """Yield outcomes in the order of the chunks; take a chunk no sooner than there is room for it."""
 
+    @abstractmethod
     def close(self) -> None:
-        """Stop the workers."""
+        """Stop the workers; called once for each ``open``, after an error too."""
 
-
-PROTOCOLS: dict[str, type[Any]] = {
-    "simulator": Simulator,
-    "perception": PerceptionErrorModel,
-    "tracker": Tracker,
-    "controller": Controller,
-    "specification": Specification,
-    "estimator": Estimator,
-    "executor": Executor,
-}
-"""Protocol of each kind, whose members a part must have."""
-
-
-def missing_members(kind: str, part: object) -> list[str]:
-    """Return the members of its kind's protocol that a part lacks."""
-    protocol = PROTOCOLS[kind]
-    members = [*protocol.__annotations__, *(name for name in vars(protocol) if not name.startswith("_"))]
-    return [name for name in members if not hasattr(part, name)]
+    @property
+    def restarts(self) -> int:
+        """Number of workers that died and were replaced. Default: 0."""
+        return 0

@@ -27,6 +27,7 @@ from types import CodeType, FunctionType
 from typing import NoReturn, TypeVar
 
 from avrare.base.errors import AvrareError, ExitCode
+from avrare.protocols import Adapted
 
 _CHILD_SECONDS = 20.0
 """Time that a child has for its answer."""
@@ -107,6 +108,7 @@ def _kind_of(system: object) -> Kind:
     for _ in range(_PARTS_DEPTH):
         inner: list[object] = []
         for part in parts[: max(_MAX_PARTS - count, 0)]:
+            part = part.part if isinstance(part, Adapted) else part
             if isinstance(part, str):
                 kind.add(part)
             elif isinstance(part, FunctionType):

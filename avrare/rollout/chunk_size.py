@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from avrare.base import batch
-from avrare.protocols import HasLimits, Specification, System, find_ability, find_simulator
+from avrare.protocols import Specification, System
 
 LEAST, MOST = 25, 4096
 WORLD_ROWS = 50
@@ -20,7 +20,7 @@ _STEPS = 2**17
 
 def choose_chunk(system: System, monitors: tuple[Specification, ...], steps: int) -> int:
     """Return the largest number of rows per chunk, from the memory of one row and the steps of a rollout."""
-    if find_ability(find_simulator(system), HasLimits) is not None:
+    if system.lacks is not None:
         return WORLD_ROWS
     rows = min(_BYTES // max(_bytes_of_a_row(system, monitors), 1), _STEPS // max(steps, 1))
     return int(np.clip(rows, LEAST, MOST))

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.logic.formula import find_formula
-from avrare.protocols import Bools, SelectsSamples, Signals, Specification, Verdict, find_ability
+from avrare.protocols import Bools, Floats, Signals, Specification, Verdict
 
 
 @dataclass(frozen=True)
@@ -20,20 +19,18 @@ class DecidingState:
     decided: Bools  # (N,) True where no later sample can change the verdict
 
 
-class Deciding:
+class Deciding(Specification):
     """Specification with the robust satisfaction interval of its formula over ``length`` samples.
 
     The formula is that of ``judge``, the specification without its score; by default that of ``inner``. It
-    may read other signals than the system's (``SelectsSamples``). Without one it is never decided before
-    the end.
+    may read other signals than the system's (``Specification.sample``). Without one it is never decided
+    before the end.
     """
 
     def __init__(self, inner: Specification, length: int, judge: Specification | None = None) -> None:
         self.inner = inner
-        judge = judge or inner
-        formula = find_formula(judge)
-        self._bounds = formula.interval_monitor(length) if formula is not None else None
-        self._selecting = find_ability(judge, SelectsSamples)
+        self._judge = judge = inner if judge is None else judge
+        self._bounds = judge.formula.interval_monitor(length) if judge.formula is not None else None
 
     def start(self, n: int) -> DecidingState:
         """Return the state before sample 0."""
@@ -45,10 +42,13 @@ class Deciding:
         inner, verdict = self.inner.update(state.inner, signals)
         if self._bounds is None:
             return replace(state, inner=inner), verdict
-        sample = signals if self._selecting is None else self._selecting.sample(signals)
-        bounds, known = self._bounds.update(state.bounds, sample)
+        bounds, known = self._bounds.update(state.bounds, self._judge.sample(signals))
         final = np.where(known.decided, known.violated, verdict.violated)
         within = np.clip(verdict.robustness, known.lower, known.upper)
         robustness = np.where(known.decided, within, verdict.robustness)
         new = DecidingState(inner, bounds, known.decided)
         return new, replace(verdict, violated=final, robustness=robustness)
+
+    def margin(self, state: DecidingState) -> Floats | None:
+        """Return the margin of the inner specification."""
+        return self.inner.margin(state.inner)

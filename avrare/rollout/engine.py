@@ -14,17 +14,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, UsageError
-from avrare.protocols import (
-    Bools,
-    CountsEvents,
-    DrawsUnderLaw,
-    Floats,
-    ReportsFaults,
-    Specification,
-    System,
-    WeighsRollouts,
-    find_ability,
-)
+from avrare.protocols import Bools, Floats, Specification, System
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
@@ -49,21 +39,11 @@ def simulate(
     ``scored=False`` leaves out the score of every step.
     """
     if request.law is not None:
-        system = _draw_under(system, request.law)
+        system = system.under(request.law)
     if request.past is not None:
         request = _restore_carries(system, specifications, noise, request)
     drawer = TapeDrawer(noise, request, steps)
     return _Simulation(system, specifications, steps, drawer, request, scored).run()
-
-
-def _draw_under(system: System, law: Any) -> System:
-    drawing = find_ability(system, DrawsUnderLaw)
-    if drawing is None:
-        raise UsageError(
-            f"{type(system).__name__} cannot draw from another law",
-            "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
-        )
-    return drawing.under(law)  # type: ignore[no-any-return]
 
 
 class _CarryStore:
@@ -113,9 +93,6 @@ class _Simulation:
         self.error = np.zeros(rows, dtype=bool)
         self.scores = np.full((rows, steps + 1 if scored else 0), -np.inf)
         self.log_weight = np.zeros(rows)
-        self.weighing = find_ability(system, WeighsRollouts)
-        self.reporting = find_ability(system, ReportsFaults)
-        self.counting = find_ability(system, CountsEvents)
         self.simulated_steps = int(request.past.paid.sum()) if request.past is not None else 0
         self.counts: dict[str, Integers] = {}
         self.messages: dict[str, int] = {}  # each with the first row that it is of
@@ -209,8 +186,9 @@ class _Simulation:
     def _sample(self, state: Any, n: int) -> Sample:
         signals = check_signals(self.system.signals(state), n)
         faulty = np.zeros(n, dtype=bool)
-        if self.reporting is not None:
-            faulty |= check_rows("faults(state)", np.asarray(self.reporting.faults(state)), n).astype(bool)
+        faults = self.system.faults(state)
+        if faults is not None:
+            faulty |= check_rows("faults(state)", np.asarray(faults), n).astype(bool)
         for values in signals.values():
             faulty |= _is_nan(values)
         return state, signals, faulty
@@ -283,15 +261,14 @@ class _Simulation:
     def _record(self, carry: Carry, rows: Integers, t: int) -> None:
         if self.scored:
             self.scores[rows, t] = carry.verdicts[0].score
-        if self.weighing is not None:
-            self.log_weight[rows] = self.weighing.log_weights(carry.system)
+        weights = self.system.log_weights(carry.system)
+        if weights is not None:
+            self.log_weight[rows] = weights
         for column, verdict in enumerate(carry.verdicts):
             self.robustness[rows, column] = verdict.robustness
 
     def _count(self, carry: Carry, rows: Integers, sign: int) -> None:
-        if self.counting is None:
-            return
-        for name, values in self.counting.counts(carry.system).items():
+        for name, values in self.system.counts(carry.system).items():
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
 
     def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:

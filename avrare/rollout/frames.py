@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from avrare.protocols import Floats, HasPlan, find_ability
+from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout
 from avrare.stack.closed_loop import ClosedLoop
@@ -27,11 +27,11 @@ def extract_frames(problem: Problem, rollout: ReplayedRollout) -> list[Frame]:
     loop = problem.system
     if problem.scene is None or not isinstance(loop, ClosedLoop):
         return []
-    horizon = loop.controller.horizon if loop.controller is not None else 0
+    controller = loop.controller
+    horizon = controller.horizon if controller is not None else 0
     frames = []
     for t, state in enumerate(rollout.states):
         prediction = loop.tracker.predict(state.track, horizon) if loop.tracker is not None else None
-        planning = find_ability(state.memory, HasPlan)
-        plan = planning.plan_states[0] if planning is not None and t > 0 else None
-        frames.append(Frame(t, state.world, state.observation, prediction, plan))
+        plan = controller.plan(state.memory) if controller is not None and t > 0 else None
+        frames.append(Frame(t, state.world, state.observation, prediction, None if plan is None else plan[0]))
     return frames

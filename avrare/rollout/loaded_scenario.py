@@ -11,7 +11,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene
 from avrare.logic import formula as logic
 from avrare.logic.formula import FormulaMonitor
-from avrare.protocols import Estimator, HasMargin, find_ability
+from avrare.protocols import Estimator
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import shape_of
@@ -180,7 +180,6 @@ def _choose_score(scenario: LoadedScenario, name: str) -> logic.Formula | str | 
         return logic.stl(own.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
     if own is not None:
         return own
-    stepped = find_ability(monitor, HasMargin)
-    if stepped is not None and stepped.margin(monitor.start(1)) is not None:
+    if monitor.margin(monitor.start(1)) is not None:
         return "margin"
     return "progress" if isinstance(monitor, FormulaMonitor) and shape_of(monitor.formula) else None

@@ -10,19 +10,8 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene
-from avrare.logic.formula import Formula, FormulaMonitor, find_formula
-from avrare.protocols import (
-    Floats,
-    HasMargin,
-    HasStepTime,
-    SelectsSamples,
-    Specification,
-    System,
-    check_steps,
-    find_ability,
-    find_scene,
-    find_simulator,
-)
+from avrare.logic.formula import Formula, FormulaMonitor
+from avrare.protocols import Floats, Specification, System, adapt, overrides
 from avrare.rollout.child_process import run_guarded, run_here
 from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.early_stop import Deciding
@@ -50,7 +39,8 @@ class Problem:
     """System with one specification (or several that are monitored in one pass).
 
     Args:
-        system: An ``avrare.protocols.System``, such as the closed loop of a scenario.
+        system: An ``avrare.protocols.System``, such as the closed loop of a scenario, or an object of any
+            class with ``noise_size``, ``initial``, ``step`` and ``signals``.
         specification: A formula from ``avrare.stl``, any ``Specification``, or a mapping of names to them.
         steps: Last step: states t = 0..steps are simulated; 0 is a static problem.
         score: Importance score for splitting: ``function(signals so far, t) -> (N,)``, a formula whose own
@@ -71,7 +61,7 @@ class Problem:
 
     def __init__(
         self,
-        system: System,
+        system: object,
         specification: Formula | Specification | Mapping[str, Formula | Specification],
         steps: int,
         score: ScoreFunction | Formula | str | None = None,
@@ -84,18 +74,12 @@ class Problem:
         if isinstance(system, type):
             name = system.__name__
             raise UsageError(f"{name} is a class, not a system", f"give an object of it, such as {name}()")
-        missing = [name for name in ("noise_size", "initial", "step", "signals") if not hasattr(system, name)]
-        if missing:
-            raise UsageError(
-                f"{type(system).__name__} is not a valid system: it lacks {', '.join(missing)}",
-                "a system has noise_size, initial(noise), step(state, noise) and signals(state)",
-            )
-        _check_integer(f"{type(system).__name__}.noise_size", system.noise_size, 0)
-        check_noise(system)
-        check_steps(system, steps)
+        self.system = adapt(System, system)
+        _check_integer(f"{type(system).__name__}.noise_size", self.system.noise_size, 0)
+        check_noise(self.system)
+        self.system.check_steps(steps)
         if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):
             raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
-        self.system = system
         self.steps = int(steps)
         self.score = score
         self.named_chunk = None if chunk is None else int(chunk)
@@ -123,13 +107,12 @@ class Problem:
     @property
     def dt(self) -> float | None:
         """Time of a step [s], None where the system has none."""
-        stepped = find_ability(find_simulator(self.system), HasStepTime)
-        return float(stepped.dt) if stepped is not None else None
+        return None if self.system.dt is None else float(self.system.dt)
 
     @property
     def scene(self) -> Scene | None:
         """Road, sizes and names of a driving simulator, else None."""
-        return find_scene(find_simulator(self.system))
+        return self.system.scene
 
     def monitor(self, name: str) -> Specification:
         """Return the monitor of a specification."""
@@ -317,8 +300,8 @@ class Problem:
             return self.score, None
         if isinstance(spec, FormulaMonitor):
             return spec.formula, None
-        selecting, formula = find_ability(spec, SelectsSamples), find_formula(spec)
-        return (formula, selecting.sample) if selecting and isinstance(formula, Formula) else None
+        selects = overrides(spec, Specification.sample) and isinstance(spec.formula, Formula)
+        return (spec.formula, spec.sample) if selects else None
 
     def _with_margin(self) -> tuple[Specification, ...]:
         guides = [self._guide(index) for index in range(len(self.monitors))]
@@ -364,8 +347,7 @@ def read_tape(noise: Any) -> Floats:
 
 
 def _margin_of(judge: Specification, state: Any) -> float | None:
-    stepped = find_ability(judge, HasMargin)
-    margin = stepped.margin(state) if stepped is not None else None
+    margin = judge.margin(state)
     return None if margin is None else float(margin[0])
 
 
@@ -382,4 +364,4 @@ def _as_monitor(specification: Formula | Specification) -> Specification:
             f"{specification!r} is no specification",
             'write avrare.stl("always (x < 4)") or give an object with start and update',
         )
-    return specification
+    return adapt(Specification, specification)

@@ -15,7 +15,6 @@ from avrare.base.plot import Plot
 from avrare.base.records import Records
 from avrare.base.renderers import render
 from avrare.driving import Scene
-from avrare.logic.formula import find_formula
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem, read_tape
 from avrare.rollout.replay import replay_tape, tabulate_signals
@@ -137,7 +136,7 @@ def trace_tape(problem: Problem, noise: ArrayLike | None = None) -> Trace:
     if tape.shape != shape:
         raise UsageError(f"the tape has shape {tape.shape}, but this problem needs {shape}")
     rollout, dt = replay_tape(problem, tape), problem.dt
-    formula = find_formula(problem.monitors[0])
+    formula = problem.monitors[0].formula
     return Trace(
         problem.names[0],
         "" if formula is None else formula.text.strip(),

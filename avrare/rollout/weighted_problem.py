@@ -11,13 +11,7 @@ from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import default_registry
-from avrare.protocols import (
-    HasDensity,
-    PerceptionErrorModel,
-    PersistentPerceptionErrorModel,
-    find_ability,
-    find_scene,
-)
+from avrare.protocols import PerceptionErrorModel, adapt, overrides
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import Block
 from avrare.scenario.validation import check_options
@@ -46,9 +40,8 @@ class WeightedProblem(Problem):
     def __init__(self, target: Problem, proposal: Any = None, needs: str = "log_prob") -> None:
         loop = _check_loop(target, needs)
         self.target, self.proposal, self.needs = target, proposal, needs
-        built = _build_proposal(proposal, loop) if isinstance(proposal, Mapping) else proposal
+        built = None if proposal is None else _build_proposal(proposal, loop)
         monitors = dict(zip(target.names, target.specifications, strict=True))
-        _check_memoryless(built)
         # The target's monitors have its score already.
         super().__init__(
             WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.named_chunk
@@ -65,19 +58,24 @@ def _check_loop(target: Problem, needs: str) -> ClosedLoop:
             f"a perception model as proposal needs a closed loop, but the system is a {type(loop).__name__}",
             "give a proposal of the noise: an object with sample(rng, n) and log_ratio(noise)",
         )
-    _check_memoryless(loop.perception)
-    if not hasattr(loop.perception, needs):
-        what = "no perception model" if loop.perception is None else f"{type(loop.perception).__name__}"
-        lacks = "" if loop.perception is None else f", which has no {needs}"
+    model = loop.perception
+    if model is not None:
+        _check_memoryless(model)
+    if model is None or not _has_density(model, needs):
+        perception = f"{type(model).__name__}, which has no {needs}" if model else "no perception model"
         raise UsageError(
-            f"the likelihood ratio is unknown: the closed loop has {what}{lacks}",
+            f"the likelihood ratio is unknown: the closed loop has {perception}",
             "choose a perception model with log_prob(world, observation), or a proposal of the noise",
         )
     return loop
 
 
-def _check_memoryless(perception: Any) -> None:
-    if isinstance(perception, PersistentPerceptionErrorModel):
+def _has_density(model: PerceptionErrorModel, needs: str = "log_prob") -> bool:
+    return hasattr(model, needs) and (needs != "log_prob" or overrides(model, PerceptionErrorModel.log_prob))
+
+
+def _check_memoryless(perception: PerceptionErrorModel) -> None:
+    if overrides(perception, PerceptionErrorModel.follow):
         raise UsageError(
             f"the likelihood ratio is unknown: the errors of {type(perception).__name__} last over steps",
             "set its persistence to 0, or give a proposal of the noise: "
@@ -95,10 +93,12 @@ def check_proposal(options: Mapping[str, Any]) -> Block:
     return Block(name, component, config, row.distribution, row.version)
 
 
-def _build_proposal(options: Mapping[str, Any], loop: ClosedLoop) -> PerceptionErrorModel:
-    block = check_proposal(options)
-    built = build_block(block, find_scene(loop.simulator), PerceptionErrorModel)
-    _check_memoryless(built)
-    if find_ability(built, HasDensity) is None:
-        raise UsageError(f"the proposal {block.plugin!r} has no log_prob: it cannot be weighed")
-    return built
+def _build_proposal(proposal: Any, loop: ClosedLoop) -> PerceptionErrorModel:
+    if isinstance(proposal, Mapping):
+        model = build_block(check_proposal(proposal), loop.scene, PerceptionErrorModel)
+    else:
+        model = adapt(PerceptionErrorModel, proposal)
+    _check_memoryless(model)
+    if not _has_density(model):
+        raise UsageError(f"the proposal {type(model).__name__} has no log_prob: it cannot be weighed")
+    return model

@@ -14,23 +14,19 @@ from avrare.base import batch
 from avrare.base.error_place import find_place
 from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
 from avrare.driving import Observation, Scene
-from avrare.logic.formula import FormulaMonitor, FormulaWarning, find_formula, stl
+from avrare.logic.formula import FormulaMonitor, FormulaWarning, stl
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
     Controller,
-    ExplainsViolation,
     Floats,
-    HasMargin,
     PerceptionErrorModel,
     Simulator,
     Specification,
     Tracker,
-    check_steps,
-    find_ability,
-    find_judged_scene,
-    find_scene,
+    adapt,
     missing_members,
+    overrides,
 )
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block, Formula, Scenario
@@ -39,9 +35,9 @@ from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.array_checks import check_signals
 from avrare.stack.closed_loop import ClosedLoop, LoopState
-from avrare.stack.drawn_start import DrawnStart, TakesDraws
+from avrare.stack.drawn_start import DrawnStart
 from avrare.stack.noise_names import check_noise
-from avrare.stack.unlabelled import check_labels, scene_of_tracks
+from avrare.stack.unlabelled import check_labels
 
 PartT = TypeVar("PartT")
 
@@ -75,10 +71,10 @@ def build_stack(scenario: Scenario) -> Stack:
         simulator = _build_simulator(scenario.simulator)
         check_noise(simulator)
     with _located(scenario, "steps"):
-        check_steps(simulator, scenario.steps)
-    scene = find_scene(simulator)
+        simulator.check_steps(scenario.steps)
+    scene = simulator.scene
     perception, tracker, controller = _build_parts(scenario, scene)
-    specifications, judged = {}, find_judged_scene(simulator)
+    specifications, judged = {}, scene or simulator.junction
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, judged, simulator.dt)
@@ -95,14 +91,15 @@ def _build_parts(
         with _located(scenario, "perception"):
             perception = build_block(scenario.perception, scene, PerceptionErrorModel)
             check_noise(perception)
-    with _located(scenario, "tracker"):
-        if scenario.tracker is not None:
+    if scenario.tracker is not None:
+        with _located(scenario, "tracker"):
             tracker = build_block(scenario.tracker, scene, Tracker)
-        check_labels(perception, tracker)
-        known = scene_of_tracks(tracker, scene)
+            if perception is not None:
+                check_labels(perception, tracker)
+            scene = tracker.known_scene or scene
     if scenario.controller is not None:
         with _located(scenario, "controller"):
-            controller = build_block(scenario.controller, known, Controller)
+            controller = build_block(scenario.controller, scene, Controller)
     return perception, tracker, controller
 
 
@@ -110,14 +107,12 @@ def _build_simulator(block: Block) -> Simulator:
     simulator = build_block(block, None, Simulator)
     if block.draws is None:
         return simulator
-    drawing = find_ability(simulator, TakesDraws)
-    if drawing is None:
+    if not all(overrides(simulator, default) for default in (Simulator.drawing, Simulator.reset_drawn)):
         raise PluginError(
             f"simulator {block.plugin!r} marks options as drawable, but has no `drawing` and `reset_drawn`",
-            "see avrare.stack.drawn_start.TakesDraws",
+            "see avrare.protocols.Simulator",
         )
-    drawn: Simulator = drawing.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True)))
-    return drawn
+    return adapt(Simulator, simulator.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True))))
 
 
 def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
@@ -129,11 +124,10 @@ def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
             if isinstance(scenario.specifications[name], Formula):
                 _check_relations(spec, signals)
             monitor, verdict = spec.update(spec.start(1), signals)
-        stepped = find_ability(spec, HasMargin)
-        settled = stepped is not None and stepped.margin(monitor) is not None
+        settled = spec.margin(monitor) is not None
         if settled and verdict.violated[0] and _fails_from_drawn_starts(scenario, stack, spec):
-            explaining = find_ability(spec, ExplainsViolation)
-            culprit = f": {explaining.explain(signals)}" if explaining is not None else ""
+            cause = spec.explain(signals)
+            culprit = f": {cause}" if cause else ""
             place = f"{scenario.path}: specifications.{name}"
             hint = "move the vehicles, change the parameters of the specification, or remove it"
             text = f"{place}: violated at sample 0 by the noise-free start, and by all others tried{culprit}"
@@ -162,8 +156,7 @@ def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Mappin
 
 
 def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
-    formula = find_formula(spec)
-    for name in [] if formula is None else formula.signals:
+    for name in [] if spec.formula is None else spec.formula.signals:
         if name not in signals and name.endswith(")"):
             hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"
             raise FormulaError(f"signal {name!r} is missing", f"{hint} instead of {{stl: ...}}")
@@ -247,7 +240,7 @@ def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3
 
 
 def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str, str | None]]:
-    part, formula = scenario.specifications[name], find_formula(spec)
+    part, formula = scenario.specifications[name], spec.formula
     if formula is None or not isinstance(part, Block):
         return []
     found = [] if part.component.check else [(one.message, one.hint) for one in formula.warnings]
@@ -277,12 +270,12 @@ def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> Par
         factory = block.component.load_factory()
     with _plugin_errors(block, "built"), warnings.catch_warnings():
         warnings.simplefilter("ignore", FormulaWarning)  # given where the formula is validated
-        part: PartT = factory(block.config, scene)
+        part = factory(block.config, scene)
     kind = block.component.kind
-    if missing := missing_members(kind, part):
+    if missing := missing_members(contract, part):
         text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
         raise PluginError(text, f"see what a {kind} needs: avrare check-plugin {block.plugin}")
-    return part
+    return adapt(contract, part)
 
 
 @contextmanager

@@ -16,28 +16,19 @@ from numpy.typing import NDArray
 
 from avrare.driving import Observation, Prediction
 from avrare.protocols import (
-    AdaptsToTarget,
     Bools,
     Controller,
-    CountsEvents,
     Floats,
     PerceptionErrorModel,
-    PersistentPerceptionErrorModel,
-    ReportsFaults,
     Signals,
     Simulator,
+    System,
+    SystemWrapper,
     Tracker,
-    find_ability,
+    adapt,
 )
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
-from avrare.stack.features import (
-    HasFeatures,
-    check_features,
-    flattened,
-    plan_features,
-    track_features,
-    vehicle_features,
-)
+from avrare.stack.features import check_features, flattened, plan_features, track_features, vehicle_features
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
 
@@ -62,7 +53,7 @@ class LoopState:
     drawn: DrawnValues | None = None
 
 
-class ClosedLoop:
+class ClosedLoop(System):
     """System whose noise is that of drawn options, if any, the simulator's and the perception error model's.
 
     Each step: predict the others, act, advance the world, observe it, update the track. Nothing is
@@ -77,32 +68,27 @@ class ClosedLoop:
         controller: Controller | None = None,
         start: DrawnStart | None = None,
     ) -> None:
-        self.simulator = simulator
+        self.simulator = simulator = adapt(Simulator, simulator)
         self.start = start
-        self.perception = perception
-        self.tracker = tracker
-        self.controller = controller
-        self._persistent = perception if isinstance(perception, PersistentPerceptionErrorModel) else None
+        self.perception = None if perception is None else adapt(PerceptionErrorModel, perception)
+        self.tracker = None if tracker is None else adapt(Tracker, tracker)
+        self.controller = None if controller is None else adapt(Controller, controller)
+        self.dt, self.scene = simulator.dt, simulator.scene
+        self.lacks, self.notes = simulator.lacks, simulator.notes
         self._drawn = start.size if start is not None else 0
         self.world_noise = self._drawn + simulator.noise_size
-        self.noise_size = self.world_noise + (perception.noise_size if perception is not None else 0)
-
-    @property
-    def noise_names(self) -> tuple[str, ...]:
-        """Names of the noise numbers: of draws, of the simulator, then of the perception error model."""
-        names = self.start.noise_names if self.start is not None else ()
-        names += find_noise_names(self.simulator, "noise of the simulator:")
+        names = start.noise_names if start is not None else ()
+        names += find_noise_names(simulator, "noise of the simulator:")
+        perfect = [np.zeros(self._drawn), find_perfect_noise(simulator)]
         if self.perception is not None:
             names += find_noise_names(self.perception, "noise of perception:")
-        return names
+            perfect.append(find_perfect_noise(self.perception))
+        self.noise_names, self.perfect_noise = names, np.concatenate(perfect)
+        self.noise_size = len(names)
 
-    @property
-    def perfect_noise(self) -> Floats:
-        """Numbers (noise_size,) of a loop whose simulator and perception make no errors; 0 for draws."""
-        parts = [np.zeros(self._drawn), find_perfect_noise(self.simulator)]
-        if self.perception is not None:
-            parts.append(find_perfect_noise(self.perception))
-        return np.concatenate(parts)
+    def check_steps(self, steps: int) -> None:
+        """Raise the ``UsageError`` of a simulator that cannot have so many steps."""
+        self.simulator.check_steps(steps)
 
     def initial(self, noise: Floats) -> LoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""
@@ -113,7 +99,7 @@ class ClosedLoop:
             world = self.simulator.reset(noise[:, :own])
         track = self.tracker.start(world) if self.tracker is not None else None
         memory = self.controller.start(len(noise)) if self.controller is not None else None
-        latent = self._persistent.start(noise[:, own:]) if self._persistent is not None else None
+        latent = self.perception.start(noise[:, own:]) if self.perception is not None else None
         return LoopState(world, None, track, memory, latent, drawn)
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
@@ -148,25 +134,20 @@ class ClosedLoop:
 
     def faults(self, state: LoopState) -> Bools:
         """Return (N,) rows that the simulator reports as broken down, or whose scene is impossible."""
-        simulator = find_ability(self.simulator, ReportsFaults)
-        if simulator is None:
+        broken = self.simulator.faults(state.world)
+        if broken is None:
             broken = np.zeros(len(next(iter(self.signals(state).values()))), dtype=bool)
-        else:
-            broken = np.asarray(simulator.faults(state.world), dtype=bool)
+        broken = np.asarray(broken, dtype=bool)
         return broken if state.drawn is None else broken | state.drawn.refused
 
     def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
         """Return counters (N,) of draws, simulator and controller, such as solver fallbacks."""
-        found: dict[str, NDArray[np.int64]] = {}
-        if state.drawn is not None:
-            found["scenes_redrawn"] = state.drawn.redraws
-        for part, own in ((self.simulator, state.world), (self.controller, state.memory)):
-            counting = find_ability(part, CountsEvents)
-            found |= counting.counts(own) if counting is not None else {}
-        return found
+        drawn = {} if state.drawn is None else {"scenes_redrawn": state.drawn.redraws}
+        planned = {} if self.controller is None else self.controller.counts(state.memory)
+        return {**drawn, **self.simulator.counts(state.world), **planned}
 
     def features(self, state: LoopState) -> Floats:
-        """Return (N, F) what the parts declare (``HasFeatures``), or else what every driving stack has."""
+        """Return (N, F) what the parts declare, or else what every driving stack has."""
         driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
         found = [_declared(self.simulator, state.world)]
         if found[0] is None:
@@ -176,14 +157,14 @@ class ClosedLoop:
         if tracked is None and self.tracker is not None and driving:
             tracked = track_features(self.tracker, state.track, state.world)
         planned = _declared(self.controller, state.memory)
-        found += [tracked, plan_features(state.memory) if planned is None else planned]
+        if planned is None and self.controller is not None:
+            planned = plan_features(self.controller.plan(state.memory))
+        found += [tracked, planned]
         return np.concatenate([part for part in found if part is not None], axis=1)
 
     def _observe(self, world: Any, noise: Floats, latent: Any) -> tuple[Observation | None, Any]:
-        if self._persistent is not None:
-            return self._persistent.follow(world, noise, latent)
         if self.perception is not None:
-            return self.perception.observe(world, noise), None
+            return self.perception.follow(world, noise, latent)
         if self.tracker is None:
             return None, None
         others = world.others
@@ -193,8 +174,8 @@ class ClosedLoop:
 
 
 def _declared(part: Any, state: Any) -> Floats | None:
-    declaring = find_ability(part, HasFeatures) if state is not None else None
-    return check_features(part, declaring.features(state)) if declaring is not None else None
+    declared = part.features(state) if state is not None else None
+    return None if declared is None else check_features(part, declared)
 
 
 @dataclass(frozen=True)
@@ -202,7 +183,8 @@ class SamplingLaw:
     """Distribution that the rows of a request are drawn from (``Request.law``).
 
     Attributes:
-        proposal: Perception error model, or a recipe for one (``AdaptsToTarget``); None: the problem's own.
+        proposal: Perception error model, or a recipe for one: an object with ``for_target(perception)``,
+            which returns it; None: the problem's own.
         from_target: Draw from the target instead, and weigh against the proposal all the same.
     """
 
@@ -223,7 +205,7 @@ class WeightedLoopState:
     log_weight: Floats
 
 
-class WeightedLoop:
+class WeightedLoop(SystemWrapper):
     """Closed loop under a proposal; without ``under`` it is the target itself.
 
     Args:
@@ -233,6 +215,7 @@ class WeightedLoop:
     """
 
     def __init__(self, target: ClosedLoop, proposal: Any = None, law: SamplingLaw | None = None) -> None:
+        super().__init__(target)
         self.target, self.proposal, self.law = target, proposal, law
         self._density = self._proposal_density(law)
         self._drawn = target
@@ -242,13 +225,13 @@ class WeightedLoop:
             )
         own = target.world_noise
         self.noise_size = max(target.noise_size, own + (proposal.noise_size if proposal is not None else 0))
+        self.noise_names = self.perfect_noise = None  # those of the target, or of the proposal
 
     def _proposal_density(self, law: SamplingLaw | None) -> Any:
         if law is None:
             return None
         proposal = law.proposal if law.proposal is not None else self.proposal
-        recipe = find_ability(proposal, AdaptsToTarget)
-        return proposal if recipe is None else recipe.for_target(self.target.perception)
+        return proposal.for_target(self.target.perception) if hasattr(proposal, "for_target") else proposal
 
     def under(self, law: SamplingLaw) -> WeightedLoop:
         """Return the same loop drawn from ``law``."""
@@ -267,17 +250,13 @@ class WeightedLoop:
         own, other = (model.log_prob(loop.world, loop.observation) for model in (target, self._density))
         return WeightedLoopState(loop, state.log_weight + (own - other))
 
-    def signals(self, state: WeightedLoopState) -> Signals:
-        """Return the simulator's signals."""
-        return self.target.signals(state.loop)
+    def unwrap(self, state: WeightedLoopState) -> LoopState:
+        """Return the state of the loop without its weight."""
+        return state.loop
 
     def faults(self, state: WeightedLoopState) -> Bools:
         """Return (N,) rows that broke down, or whose observation has density 0 under both models."""
         return np.asarray(self.target.faults(state.loop) | np.isnan(state.log_weight))
-
-    def counts(self, state: WeightedLoopState) -> dict[str, NDArray[np.int64]]:
-        """Return the counters of the simulator and the controller."""
-        return self.target.counts(state.loop)
 
     def log_weights(self, state: WeightedLoopState) -> Floats:
         """Return (N,) log of the likelihood ratio."""

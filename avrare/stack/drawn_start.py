@@ -10,33 +10,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
-from avrare.base.laws import Law
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.driving.values import Scene
-from avrare.protocols import Bools, Floats, HasMargin, Signals, Specification, find_ability, find_scene
+from avrare.protocols import Bools, Floats, Signals, Simulator, Specification
 from avrare.scenario.draws import Draws
 
 SIGNAL = "drawn_"
 """Beginning of the name of the signal of a drawn option: ``drawn_ego_speed``."""
-
-
-class TakesDraws(Protocol):
-    """Simulator whose options of type ``avrare.plugin.Drawable`` may be drawn at random."""
-
-    def drawing(self, laws: Mapping[str, Law], /) -> Any:
-        """Return the same simulator, ready for draws of options by these laws (``avrare.base.laws``).
-
-        Options are named by their place, such as ``vehicles.0.speed``.
-        """
-
-    def reset_drawn(self, noise: Floats, values: Mapping[str, Floats], /) -> Any:
-        """Return the world at t = 0 with drawn values (N,) of the options, from noise (N, noise_size)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +45,7 @@ class DrawnStart:
 
     Args:
         draws: Options, laws and settings.
-        simulator: What ``TakesDraws.drawing`` returned.
+        simulator: What ``Simulator.drawing`` returned.
         specifications: Monitors of the scenario, by name: a start must violate none.
 
     Attributes:
@@ -68,12 +54,14 @@ class DrawnStart:
         signal_names: Name of each value as a signal.
     """
 
-    def __init__(self, draws: Draws, simulator: Any, specifications: Mapping[str, Specification]) -> None:
+    def __init__(
+        self, draws: Draws, simulator: Simulator, specifications: Mapping[str, Specification]
+    ) -> None:
         self.draws, self.size = draws, len(draws.laws)
         self.noise_names = tuple(f"draw of {name}" for name in draws.names)
         self.signal_names = tuple(SIGNAL + re.sub(r"\W", "_", name) for name in draws.names)
         self._factor = _square_root(draws.correlation)
-        self._simulator, self._scene = simulator, find_scene(simulator)
+        self._simulator, self._scene = simulator, simulator.scene
         self._specifications = specifications
 
     def reset(self, noise: Floats) -> tuple[Any, DrawnValues]:
@@ -127,8 +115,7 @@ class DrawnStart:
         broken = np.zeros(n, dtype=bool)
         for monitor in self._specifications.values():
             state, verdict = monitor.update(monitor.start(n), signals)
-            stepped = find_ability(monitor, HasMargin)
-            if stepped is not None and stepped.margin(state) is not None:
+            if monitor.margin(state) is not None:
                 broken |= verdict.violated
         return broken
 

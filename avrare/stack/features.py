@@ -1,37 +1,28 @@
 """Features: numbers that tell how a rollout may go on, for estimators that learn it.
 
-A part declares what it knows best (``HasFeatures``). Where it declares nothing, a closed loop offers what
-every driving stack has: positions and speeds, what the tracker believes against the truth, the plan. A system
-that is no closed loop offers its signals.
+A part declares what it knows best (its method ``features``). Where it declares nothing, a closed loop offers
+what every driving stack has: positions and speeds, what the tracker believes against the truth, the plan. Any
+other system offers its signals.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.driving import Prediction
-from avrare.protocols import Floats, HasMargin, HasPlan, Signals, Specification, find_ability
+from avrare.protocols import Floats, Signals, Specification, System
 
 _NODES = (1, 3, 6, 10, 15, 20)
 """Nodes of a plan whose states are features."""
 
 
-class HasFeatures(Protocol):
-    """System, simulator, tracker, controller or persistent perception error model that declares features."""
-
-    def features(self, state: Any, /) -> Floats:
-        """Return (N, F) numbers of a state (of a controller or perception: of its memory)."""
-
-
-def system_features(system: Any, state: Any) -> Floats:
+def system_features(system: System, state: Any) -> Floats:
     """Return the features (N, F) that a system declares, else its signals."""
-    declaring = find_ability(system, HasFeatures)
-    if declaring is not None:
-        return check_features(system, declaring.features(state))
-    return flattened(system.signals(state))
+    declared = system.features(state)
+    return flattened(system.signals(state)) if declared is None else check_features(system, declared)
 
 
 def check_features(part: Any, values: Any) -> Floats:
@@ -45,10 +36,7 @@ def check_features(part: Any, values: Any) -> Floats:
 
 def monitor_features(specification: Specification, state: Any, robustness: Floats, score: Floats) -> Floats:
     """Return (N, 3) margin at the newest sample, robustness and score so far; the score is the last."""
-    while find_ability(specification, HasMargin) is None and hasattr(state, "inner"):  # a score's wrapper
-        specification, state = getattr(specification, "inner", specification), state.inner
-    having = find_ability(specification, HasMargin)
-    margin = having.margin(state) if having is not None else None
+    margin = specification.margin(state)
     return np.stack([robustness if margin is None else margin, robustness, score], axis=1)
 
 
@@ -86,11 +74,9 @@ def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
     return np.concatenate([known.astype(np.float64), *kept], axis=1)
 
 
-def plan_features(memory: Any) -> Floats | None:
+def plan_features(states: Floats | None) -> Floats | None:
     """Return (N, F) some nodes of a controller's plan relative to its first one; None without a plan."""
-    having = find_ability(memory, HasPlan)
-    if having is None or np.ndim(having.plan_states) != 3:
+    if states is None or np.ndim(states) != 3:
         return None
-    states = having.plan_states
     nodes = [node for node in _NODES if node < states.shape[1]]
     return np.asarray((states[:, nodes] - states[:, :1]).reshape(len(states), -1))

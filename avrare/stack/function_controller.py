@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from avrare.base import batch
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Action, Prediction, Scene, Vehicles
+from avrare.protocols import Controller
 from avrare.scenario.safe_mode import TRUST, is_safe
 
 EXAMPLE = Path(__file__).with_name("templates") / "act.py.txt"
@@ -79,7 +80,7 @@ class DrivingObservation:
     scene: Scene
 
 
-class FunctionController:
+class FunctionController(Controller):
     """Controller that calls a function of its own file, without memory.
 
     Attributes:

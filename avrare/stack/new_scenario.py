@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import Registry
-from avrare.protocols import Signals, find_scene
+from avrare.protocols import Signals
 from avrare.scenario.overrides import override
 from avrare.scenario.validation import check_options
 from avrare.scenario.value_positions import Mark, Node
@@ -49,7 +49,7 @@ def write_scenario(
     mark = Mark("--set")
     options: dict[str, Any] = override(Node({}, mark, mark), settings).plain()
     config = check_options(component.load_config(), name, options, kind="simulator")
-    built = component.load_factory()(config, None)
+    built = component.build(config)
     world = built.reset(np.zeros((1, built.noise_size)))
     signals = built.signals(world)
     if act and not hasattr(world, "ego"):
@@ -72,7 +72,7 @@ def write_scenario(
     ]
     texts = {}
     if act:
-        template = "act.py.txt" if find_scene(built) is None else "act_driving.py.txt"
+        template = "act.py.txt" if built.scene is None else "act_driving.py.txt"
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
     plain = "\n".join([*head, _NO_CONTROLLER, *tail]) + "\n"
     texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain

@@ -1,40 +1,27 @@
-"""Names of the noise of a system, its values in a perfect one, and the time step of its reports."""
+"""Names of the noise of a system, and its values in a perfect one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.protocols import find_ability, find_simulator
+from avrare.protocols import PerceptionErrorModel, Simulator, System
+
+NoisyPart = System | Simulator | PerceptionErrorModel
 
 
-class NamesNoise(Protocol):
-    """System, simulator or perception error model that says what each of its noise numbers stands for."""
-
-    noise_names: Sequence[str]
-    """Name of each channel, ``noise_size`` of them: "lateral error of cut_in"."""
-
-
-class HasTimeStep(Protocol):
-    """Simulator with a fixed time step."""
-
-    dt: float
-
-
-def find_noise_names(part: Any, label: str = "noise") -> tuple[str, ...]:
+def find_noise_names(part: NoisyPart, label: str = "noise") -> tuple[str, ...]:
     """Return the names of a part's noise numbers: those it declares, else ``label`` and a number.
 
     Raises:
         UsageError: It declares more or fewer names than numbers.
     """
-    named = find_ability(part, NamesNoise)
-    if named is None:
+    given = part.noise_names
+    if given is None:
         return tuple(f"{label} {channel}" for channel in range(part.noise_size))
-    given = named.noise_names
     if isinstance(given, str) or not isinstance(given, Iterable):
         text = f"{type(part).__name__} has noise_names {given!r}, which is no list of names"
         raise UsageError(text, "give one name for each noise number, or leave noise_names out")
@@ -47,33 +34,19 @@ def find_noise_names(part: Any, label: str = "noise") -> tuple[str, ...]:
     return names
 
 
-def find_time_step(system: object) -> float | None:
-    """Return the time step of the simulator that a system is built around [s]; None where there is none."""
-    stepping = find_ability(find_simulator(system), HasTimeStep)
-    return float(stepping.dt) if stepping is not None else None
-
-
-class HasPerfectNoise(Protocol):
-    """Simulator or perception error model that says what noise a perfect one would have."""
-
-    perfect_noise: Sequence[float]
-    """Number of each channel at which it makes no error, ``noise_size`` of them."""
-
-
-def find_perfect_noise(part: Any) -> NDArray[np.float64]:
+def find_perfect_noise(part: NoisyPart) -> NDArray[np.float64]:
     """Return the noise numbers (noise_size,) of a part that makes no errors: zeros unless it says otherwise.
 
     Zero is the median of every channel. A detection needs another number: at its median, a vehicle that is
     detected less than half of the time is missed.
     """
-    perfect = find_ability(part, HasPerfectNoise)
-    if perfect is None:
+    if part.perfect_noise is None:
         return np.zeros(part.noise_size)
     name, hint = type(part).__name__, "give one number for each noise number, or leave perfect_noise out"
     try:
-        numbers = np.asarray(perfect.perfect_noise, dtype=np.float64)
+        numbers = np.asarray(part.perfect_noise, dtype=np.float64)
     except (TypeError, ValueError):
-        text = f"{name} has perfect_noise {perfect.perfect_noise!r}, which are no numbers"
+        text = f"{name} has perfect_noise {part.perfect_noise!r}, which are no numbers"
         raise UsageError(text, hint) from None
     if numbers.shape != (part.noise_size,):
         size = f"{numbers.size}" if numbers.ndim == 1 else f"an array {numbers.shape} of"
@@ -82,7 +55,7 @@ def find_perfect_noise(part: Any) -> NDArray[np.float64]:
     return numbers
 
 
-def check_noise(part: Any) -> None:
+def check_noise(part: NoisyPart) -> None:
     """Raise the ``UsageError`` of a part whose declared names or perfect values do not fit its noise."""
     find_noise_names(part)
     find_perfect_noise(part)

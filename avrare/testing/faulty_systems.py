@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from avrare.protocols import Bools, Floats, System
+from avrare.protocols import Bools, Floats, System, SystemWrapper
 from avrare.rollout.child_process import run_here
 
 
-class Walk:
+class Walk(System):
     """Walk x += drift + scale w, from 0; the state is a dict."""
 
     noise_size = 1
@@ -36,18 +36,7 @@ class Walk:
         return x + self.drift + self.scale * noise[:, 0]
 
 
-class _Wrapper:
-    def __init__(self, system: System) -> None:
-        self.system, self.noise_size = system, system.noise_size
-
-    def initial(self, noise: Floats) -> Any:
-        return self.system.initial(noise)
-
-    def signals(self, state: Any) -> Any:
-        return self.system.signals(state)
-
-
-class Counting(_Wrapper):
+class Counting(SystemWrapper):
     """Wrapper that counts the ``rows`` passed to ``step`` in this process, in which all of it runs."""
 
     rows = 0
@@ -66,7 +55,7 @@ class Killed(BaseException):
     """Stand-in for kill -9: nothing in the library may catch it."""
 
 
-class Mortal(_Wrapper):
+class Mortal(SystemWrapper):
     """Wrapper that raises ``Killed`` after ``lives`` batches of steps; ``lived`` counts those so far."""
 
     lived = 0
@@ -122,7 +111,7 @@ class Fragile(Walk):
         return {"x": np.where(bad & (self.how == "nan"), np.nan, x), "bad": bad}
 
 
-class Scrambled:
+class Scrambled(System):
     """System whose failures nothing leads to: the last digits of the sum of all noise decide at the end.
 
     Args:

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from avrare.protocols import Floats
+from avrare.protocols import Floats, System
 from avrare.testing import normal
 from avrare.testing.exact_chain_probabilities import panels
 from avrare.testing.reference_problem import ReferenceProblem
@@ -22,7 +22,7 @@ class Values:
     values: Floats
 
 
-class Static:
+class Static(System):
     """System without dynamics: the noise of t = 0 is the state."""
 
     def __init__(self, noise_size: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats
+from avrare.protocols import Floats, System
 from avrare.testing.exact_chain_probabilities import Chain, crossing, survival
 from avrare.testing.reference_problem import ReferenceProblem
 
@@ -29,7 +29,7 @@ class Position:
     x: Floats
 
 
-class Linear:
+class Linear(System):
     """A ``Chain`` as a system: x_t = decay x_{t-1} + drift + scale w_t."""
 
     noise_size = 1

@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from avrare.base.errors import UsageError
-from avrare.protocols import HasLimits, System, find_ability, find_simulator
+from avrare.protocols import System, adapt
 from avrare.worlds.determinism import STEPS, Findings, probe
 
 _WANTS = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
@@ -34,20 +34,15 @@ class Capabilities:
     reason: str = ""
 
 
-def capabilities(system: System, steps: int = STEPS) -> Capabilities:
+def capabilities(system: object, steps: int = STEPS) -> Capabilities:
     """Return the capabilities of ``system``, as its simulator declares (``lacks``) and as ``probe`` finds."""
-    lacks = declared_limits(system)
+    system = adapt(System, system)
+    lacks = system.lacks or {}
     if "noise" not in lacks:
         found = probe(system, steps)
-        lacks = {name: text for name, text in _limits(found).items() if text} | lacks
+        lacks = {**{name: text for name, text in _limits(found).items() if text}, **lacks}
     reason = next(iter(lacks.values()), "")
     return Capabilities("branches" not in lacks, "noise" not in lacks, reason)
-
-
-def declared_limits(system: System) -> dict[str, str]:
-    """Return the reasons, by missing capability, that the system's simulator declares."""
-    limited = find_ability(find_simulator(system), HasLimits)
-    return dict(limited.lacks) if limited is not None else {}
 
 
 def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[str]) -> None:
@@ -69,13 +64,12 @@ def require(system: System, estimator: str, needs: Collection[str], steps: int =
     Returns:
         Reasons of the health warnings to give, by name: ``not_deterministic``, ``rounding``.
     """
-    lacks = declared_limits(system)
+    lacks = system.lacks or {}
     refuse_limits(estimator, lacks, needs)
     if "noise" in lacks:
         return {"not_deterministic": lacks["noise"]}
     found = probe(system, steps, branch="branches" in needs)
-    declares = find_ability(find_simulator(system), HasLimits) is not None
-    refuse_limits(estimator, _limits(found), needs if declares else set(needs) - {"noise"})
+    refuse_limits(estimator, _limits(found), set(needs) - {"noise"} if system.lacks is None else needs)
     reasons = {"not_deterministic": found.differs, "rounding": found.rounding}
     return {name: reason for name, reason in reasons.items() if reason}
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from avrare.protocols import Floats, HasLimits, find_ability, forward_abilities
-from avrare.worlds.world import CanBeCopied, ObservesWorld, PreparesActions, ReadsAsTable, World, close
+from avrare.protocols import Floats, adapt
+from avrare.worlds.world import World, close
 from avrare.worlds.worlds_simulator import Worlds, WorldState
 
 
 class DrawnWorlds(Worlds):
-    """Simulator of worlds that take values (``TakesValues``); see ``avrare.stack.drawn_start.TakesDraws``.
+    """Simulator of worlds that take values (``World.assign``) in place of drawn options.
 
     Args:
         make: Creates a world.
@@ -49,31 +49,42 @@ class DrawnWorlds(Worlds):
         return super().step(world, action, np.pad(noise, ((0, 0), (0, len(self._names)))))
 
 
-class _Valued:
+class _Valued(World):
     # World whose rows of noise end with the values of its options.
 
     def __init__(self, make: Callable[[], World], names: tuple[str, ...]) -> None:
-        self.world, self._names = make(), names
+        self.world, self._names = adapt(World, make()), names
         self._own = int(self.world.noise_size)
         self.noise_size = self._own + len(names)
-        forward_abilities(self, self.world, ReadsAsTable, ObservesWorld, CanBeCopied, HasLimits)
-        if find_ability(self.world, PreparesActions) is not None:
-            self.prepare = self._prepare
+        self.lacks, self.has_table = self.world.lacks, self.world.has_table
 
     def reset(self, noise: Floats) -> None:
-        taking: Any = self.world
-        taking.assign(dict(zip(self._names, noise[self._own :].tolist(), strict=True)))
+        self.world.assign(dict(zip(self._names, noise[self._own :].tolist(), strict=True)))
         self.world.reset(noise[: self._own])
 
-    def _prepare(self, actions: Any, noise: Floats) -> Any:
-        preparing: Any = self.world
-        return preparing.prepare(actions, noise[:, : self._own])
+    def prepare(self, actions: Any, noise: Floats) -> Any:
+        return self.world.prepare(actions, noise[:, : self._own])
 
     def step(self, action: Any, noise: Floats) -> None:
         self.world.step(action, noise[: self._own])
 
     def signals(self) -> Mapping[str, Any]:
         return self.world.signals()
+
+    def observation(self) -> Any:
+        return self.world.observation()
+
+    def numbers(self) -> Any:
+        return self.world.numbers()
+
+    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+        return self.world.named(table)
+
+    def snapshot(self) -> Any:
+        return self.world.snapshot()
+
+    def restore(self, snapshot: Any) -> None:
+        self.world.restore(snapshot)
 
     def close(self) -> None:
         close(self.world)

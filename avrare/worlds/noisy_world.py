@@ -11,16 +11,8 @@ import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.special_functions import uniform_from_normal
-from avrare.protocols import Floats, HasLimits, find_ability, forward_abilities
-from avrare.worlds.world import (
-    CanBeCopied,
-    CanBeDisplaced,
-    PreparesActions,
-    TakesValues,
-    World,
-    close,
-    observed,
-)
+from avrare.protocols import Floats, adapt, overrides
+from avrare.worlds.world import World, close, observed
 
 Law = Literal["normal", "uniform", "laplace"]
 
@@ -69,7 +61,7 @@ class Channel:
         return np.asarray(self.scale) * np.reshape(values, np.shape(normals))
 
 
-class Noisy:
+class Noisy(World):
     """World whose actions, observations or initial state are disturbed; its signals stay the true ones.
 
     A row of its noise holds the world's own numbers, then those of the channels in the order of the
@@ -87,32 +79,28 @@ class Noisy:
 
     def __init__(
         self,
-        world: World,
+        world: object,
         *,
         action: Channel | None = None,
         observation: Channel | None = None,
         initial: Channel | None = None,
     ) -> None:
-        self._displaceable = find_ability(world, CanBeDisplaced)
-        if initial is not None and self._displaceable is None:
+        self.world = adapt(World, world)
+        if initial is not None and not overrides(self.world, World.displace):
             raise UsageError(f"{type(world).__name__} has no displace(delta) to change its initial state")
-        self.world, self.action, self.observed, self.start = world, action, observation, initial
-        self._begin: list[int] = [int(world.noise_size)]
+        self.action, self.observed, self.start = action, observation, initial
+        self._begin: list[int] = [int(self.world.noise_size)]
         for channel in (action, observation, initial):
             self._begin.append(self._begin[-1] + (channel.size if channel is not None else 0))
         self.noise_size = self._begin[-1]
         self._error: Any = 0.0
-        limited = find_ability(world, HasLimits)
-        self.lacks: Mapping[str, str] = limited.lacks if limited is not None else {}
-        forward_abilities(self, world, TakesValues)
-        if find_ability(world, CanBeCopied) is not None:
-            self.snapshot, self.restore = self._snapshot, self._restore
+        self.lacks = self.world.lacks
 
     def reset(self, noise: Floats) -> None:
         """Reset to t = 0, from noise (noise_size,)."""
         self.world.reset(noise[: self._begin[0]])
-        if self.start is not None and self._displaceable is not None:
-            self._displaceable.displace(self.start(noise[self._begin[2] :]))
+        if self.start is not None:
+            self.world.displace(self.start(noise[self._begin[2] :]))
         self._draw_error(noise)
 
     def prepare(self, actions: Any, noise: Floats) -> Any:
@@ -123,8 +111,7 @@ class Noisy:
                 raise UsageError(f"noise on {self.action.size} numbers of an action, which has {size}")
             delta = self.action(noise[:, self._begin[0] : self._begin[1]])
             actions = actions + np.reshape(delta, np.shape(actions))
-        preparing = find_ability(self.world, PreparesActions)
-        return actions if preparing is None else preparing.prepare(actions, noise[:, : self._begin[0]])
+        return self.world.prepare(actions, noise[:, : self._begin[0]])
 
     def step(self, action: Any, noise: Floats) -> None:
         """Advance by one step with a prepared action."""
@@ -140,6 +127,19 @@ class Noisy:
         seen = observed(self.world, self.world.signals())
         return seen if self.observed is None else np.asarray(seen) + self._error
 
+    def assign(self, values: Mapping[str, float]) -> None:
+        """Hand values of options on to the world."""
+        self.world.assign(values)
+
+    def snapshot(self) -> Any:
+        """Return a copy of the world's state and of the error of its observation."""
+        return self.world.snapshot(), self._error
+
+    def restore(self, snapshot: Any) -> None:
+        """Continue from a copy."""
+        inner, self._error = snapshot
+        self.world.restore(inner)
+
     def close(self) -> None:
         """Release the world."""
         close(self.world)
@@ -147,10 +147,3 @@ class Noisy:
     def _draw_error(self, noise: Floats) -> None:
         if self.observed is not None:
             self._error = self.observed(noise[self._begin[1] : self._begin[2]])
-
-    def _snapshot(self) -> Any:
-        return self.world.snapshot(), self._error  # type: ignore[attr-defined]
-
-    def _restore(self, snapshot: Any) -> None:
-        inner, self._error = snapshot
-        self.world.restore(inner)  # type: ignore[attr-defined]

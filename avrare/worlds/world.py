@@ -1,15 +1,16 @@
-"""World: the protocol of a simulator that advances one world at a time, and its readout as arrays."""
+"""World: the contract of a simulator that advances one world at a time, and its readout as arrays."""
 
 from __future__ import annotations
 
 import contextlib
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, find_ability
+from avrare.protocols import Floats
 
 Copy = Literal["replay", "deepcopy", "hook"]
 _HINT = "signals and observation have the same names and shapes in every world, at every step"
@@ -17,83 +18,72 @@ Columns = tuple[dict[str, Floats], Floats]
 """Signals (N, ...) by name, and observations (N, d)."""
 
 
-class World(Protocol):
+class World(ABC):
     """World that is changed in place.
 
     Every random choice must be a transform of the noise passed in, and ``reset`` must clear all former
-    state. Arrays passed in are read-only. Optional: ``ObservesWorld``, ``CanBeDisplaced``,
-    ``CanBeCopied``, ``CanBeClosed``, ``avrare.protocols.HasLimits``; for speed ``PreparesActions`` and
-    ``ReadsAsTable``.
+    state. Arrays passed in are read-only. A class without this base class works too.
 
     Attributes:
         noise_size: Number of standard normal numbers of a reset, and of every step.
+        lacks: Reasons by missing capability (``avrare.protocols.System``). Default: none.
+        has_table: True where ``numbers`` and ``named`` are read in place of ``signals`` and ``observation``,
+            for speed. Default: False.
     """
 
     noise_size: int
+    lacks: Mapping[str, str] = {}
+    has_table: bool = False
 
+    @abstractmethod
     def reset(self, noise: Floats) -> None:
         """Reset to t = 0, from noise (noise_size,)."""
 
+    @abstractmethod
     def step(self, action: Any, noise: Floats) -> None:
         """Advance by one step; ``action`` is a row of the controller's action, or None without controller."""
 
+    @abstractmethod
     def signals(self) -> Mapping[str, Any]:
-        """Return numbers (or arrays of fixed shapes) by name, which formulas read."""
-
-
-class ObservesWorld(Protocol):
-    """World with an observation for the controller; by default it observes the signals in order."""
+        """Return numbers (or arrays of fixed shapes) by name, which formulas read; called after each step."""
 
     def observation(self) -> Any:
-        """Return the observation (d,)."""
-
-
-class CanBeDisplaced(Protocol):
-    """World whose state can be moved after a reset."""
+        """Return the observation (d,) of the controller. Default: None, the signals in order."""
+        return None
 
     def displace(self, delta: Floats) -> None:
-        """Add ``delta`` to the state."""
-
-
-class CanBeCopied(Protocol):
-    """World with copies of its own making."""
+        """Add ``delta`` to the state, after a reset; without it ``Noisy`` refuses ``initial``."""
+        raise NotImplementedError
 
     def snapshot(self) -> Any:
-        """Return a copy of the state."""
+        """Return a copy of the state, for ``copy="hook"``."""
+        raise NotImplementedError
 
     def restore(self, snapshot: Any) -> None:
         """Continue from a copy that any world of the same kind has made."""
+        raise NotImplementedError
 
+    def assign(self, values: Mapping[str, float]) -> None:
+        """Take values of options, by their place, that are drawn for each rollout; called before a reset."""
+        raise NotImplementedError
 
-class TakesValues(Protocol):
-    """World with numbers that may differ from rollout to rollout."""
-
-    def assign(self, values: Mapping[str, float], /) -> None:
-        """Take values of options, by their place; called before every reset."""
-
-
-class CanBeClosed(Protocol):
-    """World that holds resources."""
-
-    def close(self) -> None:
-        """Release the resources."""
-
-
-class PreparesActions(Protocol):
-    """World that turns the actions of a batch into those of its ``step``, each row on its own."""
+    def close(self) -> None:  # noqa: B027 (its default)
+        """Release resources; called once. Default: nothing."""
 
     def prepare(self, actions: Any, noise: Floats) -> Any:
-        """Return the actions of N rows for ``step``, from noise (N, noise_size)."""
+        """Return the actions of N rows for ``step``, each on its own, from noise (N, noise_size).
 
-
-class ReadsAsTable(Protocol):
-    """World that is read as K numbers instead of by ``signals`` and ``observation``."""
+        Called before the steps of a batch, for speed. Default: the same actions.
+        """
+        return actions
 
     def numbers(self) -> Any:
-        """Return K floats."""
+        """Return K floats; called after each step."""
+        raise NotImplementedError
 
     def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
-        """Return signals (N, ...) by name and observations (N, d) from a table (N, K)."""
+        """Return signals (N, ...) by name and observations (N, d) from a table (N, K) of ``numbers``."""
+        raise NotImplementedError
 
 
 class NotDeterministic(UsageError):
@@ -102,18 +92,16 @@ class NotDeterministic(UsageError):
 
 def observed(world: World, signals: Mapping[str, Any]) -> Any:
     """Return the observation (d,) of ``world``, whose signals are given."""
-    observing = find_ability(world, ObservesWorld)
-    if observing is not None:
-        return observing.observation()
+    seen = world.observation()
+    if seen is not None:
+        return seen
     return [number for value in signals.values() for number in np.ravel(value).tolist()]
 
 
 def close(world: World) -> None:
     """Release a world; exceptions are ignored, as it may have broken down already."""
-    closing = find_ability(world, CanBeClosed)
-    if closing is not None:
-        with contextlib.suppress(Exception):
-            closing.close()
+    with contextlib.suppress(Exception):
+        world.close()
 
 
 class ByName:
@@ -139,10 +127,10 @@ class ByName:
 class Table:
     """Readout of K numbers of each world; ``pattern`` names the columns of their table (N, K)."""
 
-    def __init__(self, pattern: ReadsAsTable) -> None:
+    def __init__(self, pattern: World) -> None:
         self.pattern = pattern
 
-    def one(self, world: Any) -> Any:
+    def one(self, world: World) -> Any:
         """Read K numbers."""
         return world.numbers()
 
@@ -154,7 +142,6 @@ class Table:
 Readout = ByName | Table
 
 
-def choose_readout(pattern: Any) -> Readout:
+def choose_readout(pattern: World) -> Readout:
     """Return the readout for worlds like ``pattern``: as a table where they offer it."""
-    table = find_ability(pattern, ReadsAsTable)
-    return ByName() if table is None else Table(table)
+    return Table(pattern) if pattern.has_table else ByName()

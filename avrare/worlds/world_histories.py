@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import AvrareError, UsageError
-from avrare.protocols import Floats
+from avrare.protocols import Floats, adapt
 from avrare.worlds.step_timeout import Watchdog
 from avrare.worlds.world import Copy, NotDeterministic, Readout, World, close
 
@@ -71,7 +71,7 @@ def _rebuild_history(noise: Floats, actions: NDArray[Any] | int) -> InputHistory
 class WorldPool:
     """Pool that creates worlds and lends them to input histories; without ``reuse`` each is lent once."""
 
-    def __init__(self, make: Callable[[], World], copying: Copy, reuse: bool) -> None:
+    def __init__(self, make: Callable[[], object], copying: Copy, reuse: bool) -> None:
         self.make, self.copying, self.reuse = make, copying, reuse
         self._idle: list[World] = []
         self._lent: dict[InputHistory, None] = {}
@@ -89,7 +89,7 @@ class WorldPool:
 
     def lend(self, history: InputHistory) -> World:
         """Lend a world in an arbitrary state."""
-        history.world = self._idle.pop() if self._idle else self.make()
+        history.world = self._idle.pop() if self._idle else adapt(World, self.make())
         self._lent[history] = None
         return history.world
 
@@ -105,7 +105,7 @@ class WorldPool:
         if self.copying == "replay":
             return None
         try:
-            return copy.deepcopy(world) if self.copying == "deepcopy" else world.snapshot()  # type: ignore[attr-defined]
+            return copy.deepcopy(world) if self.copying == "deepcopy" else world.snapshot()
         except Exception as error:
             raise UsageError(
                 f"the world cannot be copied by {self.copying}: {type(error).__name__}: {error}",
@@ -115,9 +115,9 @@ class WorldPool:
     def restore(self, history: InputHistory, snapshot: Any) -> World:
         """Lend a world in the state of a snapshot."""
         if self.copying == "hook":
-            world: Any = self.lend(history)
+            world = self.lend(history)
             world.restore(snapshot)
-            return world  # type: ignore[no-any-return]
+            return world
         if self._idle:
             close(self._idle.pop())  # the copy replaces it
         history.world = copy.deepcopy(snapshot)

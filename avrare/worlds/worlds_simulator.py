@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.protocols import CountsEvents, Floats, HasLimits, Signals, find_ability
+from avrare.protocols import Controller, Floats, Signals, Simulator, System, adapt, overrides
 from avrare.worlds.step_timeout import Watchdog
-from avrare.worlds.world import Copy, PreparesActions, World, choose_readout
+from avrare.worlds.world import Copy, World, choose_readout
 from avrare.worlds.world_histories import Branches, InputHistory, WorldPool
 
 
@@ -42,8 +42,8 @@ class WorldState:
         return self.seen
 
 
-class Worlds:
-    """Simulator (``avrare.protocols.Simulator``) of worlds that ``make`` creates.
+class Worlds(Simulator):
+    """Simulator of worlds that ``make`` creates.
 
     A row that branches gets a world of its own. With ``replay`` it is reset and the same inputs are replayed.
     With ``deepcopy`` or ``hook`` (the world's own ``snapshot`` and ``restore``) it continues from a copy of
@@ -68,7 +68,7 @@ class Worlds:
 
     def __init__(
         self,
-        make: Callable[[], World],
+        make: Callable[[], object],
         *,
         dt: float = 1.0,
         copy: Copy = "replay",
@@ -91,11 +91,10 @@ class Worlds:
         self.dt = dt
         self._pool = WorldPool(make, copy, reuse)
         self._watchdog = Watchdog(step_timeout)
-        first: Any = _check_world(make(), copy)
+        first = _check_world(make(), copy)
         self.noise_size = int(first.noise_size)
-        limited = find_ability(first, HasLimits)
-        self.lacks: dict[str, str] = dict(limited.lacks) if limited is not None else {}
-        self._preparing = find_ability(first, PreparesActions)
+        self.lacks = first.lacks
+        self._prepare = first.prepare
         self._readout = choose_readout(first)
         self._branches = Branches(self._pool, self._watchdog, self._readout)
         self._pool.put_away(first)
@@ -117,8 +116,7 @@ class Worlds:
         Raises:
             NotDeterministic: The same inputs do not bring a world to the same state.
         """
-        if self._preparing is not None:
-            action = self._preparing.prepare(action, noise)
+        action = self._prepare(action, noise)
         at, histories = world.step.tolist(), world.track.tolist()
         inputs = list(zip(_rows(action, len(at)), _frozen(noise), strict=True))
         replayed, recalled = world.replayed.copy(), False
@@ -217,16 +215,14 @@ def _frozen(values: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def _check_world(world: Any, copy: Copy) -> World:
-    needed = ["noise_size", "reset", "step", "signals"] + ["snapshot", "restore"] * (copy == "hook")
-    missing = [name for name in needed if not hasattr(world, name)]
-    if missing:
+def _check_world(made: object, copy: Copy) -> World:
+    world = adapt(World, made)
+    if copy == "hook" and not (overrides(world, World.snapshot) and overrides(world, World.restore)):
         raise UsageError(
-            f"{type(world).__name__} is not a world: it lacks {', '.join(missing)}",
-            "a world has noise_size, reset(noise), step(action, noise) and signals(); for copy: hook also "
-            "snapshot() and restore(snapshot)",
+            f"{type(world).__name__} lacks snapshot, restore: copy: hook calls them",
+            "copy: replay needs only that the same noise gives the same rollout",
         )
-    return world  # type: ignore[no-any-return]
+    return world
 
 
 @dataclass(frozen=True)
@@ -237,8 +233,8 @@ class LoopState:
     memory: Any
 
 
-class WorldSystem:
-    """System (``avrare.protocols.System``) of worlds under an optional controller.
+class WorldSystem(System):
+    """System of worlds under an optional controller.
 
     Args:
         worlds: Simulator.
@@ -246,9 +242,9 @@ class WorldSystem:
             is (N, d) and ``action`` has leading axis N; None: the worlds get the action None.
     """
 
-    def __init__(self, worlds: Worlds, controller: Any = None) -> None:
-        self.worlds = self.simulator = worlds
-        self.controller = controller
+    def __init__(self, worlds: Worlds, controller: object = None) -> None:
+        self.worlds, self.dt, self.lacks = worlds, worlds.dt, worlds.lacks
+        self.controller = None if controller is None else adapt(Controller, controller)
         self.noise_size = worlds.noise_size
 
     def initial(self, noise: Floats) -> LoopState:
@@ -269,14 +265,13 @@ class WorldSystem:
 
     def counts(self, state: LoopState) -> dict[str, NDArray[Any]]:
         """Return the counters of the worlds and of the controller."""
-        counting = find_ability(self.controller, CountsEvents)
-        own = counting.counts(state.memory) if counting is not None else {}
-        return {**self.worlds.counts(state.world), **own}
+        counts = self.controller.counts(state.memory) if self.controller is not None else {}
+        return {**self.worlds.counts(state.world), **counts}
 
 
 def as_system(
-    make: Callable[[], World],
-    controller: Any = None,
+    make: Callable[[], object],
+    controller: object = None,
     *,
     copy: Copy = "replay",
     step_timeout: float | None = None,

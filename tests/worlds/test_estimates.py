@@ -119,4 +119,6 @@ def test_an_estimator_names_missing_capabilities_before_anything_runs(toys):
         require(system, "ams", ("branches",))
     with pytest.raises(UsageError, match="ess must choose the noise"):
         require(as_system(toys.Careless), "ess", ("noise",))
-    require(toys.BatchWalk(), "ess", ("noise", "branches"))
+    require(
+        avrare.Problem(toys.BatchWalk(), avrare.stl("x < 1"), steps=1).system, "ess", ("noise", "branches")
+    )

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.errors import AvrareError
-from avrare.protocols import find_scene, find_simulator
 from avrare.results.recordings.recording import Recording
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout
-from avrare.stack.noise_names import find_time_step
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,7 @@ UNKNOWN = FirstViolation(-1, "")
 
 def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstViolation:
     """Return what first violates the first specification of ``problem`` in a replayed rollout."""
-    scene = find_scene(find_simulator(problem.system))
-    dt = find_time_step(problem.system) or 1.0
+    scene, dt = problem.scene, problem.dt or 1.0
     names = () if scene is None else scene.names
     recording = Recording("a failure", dt, 0.0, rollout.signals, scene, names)
     try:

@@ -27,7 +27,7 @@ from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals
-from avrare.stack.noise_names import find_noise_names, find_time_step
+from avrare.stack.noise_names import find_noise_names
 
 METHODS = ("kmeans", "hdbscan")
 _COMPONENTS = 5
@@ -263,7 +263,7 @@ def _make_kind(
     elif ancestors < _FEW:
         warnings.append(f"it rests on {ancestors} independent failures")
     samples = [causes[k].sample for k in rows.tolist() if causes[k].sample >= 0]
-    dt = find_time_step(problem.system)
+    dt = problem.dt
     time = float(np.median(samples)) * (dt or 1.0) if samples else math.nan
     parts = [_describe_causes([causes[k] for k in rows.tolist()], time, "s" if dt else "steps")]
     parts += describe_noise(problem, sample, chosen)
@@ -302,7 +302,7 @@ def describe_noise(problem: Problem, sample: FailureSample, chosen: Bools) -> li
     effective = 1.0 / float((np.bincount(families, shares) ** 2).sum())
     windows = np.array_split(np.arange(noise.shape[1]), min(_WINDOWS, noise.shape[1]))
     names = find_noise_names(problem.system)
-    dt = find_time_step(problem.system)
+    dt = problem.dt
     found = []
     for window in windows:
         part = noise[:, window]

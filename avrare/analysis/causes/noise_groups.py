@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.protocols import Bools, Floats, HasSimulator, find_ability
+from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise, find_time_step
+from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
 _MOST_CHANNELS = 24
 """With more channels than this, none gets a row of its own unless it is named."""
@@ -64,7 +64,7 @@ def _of(names: Sequence[str], members: Sequence[str]) -> Bools:
 
 def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
     loop = problem.system
-    if not isinstance(loop, ClosedLoop) or find_ability(loop, HasSimulator) is None:
+    if not isinstance(loop, ClosedLoop):
         return []
     drawn, own = count_draws(problem), loop.world_noise
     parts = (("draws", names[:drawn]), ("simulator", names[drawn:own]), ("perception", names[own:]))
@@ -92,7 +92,7 @@ def _single(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
 
 
 def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:
-    shape, dt = (problem.steps + 1, problem.noise_size), find_time_step(problem.system)
+    shape, dt = (problem.steps + 1, problem.noise_size), problem.dt
     found = []
     for rows in np.array_split(np.arange(shape[0]), min(windows, shape[0])) if windows else []:
         mask = np.zeros(shape, dtype=bool)

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from avrare.analysis.causes.scenario_parameters import ParametricScenario, look_up
 from avrare.base.errors import UsageError
-from avrare.protocols import Bools, Floats, find_ability
+from avrare.protocols import Bools, Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 
 _ARRAYS = "controller.arrays."
-
-
-class HasArrays(Protocol):
-    """Controller of arrays of numbers by name, such as a network's; its option ``arrays`` replaces them."""
-
-    arrays: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -97,13 +91,12 @@ def _find(scenario: ParametricScenario, path: str) -> Floats:
 
 
 def _network_array(scenario: ParametricScenario, path: str) -> Any:
-    controller = getattr(scenario.scenario.stack.loop, "controller", None)
-    holder = find_ability(controller, HasArrays)
-    if holder is not None and path.startswith(_ARRAYS):
+    controller = scenario.scenario.stack.loop.controller
+    if controller is not None and controller.arrays and path.startswith(_ARRAYS):
         name = path.removeprefix(_ARRAYS)
-        if name in holder.arrays:
-            return holder.arrays[name]
-        known = ", ".join(f"{_ARRAYS}{one}" for one in holder.arrays)
+        if name in controller.arrays:
+            return controller.arrays[name]
+        known = ", ".join(f"{_ARRAYS}{array}" for array in controller.arrays)
         raise UsageError(f"{scenario.path}: the controller has no array {name!r}", f"it has {known}")
     return float(scenario.value(path))  # says what is wrong
 

@@ -21,10 +21,9 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Failures
-from avrare.protocols import Floats, find_ability
-from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
+from avrare.protocols import Floats
+from avrare.rollout.observation_ratios import find_ratio_model, log_ratios
 from avrare.rollout.problem import Problem
-from avrare.stack.closed_loop import ClosedLoop
 
 _SMALL = 1e-3
 """Relative step of the differences of log densities, which have no noise."""
@@ -149,8 +148,7 @@ def sample_failures(
 
 def knows_score(problem: Problem) -> bool:
     """Return whether the perception error model of a problem has density ratios."""
-    loop = problem.system
-    return isinstance(loop, ClosedLoop) and find_ability(loop.perception, HasLogRatio) is not None
+    return find_ratio_model(problem) is not None
 
 
 def derive_by_score(

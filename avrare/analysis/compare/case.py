@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.driving import Scene
 from avrare.estimation.plan.settings import DEFAULT_MAX_ERROR_RATE
 from avrare.estimation.result.result import Interval, Result
 from avrare.rollout.loaded_scenario import LoadedScenario, open_problem
@@ -54,7 +55,7 @@ class ComparisonCase:
     specification: str  # empty for a reference problem
     problem: Problem
     truth: GroundTruth | None = None
-    scene: object | None = None  # of the driving simulator, if it is one
+    scene: Scene | None = None  # of the driving simulator, if it is one
     estimator: Block | None = None  # the scenario's own
     seed: int = 0
     confidence: float = 0.95

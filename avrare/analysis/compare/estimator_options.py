@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrare.base.errors import UsageError, did_you_mean
+from avrare.driving import Scene
 from avrare.estimation.plan.plan import Estimator
 from avrare.plugin.component import Component
 from avrare.plugin.registry import Registry
@@ -46,9 +47,9 @@ class Arm:
         """Name and options as they are written in the label."""
         return _split_outside_brackets(self.label, ":")
 
-    def build(self, scene: object | None = None) -> Estimator:
+    def build(self, scene: Scene | None = None) -> Estimator:
         """Build the estimator; ``scene`` as component factories take it."""
-        return self.component.load_factory()(self.config, scene)  # type: ignore[no-any-return]
+        return self.component.build(self.config, scene)  # type: ignore[no-any-return]
 
 
 def make_arm(registry: Registry, name: str, options: Mapping[str, Any], label: str | None = None) -> Arm:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
-from avrare.stack.noise_names import find_time_step
 
 _MOST = 120
 """Continuations of a long rollout, at every k-th step; the steps around the moment follow. A kept one
@@ -110,5 +109,5 @@ def _run(problem: Problem, tape: Floats, ends: NDArray[np.int64]) -> Continuatio
         outcome = problem.replay(np.where((at <= part[:, None])[..., None], tape, 0.0))
         robustness.append(np.where(outcome.error, np.nan, outcome.robustness[:, 0]))
         violated.append(outcome.violated[:, 0])
-    dt = find_time_step(problem.system)
+    dt = problem.dt
     return Continuations(ends, np.concatenate(robustness), np.concatenate(violated), dt, len(ends))

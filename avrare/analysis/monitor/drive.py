@@ -11,9 +11,8 @@ from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recordi
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Road
 from avrare.logic import stl
-from avrare.logic.formula import find_formula
 from avrare.logic.syntax import nodes
-from avrare.protocols import Simulator, Specification, find_scene
+from avrare.protocols import Simulator, Specification
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
 from avrare.results.recordings.drives import open_drives
@@ -77,7 +76,7 @@ def monitor(
 
 def find_road(scenario: Scenario) -> Road | None:
     """Return the road of a scenario's simulator, None where it has none."""
-    scene = find_scene(build_block(scenario.simulator, None, Simulator))
+    scene = build_block(scenario.simulator, None, Simulator).scene
     return scene.road if scene is not None else None
 
 
@@ -160,7 +159,7 @@ def _build_formula(text: str, settings: Sequence[str], recording: Recording) -> 
 
 
 def _list_doubts(specification: Specification, recording: Recording) -> list[Line]:
-    formula = find_formula(specification)
+    formula = specification.formula
     if formula is None:
         return []
     doubts: list[Line] = [(warning.message, warning.hint) for warning in formula.warnings]

@@ -20,17 +20,9 @@ from avrare.analysis.monitor.long_recordings import Stretches
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_robustness
 from avrare.base.records import Answer, Records
-from avrare.logic.formula import Formula, find_formula
+from avrare.logic.formula import Formula
 from avrare.logic.syntax import nodes
-from avrare.protocols import (
-    Bools,
-    ExcludesVehicles,
-    Floats,
-    NamesVehicles,
-    SelectsSamples,
-    Specification,
-    find_ability,
-)
+from avrare.protocols import Bools, Floats, Specification
 from avrare.results.recordings.recording import Recording
 
 
@@ -150,7 +142,7 @@ def monitor_recording(name: str, specification: Specification, recording: Record
     UsageError if signals are missing, or if the formula has no value for them.
     """
     prefix, violated = _run_monitor(specification, recording)
-    formula = find_formula(specification)
+    formula = specification.formula
     if formula is None:
         first = None
         if violated[-1]:
@@ -162,7 +154,6 @@ def monitor_recording(name: str, specification: Specification, recording: Record
     body, first, worst = _find_causes(specification, recording, formula, members, bool(violated[-1]))
     pointwise = is_pointwise(formula.node)
     quantified = any(isinstance(part, nodes.Quantifier) for part in nodes.walk(formula.node))
-    excluding = find_ability(specification, ExcludesVehicles)
     return MonitoringResult(
         name,
         formula.text,
@@ -174,7 +165,7 @@ def monitor_recording(name: str, specification: Specification, recording: Record
         worst=worst,
         pointwise=pointwise,
         no_vehicles=not names and quantified,
-        excluded=() if excluding is None else tuple(excluding.excluded),
+        excluded=tuple(specification.excluded),
     )
 
 
@@ -208,7 +199,7 @@ def describe_body(specification: Specification, recording: Recording) -> Body | 
 
     None if the specification is no such formula, or the body reads the whole recording.
     """
-    formula = find_formula(specification)
+    formula = specification.formula
     stretches = None if formula is None else _make_stretches(specification, recording, formula)
     if stretches is None or stretches.is_unbounded or not is_pointwise(stretches.formula.node):
         return None
@@ -244,15 +235,12 @@ def select_inputs(specification: Specification, recording: Recording, span: slic
     """Return the signals of the specification's formula, (1, T, ...) each, at the samples of a span."""
     # Predicates take batches of one sample: time serves as their batch axis.
     signals = {key: values[span] for key, values in recording.signals.items()}
-    selecting = find_ability(specification, SelectsSamples)
-    values = signals if selecting is None else selecting.sample(signals)
-    return {key: np.asarray(x)[None] for key, x in values.items()}
+    return {key: np.asarray(x)[None] for key, x in specification.sample(signals).items()}
 
 
 def list_vehicle_names(specification: Specification, recording: Recording) -> tuple[str, ...]:
     """Return the names of the vehicles that the specification's quantifiers range over."""
-    naming = find_ability(specification, NamesVehicles)
-    return tuple(recording.names if naming is None else naming.names)
+    return tuple(recording.names if specification.names is None else specification.names)
 
 
 def _run_monitor(specification: Specification, recording: Recording) -> tuple[Floats, Bools]:

@@ -29,12 +29,9 @@ from avrare.analysis.rates.combination import Interval, Quantity, combine, from_
 from avrare.base.chart import Chart, Scale, make_log_scale
 from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.loop.preflight import prepare_problem
 from avrare.estimation.result.result import Result
 from avrare.estimation.result.verdict import Verdict, worst_verdict
-from avrare.logic.formula import find_formula
-from avrare.logic.syntax.words import HasWords, to_words
-from avrare.protocols import find_ability
+from avrare.logic.syntax.words import to_words
 from avrare.results.run import Run
 from avrare.results.stored_causes import read_causes
 from avrare.scenario.exposure import Exposure
@@ -270,8 +267,7 @@ def _build_rule(run: Run, name: str) -> Rule | None:
     if run.build_errors or name not in run.problem.names:
         return None
     specification = run.problem.monitor(name)
-    formula, saying = find_formula(specification), find_ability(specification, HasWords)
-    words = saying.words if saying is not None else ""
+    formula, words = specification.formula, specification.words
     if formula is not None and not words:
         words = to_words(formula.node, float(formula.dt))
     text = "" if formula is None else formula.text.strip()
@@ -294,7 +290,7 @@ def _find_gamma(result: Result) -> tuple[Callable[[float], float], str]:
     # the map from levels of the score to robustness thresholds γ, if it is known, and its label
     with suppress(AvrareError):  # the label says that the axis is the score
         origin = result.require_origin()
-        return prepare_problem(origin.estimator, origin.problem).gamma, "γ, 0 at failure"
+        return origin.estimator.prepare(origin.problem).gamma, "γ, 0 at failure"
     return float, "score"
 
 

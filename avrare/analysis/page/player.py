@@ -21,7 +21,6 @@ from avrare.base.errors import FormulaError
 from avrare.base.number_format import format_robustness
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
-from avrare.logic.formula import find_formula
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, Specification
@@ -294,7 +293,7 @@ def evaluate_predicates(specification: Specification, result: MonitoringResult) 
 
     A variable stands for the vehicle that decides; without one there is a series for each vehicle.
     """
-    formula = find_formula(specification)
+    formula = specification.formula
     if formula is None:
         return {}
     try:

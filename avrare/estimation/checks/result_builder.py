@@ -16,10 +16,8 @@ from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import health
 from avrare.estimation.result.note import describe_blind_bound, describe_counts
 from avrare.estimation.result.result import Result, Worst
-from avrare.logic.formula import find_formula
 from avrare.logic.syntax.nodes import bounded_span
-from avrare.protocols import Floats, find_ability, find_notes
-from avrare.protocols.abilities import WeighsRollouts
+from avrare.protocols import Floats, System, overrides
 from avrare.rollout.executors.work import Executor, run_errand
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.term_sizes import PROBE_ROWS
@@ -82,7 +80,7 @@ def examine(
     run the least robust rollouts again on the executor, which is open, and compare, unless the system is
     known not to be deterministic.
     """
-    on_system = {**warnings, **find_notes(problem.system)}
+    on_system = {**warnings, **problem.system.notes}
     again: Sequence[float] = ()
     if replay and "not_deterministic" not in on_system:
         tapes = [result.worst.noise for result in results]
@@ -102,7 +100,7 @@ def examine(
 
 
 def _horizon(problem: Problem, column: int) -> dict[str, str]:
-    formula = find_formula(problem.monitors[column])
+    formula = problem.monitors[column].formula
     span = bounded_span(formula.node) if formula is not None else 0
     if span <= problem.steps:
         return {}
@@ -117,7 +115,7 @@ def _flat_part(executor: Executor, column: int, result: Result) -> dict[str, str
 
 
 def _outliers(executor: Executor, problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
-    if _weighs(problem):
+    if overrides(problem.system, System.log_weights):
         return {}  # rollouts with weights are of another law than the one that is meant
     upper, cost = result.interval[1], 0
     for probe, most, numbers in (
@@ -132,10 +130,6 @@ def _outliers(executor: Executor, problem: Problem, column: int, result: Result,
             what, when = numbers.format(found.noise), _WHEN[found.step]
             return health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
     return {}
-
-
-def _weighs(problem: Problem) -> bool:
-    return find_ability(problem.system, WeighsRollouts) is not None
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:

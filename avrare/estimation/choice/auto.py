@@ -24,7 +24,6 @@ from avrare.estimation.choice.auto_rules import (
     pays,
     promised_gain,
 )
-from avrare.estimation.combine.cross_check import ScalesToCost
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
@@ -38,7 +37,6 @@ from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
 from avrare.plugin.component import AutoRole, Component
 from avrare.plugin.registry import default_registry
-from avrare.protocols import find_ability
 from avrare.rollout.problem import Problem
 
 _SEED_KEY = 0xA070
@@ -57,7 +55,7 @@ def build(config: AutoConfig, scene: object | None = None) -> Auto:
 class Auto(MonteCarlo):
     """Choice among the installed estimators; whoever drives it step by step gets Monte Carlo.
 
-    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.plan.DelegatesEstimates``).
+    The estimation loop calls ``estimate_by``.
     """
 
     name = "auto"
@@ -236,9 +234,7 @@ class _Work:
         rollouts = min(_TRIAL, self.aim.pilot)
         if not self.aim.may_try(rollouts + sum(attempt.rollouts for attempt in spent), evidence):
             return None
-        scaling = find_ability(estimator, ScalesToCost)
-        probability = max(evidence.failures, 0.3) / evidence.rows
-        sized = scaling.scaled(rollouts, probability) if scaling is not None else None
+        sized = estimator.scaled(rollouts, max(evidence.failures, 0.3) / evidence.rows)
         if sized is None:
             return None
         trial = self._run(f"try-{estimator.name}", sized, problem, self._of_phase("trial"), spent)
@@ -317,7 +313,7 @@ class _Work:
         options = {name: value for name, value in shared.items() if name in model.model_fields}
         if role.options:
             options |= late_import(role.options)(goal, self.aim.pilot)
-        return component.load_factory()(model(**options), None)  # type: ignore[no-any-return]
+        return component.build(model(**options))  # type: ignore[no-any-return]
 
 
 def _describe_cost(result: Result, rollouts: int) -> str:

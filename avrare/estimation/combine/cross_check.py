@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Result
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
-from avrare.protocols import NeedsCapabilities, find_ability
 from avrare.rollout.problem import Problem
 from avrare.scenario.schema import CrossCheck
 from avrare.scenario.validation import check_options
@@ -49,16 +48,6 @@ _SEED_KEY = 0xC4EC
 
 Execute = Callable[[Problem, Estimator, Settings], Result]
 """Runs an estimator on a problem with one specification."""
-
-
-class ScalesToCost(Protocol):
-    """Estimator that can check another one at a share of its cost."""
-
-    def scaled(self, rollouts: float, probability: float) -> Estimator | None:
-        """Return this estimator at the size that costs about ``rollouts`` complete rollouts.
-
-        ``probability`` is about that of the failures. None where the rollouts are too few to say anything.
-        """
 
 
 def parse_cross_check(value: CrossCheck | Mapping[str, Any] | bool, estimator: str) -> CrossCheck | None:
@@ -141,14 +130,13 @@ def count_sharers(result: Result, group: int) -> int:
 
 def _choose(
     check: CrossCheck, problem: Problem, result: Result, settings: Settings
-) -> tuple[str, ScalesToCost | None]:
+) -> tuple[str, Estimator | None]:
     """Return the name of the estimator that checks, and the estimator itself; None where none can run."""
     checkers = _rank_checkers(check, result)
     for checker in checkers:
-        estimator = checker.load_factory()(checker.load_config()(), None)
-        scaling = find_ability(estimator, ScalesToCost)
-        if scaling is not None and _can_run(estimator, problem, settings):
-            return checker.name, scaling
+        estimator = checker.build(checker.load_config()())
+        if _can_run(estimator, problem, settings):
+            return checker.name, estimator
     return checkers[0].name if checkers else "", None
 
 
@@ -166,8 +154,7 @@ def _rank_checkers(check: CrossCheck, result: Result) -> list[Component]:
 
 
 def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool:
-    needing = find_ability(estimator, NeedsCapabilities)
-    if needing is not None and "branches" in needing.needs and not problem.steps:
+    if "branches" in estimator.needs and not problem.steps:
         return False
     try:
         check_system(problem, estimator, settings)

@@ -17,11 +17,10 @@ from avrare.estimation.result import health
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
-from avrare.protocols import Floats, find_ability
+from avrare.protocols import Floats, PerceptionErrorModel
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.observation_ratios import HasLogRatio, log_ratios
+from avrare.rollout.observation_ratios import find_ratio_model, log_ratios
 from avrare.rollout.problem import Problem
-from avrare.stack.closed_loop import ClosedLoop
 
 RunMember = Callable[[int, str], Result]
 """Estimates a specification under a member, by number and name, with rollouts of its own."""
@@ -92,11 +91,10 @@ def _reweighable(scenario: LoadedScenario, result: Result) -> bool:
     return only_perception and plain and len(result.failures.noise) >= _LEAST
 
 
-def _perceptions(problem: Problem, members: Sequence[LoadedScenario]) -> list[object] | None:
-    loop = problem.system
-    if not isinstance(loop, ClosedLoop) or find_ability(loop.perception, HasLogRatio) is None:
+def _perceptions(problem: Problem, members: Sequence[LoadedScenario]) -> list[PerceptionErrorModel] | None:
+    if find_ratio_model(problem) is None:
         return None
-    return [member.stack.loop.perception for member in members]
+    return [member.stack.loop.perception for member in members if member.stack.loop.perception is not None]
 
 
 def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> Result:

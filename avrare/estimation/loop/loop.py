@@ -14,21 +14,11 @@ from avrare.estimation.checks.result_builder import examine
 from avrare.estimation.loop.pace import Pace
 from avrare.estimation.loop.preflight import Clearance, clear_estimate
 from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import (
-    DelegatesEstimates,
-    Estimator,
-    GaveUp,
-    Info,
-    Journal,
-    Plan,
-    Refused,
-    UsesFinalScores,
-)
+from avrare.estimation.plan.plan import Estimator, GaveUp, Info, Journal, Plan, Refused
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
-from avrare.protocols import RebuildsCarries, StopsEarly, find_ability
 from avrare.rollout.chunk_size import spread
-from avrare.rollout.executors.work import Executor, HasWorkers, Work, check_reproduces
+from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 
@@ -50,10 +40,9 @@ def run(
     called before every chunk: once it returns True, none begins and ``Interrupted`` is raised. A probe of
     the system before, and a replay of the least robust rollout after, are not counted in the cost.
     """
-    delegating = find_ability(estimator, DelegatesEstimates)
-    if delegating is not None:
-        execute = _Parts(executor, progress, journal, stop)
-        return delegating.estimate_by(problem, settings, execute)
+    results = estimator.estimate_by(problem, settings, _Parts(executor, progress, journal, stop))
+    if results is not None:
+        return results
     with clear_estimate(problem, estimator, settings, executor) as clearance:
         return _run_cleared(clearance, executor, progress, journal, stop)
 
@@ -74,7 +63,7 @@ def _run_cleared(
         raise
     seconds = loop.seconds
     # Otherwise its tapes may belong to another system, or its robustness to a part of the rollout.
-    replays = work.problem is clearance.problem and not _stops_early(estimator)
+    replays = work.problem is clearance.problem and not estimator.stops_early
     results = examine(
         work.problem,
         estimator.estimate(state),
@@ -85,11 +74,6 @@ def _run_cleared(
         seed=settings.seed,
     )
     return [replace(result, seconds=seconds) for result in results]
-
-
-def _stops_early(estimator: Estimator) -> bool:
-    stopping = find_ability(estimator, StopsEarly)
-    return stopping is not None and stopping.stops_early
 
 
 @dataclass
@@ -170,10 +154,7 @@ class _Loop:
         self.progress(replace(info, stage_rows=rows if done < rows else 0, stage_done=done))
 
     def _needed(self, part: Rollouts) -> Rollouts:
-        final = find_ability(self.estimator, UsesFinalScores)
-        if final is None or not final.final_scores:
-            return part
-        return replace(part, scores=part.scores[:, -1:].copy())
+        return replace(part, scores=part.scores[:, -1:].copy()) if self.estimator.final_scores else part
 
     def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
         journal = self.journal if self._can_store(request) else None
@@ -210,18 +191,14 @@ class _Loop:
     def _piece(self, rows: int) -> int:
         if self.work.problem.named_chunk is not None:
             return self.plan.chunk
-        having = find_ability(self.executor, HasWorkers)
-        return spread(rows, self.plan.chunk, having.workers if having is not None else 1)
+        return spread(rows, self.plan.chunk, self.executor.workers)
 
     def _asked_to_stop(self) -> bool:
         self.stopped = self.stopped or self.stop()
         return self.stopped
 
     def _can_store(self, request: Request) -> bool:
-        if not request.keep_carries:
-            return True
-        rebuilding = find_ability(self.estimator, RebuildsCarries)
-        return rebuilding is not None and rebuilding.rebuilds_carries
+        return not request.keep_carries or self.estimator.rebuilds_carries
 
     def _stored(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
         for index, (chunk, outcome, seconds) in enumerate(journal.read(stage, request)):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from typing import cast
 
 from avrare.base.errors import UsageError
 from avrare.base.health_messages import MESSAGES
@@ -13,12 +12,11 @@ from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
 from avrare.estimation.plan.plan import Estimator, Plan
 from avrare.estimation.plan.settings import Settings
 from avrare.plugin.registry import default_registry
-from avrare.protocols import NeedsCapabilities, PreparesProblem, find_ability, find_notes
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor, Work, run_errand
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare.worlds.capabilities import declared_limits, refuse_limits, require
+from avrare.worlds.capabilities import refuse_limits, require
 from avrare.worlds.determinism import STEPS
 
 
@@ -78,14 +76,14 @@ def build_plan(problem: Problem, estimator: Estimator, settings: Settings) -> tu
     """Prepare the problem and the plan; run nothing."""
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
-    notes = find_notes(problem.system)
-    default_registry().check_suppressed(name for name in settings.suppress if name not in notes)
+    others = [name for name in settings.suppress if name not in problem.system.notes]
+    default_registry().check_suppressed(others)
     if estimator.single and len(problem.names) > 1:
         raise UsageError(
             f"{estimator.name} estimates one specification at a time, not {', '.join(problem.names)}"
         )
-    refuse_limits(estimator.name, declared_limits(problem.system), _find_needs(estimator))
-    problem = prepare_problem(estimator, problem)
+    refuse_limits(estimator.name, problem.system.lacks or {}, estimator.needs)
+    problem = estimator.prepare(problem)
     noise = NoiseSource(settings.seed, problem.noise_size)
     plan = Plan(
         problem.names,
@@ -111,7 +109,7 @@ def check_system(problem: Problem, estimator: Estimator, settings: Settings) -> 
 
 def _probe_system(problem: Problem, estimator: Estimator, executor: Executor) -> tuple[dict[str, str], int]:
     """Return the health warnings on a system, and the bytes of a particle's carry, from a few steps."""
-    name, needs = estimator.name, _find_needs(estimator)
+    name, needs = estimator.name, estimator.needs
     reasons, carry = run_errand(executor, "the probe before the estimate", _probe, name, needs)
     return {name: MESSAGES[name].format(reason=reason) for name, reason in reasons.items()}, carry
 
@@ -119,14 +117,3 @@ def _probe_system(problem: Problem, estimator: Estimator, executor: Executor) ->
 def _probe(problem: Problem, estimator: str, needs: tuple[str, ...]) -> tuple[dict[str, str], int]:
     reasons = require(problem.system, estimator, needs, min(STEPS, problem.steps))
     return reasons, measure_carry(problem)
-
-
-def _find_needs(estimator: Estimator) -> tuple[str, ...]:
-    needing = find_ability(estimator, NeedsCapabilities)
-    return needing.needs if needing is not None else ()
-
-
-def prepare_problem(estimator: Estimator, problem: Problem) -> Problem:
-    """Return the problem that an estimator puts in the place of ``problem``, or ``problem`` itself."""
-    preparing = find_ability(estimator, PreparesProblem)
-    return problem if preparing is None else cast("Problem", preparing.prepare(problem))

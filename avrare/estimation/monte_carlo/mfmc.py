@@ -48,7 +48,7 @@ def build(config: MfmcConfig, scene: object | None = None) -> Mfmc:
 class Mfmc(MonteCarlo):
     """Two-phase sampling with a cheap twin; whoever drives it step by step gets Monte Carlo.
 
-    The estimation loop calls ``estimate_by`` (``avrare.estimation.plan.plan.DelegatesEstimates``).
+    The estimation loop calls ``estimate_by``.
     """
 
     name = "mfmc"

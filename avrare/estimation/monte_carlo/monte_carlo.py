@@ -17,7 +17,7 @@ from avrare.estimation.monte_carlo.counts import MOST_ROBUSTNESS, Counts
 from avrare.estimation.monte_carlo.stopping_rules import AtFailures, AtThreshold, Stopping
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.note import Note, describe_missed_goal, describe_stop
 from avrare.estimation.result.result import Failures, Result, Worst
@@ -50,7 +50,7 @@ class McState:
     info: Info  # their totals
 
 
-class MonteCarlo:
+class MonteCarlo(Estimator):
     """Binomial estimate with the exact interval of Clopper and Pearson.
 
     With ``relative_error`` or ``threshold`` it stops by a rule that keeps its confidence
@@ -66,7 +66,7 @@ class MonteCarlo:
         self.stops_early = config.early_stop
 
     def scaled(self, rollouts: float, probability: float) -> MonteCarlo:
-        """Return Monte Carlo with this number of rollouts, at least one (``ScalesToCost``)."""
+        """Return Monte Carlo with this number of rollouts, at least one."""
         return MonteCarlo(McConfig(rollouts=max(1, int(rollouts))))
 
     def init(self, plan: Plan) -> tuple[McState, Info]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.protocols import Bools, Floats
@@ -46,7 +46,7 @@ class _State:
     info: Info
 
 
-class Recorder:
+class Recorder(Estimator):
     """Estimator of a phase: its results say what the rollouts cost and found, and have no interval yet.
 
     Args:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.base.memory import format_memory, usable_memory, used_memory
-from avrare.estimation.plan.plan import Plan
-from avrare.protocols import find_ability
+from avrare.estimation.plan.plan import Estimator, Plan
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Carry
 
@@ -35,13 +34,6 @@ class Demand:
     bytes: int
     memory: float | None
     sizes: str
-
-
-class ForetellsMemory(Protocol):
-    """Estimator that knows the memory it needs."""
-
-    def demand(self, plan: Plan, carry: int) -> Demand:
-        """Return what the task needs, where the carry of a particle has ``carry`` bytes (0: not known)."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +63,13 @@ class Forecast:
         )
 
 
-def forecast(estimator: object, plan: Plan, carry: int) -> Forecast:
+def forecast(estimator: Estimator, plan: Plan, carry: int) -> Forecast:
     """Foretell the memory of an estimate whose particles' carries have ``carry`` bytes (0: not known).
 
     Raises:
         UsageError: The estimate needs more than its option ``memory``, or than this process may use.
     """
-    foretelling = find_ability(estimator, ForetellsMemory)
-    demand = foretelling.demand(plan, carry) if foretelling is not None else Demand(0, None, "")
+    demand: Demand = estimator.demand(plan, carry) or Demand(0, None, "")
     held, limit = demand.bytes, demand.memory
     needed = f"the estimate of {', '.join(plan.names[:3])}{' ...' * (len(plan.names) > 3)} needs"
     if limit is not None and held > limit * 2**20:

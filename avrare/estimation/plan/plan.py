@@ -144,13 +144,6 @@ class Refused(UsageError):
     """A part of an estimate that cannot begin: no rollout of it has run."""
 
 
-class DelegatesEstimates(Protocol):
-    """Estimator that leaves the estimates to others, which it chooses."""
-
-    def estimate_by(self, problem: Any, settings: Any, execute: Execute) -> list[Result]:
-        """Return one result per specification of a problem, estimated by calls of ``execute``."""
-
-
 class GaveUp(AvrareError):
     """An estimator's word that it has nothing to gain on a problem, before any rollout that would count.
 
@@ -168,12 +161,6 @@ class GaveUp(AvrareError):
         error = cls(message, hint)
         error.info = info
         return error
-
-
-class UsesFinalScores(Protocol):
-    """Estimator that reads of the scores only those of complete rollouts, the last column."""
-
-    final_scores: bool
 
 
 class StoredChunk(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
@@ -37,12 +36,6 @@ _UNTIL = {
     "release": "released by",
     "trigger": "after",
 }
-
-
-class HasWords(Protocol):
-    """Specification that says in English what it requires."""
-
-    words: str
 
 
 def to_words(node: nodes.Node, dt: float) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 from avrare.base.errors import UsageError
 from avrare.rollout.executors.in_flight import Window, WorkerDied, WorkerLost
 from avrare.rollout.executors.serial import ExecutorConfig
-from avrare.rollout.executors.work import Task, Work
+from avrare.rollout.executors.work import Executor, Task, Work
 from avrare.rollout.executors.worker_process import HINT, WorkerProcess, exit_if_unguarded, unpack
 
 __all__ = ["ProcessExecutor", "WorkerDied", "build"]
@@ -31,7 +31,7 @@ def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecuto
     return ProcessExecutor(config.workers)
 
 
-class ProcessExecutor:
+class ProcessExecutor(Executor):
     """Executor that runs chunks in spawned processes of one thread each and replaces workers that die.
 
     The work is pickled once; a problem from a scenario is pickled as the scenario. A thread for each worker

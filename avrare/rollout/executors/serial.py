@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.rollout.child_process import run_guarded
-from avrare.rollout.executors.work import Errand, Task, Work
+from avrare.rollout.executors.work import Errand, Executor, Task, Work
 
 
 class ExecutorConfig(BaseModel):
@@ -27,7 +27,7 @@ def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor
     return SerialExecutor()
 
 
-class SerialExecutor:
+class SerialExecutor(Executor):
     """Executor that runs one chunk after another.
 
     An errand runs in a child process until a chunk has run here. A chunk that crashes ends this process, and

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Work:
 
 
 Executor = protocols.Executor[Work, Task, Any]
-"""Executor of chunks of rollouts, and of errands. Optional: ``HasWorkers``."""
+"""Executor of chunks of rollouts, and of errands."""
 
 
 def run_errand(
@@ -81,12 +81,6 @@ def run_errand(
     return answer  # type: ignore[no-any-return]
 
 
-class HasWorkers(Protocol):
-    """Executor with several workers, among which the rollouts of a request are spread."""
-
-    workers: int
-
-
 def build_executor(workers: int, text: str | None = None) -> Executor:
     """Build an executor from ``NAME`` or ``NAME,OPTION=VALUE,...``, None: the simplest that fits."""
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
@@ -96,7 +90,7 @@ def build_executor(workers: int, text: str | None = None) -> Executor:
     mark = Mark("--executor")
     options: dict[str, Any] = override(Node({}, mark, mark), settings).plain()
     config = check_options(component.load_config(), name, {"workers": workers, **options}, "executor")
-    return component.load_factory()(config, None)  # type: ignore[no-any-return]
+    return component.build(config)  # type: ignore[no-any-return]
 
 
 def check_reproduces(run: Callable[[Request], Rollouts], chunk: Request, stored: Rollouts) -> None:

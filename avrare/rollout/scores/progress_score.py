@@ -29,7 +29,7 @@ from avrare.logic.monitor.monitors import RobustnessMonitor
 from avrare.logic.semantics.value_algebra import TINY
 from avrare.logic.semantics.window_operators import slide
 from avrare.logic.syntax import nodes
-from avrare.protocols import Floats, Signals, Verdict
+from avrare.protocols import Floats, Signals, Specification, Verdict
 from avrare.rollout.scores.term_sizes import ScaledMonitor
 
 _NEARLY = math.nextafter(1.0, 0.0)
@@ -208,7 +208,7 @@ class ProgressState:
     t: int  # number of samples so far
 
 
-class ProgressScored:
+class ProgressScored(Specification):
     """Formula scored by its danger; 1 exactly where a complete rollout violates it.
 
     Args:
@@ -260,8 +260,12 @@ class ProgressScored:
         new = ProgressState(inner, tuple(pairs), values, settled, score, state.t + 1)
         return new, replace(verdict, score=score)
 
+    def margin(self, state: ProgressState) -> Floats | None:
+        """Return the margin of the inner monitor."""
+        return self.inner.margin(state.inner)
+
     def _sample(self, signals: Signals, t: int) -> Signals:
-        return signals if self.guide is None else self.guide.sample(signals, t)
+        return signals if self.guide is None else self.guide.sample_at(signals, t)
 
     def _danger(self, values: tuple[Floats, ...], state: ProgressState) -> tuple[Floats, Floats]:
         width = values[0].shape[1]

@@ -31,8 +31,8 @@ class ScoredState:
     memory: Any  # further state of the score
 
 
-class _Scored:
-    def __init__(self, inner: Any) -> None:
+class _Scored(Specification):
+    def __init__(self, inner: Specification) -> None:
         self.inner = inner
 
     def start(self, n: int) -> ScoredState:
@@ -44,6 +44,10 @@ class _Scored:
         inner, verdict = self.inner.update(state.inner, signals)
         score, memory = self._score(state, inner, signals)
         return ScoredState(inner, score, memory), replace(verdict, score=score)
+
+    def margin(self, state: ScoredState) -> Floats | None:
+        """Return the margin of the inner specification."""
+        return self.inner.margin(state.inner)
 
     def _start_memory(self, n: int) -> Any:
         return None
@@ -58,7 +62,7 @@ class MarginScored(_Scored):
     ``nominal`` is the robustness (steps + 1,) of φ along the noise-free rollout, positive.
     """
 
-    def __init__(self, inner: Any, nominal: Floats) -> None:
+    def __init__(self, inner: Specification, nominal: Floats) -> None:
         super().__init__(inner)
         finite = nominal[np.isfinite(nominal)]
         self.nominal = np.where(np.isfinite(nominal), nominal, finite.max() if finite.size else 1.0)
@@ -74,7 +78,7 @@ class MarginScored(_Scored):
         return np.fmax(state.score, lost), state.memory + 1
 
 
-class PrefixScored:
+class PrefixScored(Specification):
     """Specification scored by minus the robustness of the current prefix, which may fall again.
 
     Do not estimate with it: levels on it are biased where a formula may still become true. The published

@@ -19,7 +19,7 @@ from avrare.logic.semantics.input_signals import read_trace
 from avrare.logic.semantics.trace_evaluator import Evaluator
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
-from avrare.protocols import Floats, Signals, System, Verdict
+from avrare.protocols import Floats, Signals, Specification, System, Verdict
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
@@ -76,18 +76,18 @@ def record(
     return next((carry.monitors[0] for t, _, carry in outcome.carries if t == steps), None)
 
 
-class _Recorder:
+class _Recorder(Specification):
     """Specification that never fails and remembers the signals."""
 
     def __init__(self, names: tuple[str, ...], select: Select | None) -> None:
-        self.names, self.select = names, select
+        self.signals, self.select = names, select
 
     def start(self, n: int) -> dict[str, Floats]:
         return {}
 
     def update(self, state: dict[str, Floats], signals: Signals) -> tuple[dict[str, Floats], Verdict]:
         read = self.select(signals) if self.select else signals
-        known = {name: np.asarray(read[name]) for name in self.names if name in read}
+        known = {name: np.asarray(read[name]) for name in self.signals if name in read}
         # A value that is unknown, as of a predicate where two vehicles meet, tells no size.
         newest = {name: np.where(np.isnan(x), np.inf, x)[:, None] for name, x in known.items()}
         seen = {name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()}
@@ -122,7 +122,7 @@ def _spread(margin: Floats) -> Floats:
     return np.broadcast_to(np.where(spread > 0.0, spread, 1.0), (len(margin), *spread.shape))
 
 
-class ScaledMonitor:
+class ScaledMonitor(Specification):
     """Monitor of a formula whose terms are divided by their sizes: it orders particles and decides nothing.
 
     Attributes:
@@ -139,7 +139,7 @@ class ScaledMonitor:
             for k, (term, size) in enumerate(zip(terms, sizes, strict=True))
         }
         self.sizes = dict(zip(terms, sizes, strict=True))
-        self.formula = replace(formula, node=_divide(formula.node, names))
+        self.formula: Formula = replace(formula, node=_divide(formula.node, names))
         self._constants = {names[term].name: size for term, size in self.sizes.items()}
         self._monitor = FormulaMonitor(self.formula)
 
@@ -149,7 +149,7 @@ class ScaledMonitor:
 
     def update(self, state: MonitorState, signals: Signals) -> tuple[MonitorState, Verdict]:
         """Return state and verdict after one more sample."""
-        return self._monitor.update(state, self.sample(signals, state.t))
+        return self._monitor.update(state, self.sample_at(signals, state.t))
 
     def margin(self, state: MonitorState) -> Floats | None:
         """Return the (N,) robustness of φ at the newest sample for ``always φ``, None for other shapes."""
@@ -164,7 +164,7 @@ class ScaledMonitor:
         """Return the further signals (N, steps + 1, V...) that the formula reads."""
         return {name: np.broadcast_to(x, (n, *x.shape)) for name, x in self._constants.items()}
 
-    def sample(self, signals: Signals, t: int) -> dict[str, Any]:
+    def sample_at(self, signals: Signals, t: int) -> dict[str, Any]:
         """Return the formula's signals at sample ``t`` with the sizes among them."""
         signals = self.select(signals) if self.select else signals
         n = len(next(iter(signals.values())))

@@ -16,8 +16,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.base.errors import AvrareError
 from avrare.driving import Action, Observation, Prediction
-from avrare.protocols import Floats, HasDensity, HasScene, PersistentPerceptionErrorModel, find_ability
-from avrare.stack.features import HasFeatures
+from avrare.protocols import Floats, PerceptionErrorModel, overrides
 from avrare.testing.conformance import sample_traffic as road
 from avrare.testing.conformance.suite import Skipped, Subject
 
@@ -40,7 +39,7 @@ def _simulator(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
 
 def _step_world(part: Any, world: Any, noise: Floats) -> Any:
     # straight on if there is an ego, without an action in other simulators
-    action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if find_ability(part, HasScene) else None
+    action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if part.scene else None
     try:
         return part.step(world, action, noise)
     except AvrareError as error:
@@ -82,7 +81,7 @@ def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
 
 
 def _perception(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
-    lasting = isinstance(part, PersistentPerceptionErrorModel)
+    lasting = overrides(part, PerceptionErrorModel.follow)
     memory = part.start(tape[:, 0, _ROAD:]) if lasting else None
     for step in range(STEPS + 1):
         world, noise = between(road.world(tape[:, step, :_ROAD], step)), tape[:, step, _ROAD:]
@@ -91,7 +90,7 @@ def _perception(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
         if lasting and step:
             followed, memory = part.follow(world, noise, between(memory))
             yield {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
-        if find_ability(part, HasDensity) is not None:
+        if overrides(part, PerceptionErrorModel.log_prob):
             yield {f"log_prob at {step}": part.log_prob(world, observation)}
 
 
@@ -105,8 +104,8 @@ def _tracker(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
 
 def _features(part: Any, state: Any, step: int) -> Outputs:
     # What a part declares for learning must be as good as what it gives to others.
-    declaring = find_ability(part, HasFeatures)
-    return {f"features at step {step}": declaring.features(state)} if declaring is not None else {}
+    declared = part.features(state)
+    return {} if declared is None else {f"features at step {step}": declared}
 
 
 def _observation(numbers: Floats, step: int) -> Observation:

@@ -97,7 +97,7 @@ class Subject:
         if missing:
             raise Skipped(f"needs {', '.join(missing)}, which is not installed")
         config = self.config  # before the import of the factory
-        return self.component.load_factory()(config, self.scene)
+        return self.component.build(config, self.scene)
 
 
 def _example(model: type[BaseModel]) -> dict[str, Any] | None:

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 
 from avrare.base.batch import take
 from avrare.base.errors import UsageError
-from avrare.protocols import PersistentPerceptionErrorModel, find_ability
-from avrare.stack.unlabelled import ReportsGhosts
+from avrare.protocols import PerceptionErrorModel, adapt, overrides
 from avrare_gp_pem.config import Ghosts, GpPemConfig, NaivePemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.ghosts import NOISE_PER_GHOST, with_ghosts
 from avrare_gp_pem.runtime.models import build_gp, build_naive, build_parametric
@@ -198,8 +197,8 @@ def test_perfect_noise_has_none(make, model):
 def test_it_goes_with_errors_that_last(make):
     options = {"ghosts": SHARED, "persistence": {"detection": 0.5}}
     model = build_gp(GpPemConfig(model="measured", **options), make.scene(2))
-    assert isinstance(model, PersistentPerceptionErrorModel)
-    assert find_ability(model, ReportsGhosts).ghost_slots == 2
+    assert overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
+    assert adapt(PerceptionErrorModel, model).ghost_slots == 2
     assert not hasattr(model, "log_prob")
     _, seen, _ = course(model, make.random(5, 2), 3)
     assert seen[2].detected.shape == (5, 4)

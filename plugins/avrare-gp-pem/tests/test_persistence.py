@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from avrare.base.batch import take
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.protocols import PersistentPerceptionErrorModel
+from avrare.protocols import PerceptionErrorModel, adapt, overrides
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.load import load
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, Persistence
@@ -47,12 +47,12 @@ def test_without_persistence_it_is_the_model_itself(build, make, persistence):
     model = build(make.scene(2), persistence=persistence)
     assert type(model) is type(build(make.scene(2)))
     assert hasattr(model, "log_prob")
-    assert not isinstance(model, PersistentPerceptionErrorModel)
+    assert not overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
 
 
 def test_with_persistence_it_has_the_protocol_and_no_density(build, make):
     model = build(make.scene(2), persistence=ALL)
-    assert isinstance(model, PersistentPerceptionErrorModel)
+    assert overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
     assert not hasattr(model, "log_prob")
     assert model.noise_size == 8
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, Signals, Verdict
+from avrare.protocols import Floats, Signals, Specification, Verdict
 from avrare_example.config import SpillageConfig
 
 
@@ -22,7 +22,7 @@ class SpillageState:
     total: Floats
 
 
-class Spillage:
+class Spillage(Specification):
     """Monitor whose robustness is the remaining volume [m^3].
 
     The remaining volume never increases, so the robustness of a prefix is that of its last sample.

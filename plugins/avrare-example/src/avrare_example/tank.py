@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, Signals
+from avrare.protocols import Floats, Signals, Simulator
 from avrare_example.config import TankConfig
 
 _GRAVITY = 9.81
@@ -31,7 +31,7 @@ class TankWorld:
     spilled: Floats
 
 
-class Tank:
+class Tank(Simulator):
     """Water tank whose inflow is driven by the noise.
 
     Args:

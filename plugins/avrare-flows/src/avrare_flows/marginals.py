@@ -16,7 +16,7 @@ import numpy as np
 from scipy import special
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, find_ability
+from avrare.protocols import Floats
 
 Number = float | Floats
 _LOST = -40.0
@@ -26,7 +26,7 @@ Tails = tuple[Floats, Floats]
 
 
 class Marginal(Protocol):
-    """A law of one number."""
+    """A law of one number; ``from_normal(z)``, if it has one, replaces ``quantile`` of a normal's tails."""
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
         """Return the x with P(X <= x) = lower and P(X > x) = upper; the smaller of both is accurate."""
@@ -38,18 +38,10 @@ class Marginal(Protocol):
         """Return the logarithm of the density, -inf outside the support."""
 
 
-class TransformsNormal(Protocol):
-    """Optional ability of a marginal: it maps a standard normal number directly."""
-
-    def from_normal(self, z: Floats) -> Floats:
-        """Return physical numbers of standard normal ones, exact in both tails."""
-
-
 def from_normal(law: Marginal, z: Floats) -> Floats:
     """Return the physical number of a standard normal one, exact in both tails."""
-    direct = find_ability(law, TransformsNormal)
-    if direct is not None:
-        return np.asarray(direct.from_normal(z), dtype=np.float64)
+    if hasattr(law, "from_normal"):
+        return np.asarray(law.from_normal(z), dtype=np.float64)
     return law.quantile(special.ndtr(z), special.ndtr(-z))
 
 

@@ -7,15 +7,7 @@ from typing import Any
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.registry import default_registry
-from avrare.protocols import (
-    Floats,
-    HasScene,
-    LimitsSteps,
-    ReportsFaults,
-    Signals,
-    Simulator,
-    forward_abilities,
-)
+from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare.scenario.validation import check_options
 from avrare_flows import compound, marginals
 from avrare_flows.config import LawConfig, TransformedConfig
@@ -62,8 +54,8 @@ def build(config: TransformedConfig, scene: object | None = None) -> Transformed
     return TransformedSimulator(inner, law, first)
 
 
-class TransformedSimulator:
-    """An ``avrare.protocols.Simulator`` that hands physical noise to another one.
+class TransformedSimulator(Simulator):
+    """Simulator that hands physical noise to another one.
 
     Attributes:
         simulator: The other simulator.
@@ -76,7 +68,11 @@ class TransformedSimulator:
         self.simulator, self.law, self.first = simulator, law, first
         self.dt, self.noise_size = simulator.dt, simulator.noise_size
         self.notes = notes_of(law, first)
-        forward_abilities(self, simulator, HasScene, LimitsSteps, ReportsFaults)
+        self.scene = simulator.scene
+
+    def check_steps(self, steps: int) -> None:
+        """Raise the ``UsageError`` of the other simulator."""
+        self.simulator.check_steps(steps)
 
     def reset(self, noise: Floats) -> Any:
         """Return the world at t = 0."""
@@ -90,14 +86,19 @@ class TransformedSimulator:
         """Return the signals of the other simulator."""
         return self.simulator.signals(world)
 
+    def faults(self, world: Any) -> Bools | None:
+        """Return the rows (N,) of the other simulator that have broken down."""
+        return self.simulator.faults(world)
 
-def _build_inner(block: dict[str, Any]) -> Any:
+
+def _build_inner(block: dict[str, Any]) -> Simulator:
     name = str(block["plugin"])
     component = default_registry().require("simulator", name)
     options = {key: value for key, value in block.items() if key != "plugin"}
     config = check_options(component.load_config(), name, options, "simulator")
     try:
-        return component.load_factory()(config, None)
+        simulator: Simulator = component.build(config)
+        return simulator
     except ImportError as error:
         raise PluginError(f"simulator {name!r} cannot be loaded: {error}") from error
 

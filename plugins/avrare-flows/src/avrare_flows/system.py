@@ -5,20 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.protocols import (
-    CountsEvents,
-    Floats,
-    LimitsSteps,
-    ReportsFaults,
-    Signals,
-    System,
-    forward_abilities,
-)
+from avrare.protocols import Floats, System, SystemWrapper, adapt
 from avrare_flows.laws import Law
 
 
-class TransformedSystem:
-    """An ``avrare.protocols.System`` made by ``transformed``.
+class TransformedSystem(SystemWrapper):
+    """System made by ``transformed``.
 
     Attributes:
         system: System over physical noise.
@@ -29,10 +21,9 @@ class TransformedSystem:
     """
 
     def __init__(self, system: System, law: Law, first: Law) -> None:
-        self.system, self.law, self.first = system, law, first
-        self.noise_size = system.noise_size
-        self.notes = notes_of(law, first)
-        forward_abilities(self, system, ReportsFaults, CountsEvents, LimitsSteps)
+        super().__init__(system)
+        self.law, self.first = law, first
+        self.notes, self.perfect_noise = notes_of(law, first), None
 
     def initial(self, noise: Floats) -> Any:
         """Return the state at t = 0 from standard normal rows (N, noise_size)."""
@@ -42,12 +33,8 @@ class TransformedSystem:
         """Return the state one step later."""
         return self.system.step(state, self.law.physical(noise))
 
-    def signals(self, state: Any) -> Signals:
-        """Return the signals of the system."""
-        return self.system.signals(state)
 
-
-def transformed(system: System, law: Law, *, initial: Law | None = None) -> TransformedSystem:
+def transformed(system: object, law: Law, *, initial: Law | None = None) -> TransformedSystem:
     """Adapt a system that reads physical noise to standard normal noise tapes.
 
     With an exact law (``avrare_flows.laws.Joint``) nothing is left to correct: the failure probability
@@ -61,9 +48,10 @@ def transformed(system: System, law: Law, *, initial: Law | None = None) -> Tran
     Raises:
         UsageError: A law has another number of columns than the system's noise.
     """
-    for one in (law, initial or law):
-        check_size(one, system.noise_size)
-    return TransformedSystem(system, law, initial or law)
+    physical = adapt(System, system)
+    for columns in (law, initial or law):
+        check_size(columns, physical.noise_size)
+    return TransformedSystem(physical, law, initial or law)
 
 
 def notes_of(*laws: Law) -> dict[str, str]:

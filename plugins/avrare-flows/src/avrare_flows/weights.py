@@ -8,14 +8,14 @@ stl-ess, Eq. 20, is |det b'(z)| alone: P / N is missing, and even an exact flow 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.health_messages import fill
-from avrare.protocols import Bools, Floats, ReportsFaults, Signals, System, find_ability
+from avrare.protocols import Bools, Floats, System, SystemWrapper, adapt
 from avrare_flows.flow import Warped
 from avrare_flows.health_messages import WARNINGS
 from avrare_flows.laws import Law, log_normal_density
@@ -45,8 +45,7 @@ class WeightedState:
     log_weight: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class WeightedSystem:
+class WeightedSystem(SystemWrapper):
     """A system whose rollouts have weights, for estimators that ask for them with ``with_weights()``.
 
     It refuses to run before that: an estimator that ignores the weights would give the probability under the
@@ -60,27 +59,24 @@ class WeightedSystem:
         asked: ``with_weights`` has been called.
     """
 
-    system: System
-    flow: WarpedLaw
-    log_density: Callable[[Floats], Floats] | None
-    first: Law | None
-    asked: bool = False
-
-    @property
-    def noise_size(self) -> int:
-        """Number of numbers of a row."""
-        return self.system.noise_size
-
-    @property
-    def notes(self) -> dict[str, str]:
-        """Health warnings for every result."""
-        if self.log_density is None:
-            return fill(WARNINGS, "paper_weights")
-        return fill(WARNINGS, "flow_tails") if self.flow.note else {}
+    def __init__(
+        self,
+        system: System,
+        flow: WarpedLaw,
+        log_density: Callable[[Floats], Floats] | None,
+        first: Law | None,
+        asked: bool = False,
+    ) -> None:
+        super().__init__(system)
+        self.flow, self.log_density, self.first, self.asked = flow, log_density, first, asked
+        self.perfect_noise = None
+        self.notes = fill(WARNINGS, "flow_tails") if flow.note else {}
+        if log_density is None:
+            self.notes = fill(WARNINGS, "paper_weights")
 
     def with_weights(self) -> WeightedSystem:
         """Return the same system, ready to run."""
-        return replace(self, asked=True)
+        return WeightedSystem(self.system, self.flow, self.log_density, self.first, asked=True)
 
     def initial(self, noise: Floats) -> WeightedState:
         """Return the state at t = 0.
@@ -103,15 +99,14 @@ class WeightedSystem:
         x, weight = self._warped(noise)
         return WeightedState(self.system.step(state.state, x), state.log_weight + weight)
 
-    def signals(self, state: WeightedState) -> Signals:
-        """Return the signals of the system."""
-        return self.system.signals(state.state)
+    def unwrap(self, state: WeightedState) -> Any:
+        """Return the state of the system over physical noise."""
+        return state.state
 
     def faults(self, state: WeightedState) -> Bools:
         """Return whether each row (N,) broke down or has a weight that is not a number."""
-        inner = find_ability(self.system, ReportsFaults)
-        lost = np.isnan(state.log_weight)
-        return lost if inner is None else np.asarray(inner.faults(state.state), dtype=bool) | lost
+        broken, lost = super().faults(state), np.isnan(state.log_weight)
+        return lost if broken is None else np.asarray(broken, dtype=bool) | lost
 
     def log_weights(self, state: WeightedState) -> Floats:
         """Return the log weights (N,)."""
@@ -126,7 +121,7 @@ class WeightedSystem:
 
 
 def weighted(
-    system: System,
+    system: object,
     flow: WarpedLaw,
     log_density: Callable[[Floats], Floats] | None = None,
     *,
@@ -153,6 +148,7 @@ def weighted(
             "importance weights need log_density, weights as in the paper take none",
             "where only samples are known no weight helps: use avrare_flows.transformed(system, flow)",
         )
+    physical = adapt(System, system)
     for law in (flow, initial or flow):
-        check_size(law, system.noise_size)
-    return WeightedSystem(system, flow, log_density, initial)
+        check_size(law, physical.noise_size)
+    return WeightedSystem(physical, flow, log_density, initial)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, Signals
+from avrare.protocols import Floats, Signals, Simulator
 from avrare.rollout.request import Integers
 from avrare_glider.aircraft import DT, ELEVATOR_STOPS, NAMES, RATE_LIMIT, START, Columns, advance
 from avrare_glider.config import GliderConfig
@@ -34,7 +34,7 @@ def build(config: GliderConfig, scene: object | None = None) -> GliderSimulator:
     return GliderSimulator(config)
 
 
-class GliderSimulator:
+class GliderSimulator(Simulator):
     """A glider that follows the nominal flight to a wire.
 
     The elevator's rate is the nominal one, minus gain times error, plus noise, clipped to the servo's limit

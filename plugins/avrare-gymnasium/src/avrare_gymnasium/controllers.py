@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats
+from avrare.protocols import Controller, Floats
 from avrare_gymnasium.config import ConstantConfig, FeedbackConfig
 
 
@@ -22,7 +22,7 @@ def build_constant(config: ConstantConfig, scene: object | None = None) -> Const
     return Constant(config.action)
 
 
-class Feedback:
+class Feedback(Controller):
     """Linear feedback: u = offset - gain (observation - reference).
 
     Args:
@@ -56,7 +56,7 @@ class Feedback:
         return self.offset - np.einsum("nd,md->nm", ego - self.reference, self.gain), None
 
 
-class Constant:
+class Constant(Controller):
     """Controller with the same action at every step.
 
     Args:

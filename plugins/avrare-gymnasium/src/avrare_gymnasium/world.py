@@ -26,7 +26,7 @@ _INITIAL_OUTCOME = [0.0, 0.0, 0.0]
 """Reward, terminated, truncated at t = 0."""
 
 
-class GymWorld:
+class GymWorld(World):
     """One environment; after its end it keeps its last signals.
 
     A row of noise contains the numbers of the stream, then those of the action.
@@ -38,6 +38,8 @@ class GymWorld:
         UsageError: The environment does not exist, or an option does not fit it.
         PluginError: The environment needs a package that is not installed.
     """
+
+    has_table = True
 
     def __init__(self, config: GymnasiumConfig) -> None:
         self.env = _make_environment(config)
@@ -58,7 +60,7 @@ class GymWorld:
         self.names = _names(config, len(self.observed))
         self.outcome, self.steps = _INITIAL_OUTCOME, 0
         if hasattr(self.env.unwrapped, "snapshot") and hasattr(self.env.unwrapped, "restore"):
-            self.snapshot, self.restore = self._snapshot, self._restore
+            vars(self).update(snapshot=self._snapshot, restore=self._restore)
 
     def reset(self, noise: Floats) -> None:
         """Reset to t = 0 with noise (noise_size,)."""

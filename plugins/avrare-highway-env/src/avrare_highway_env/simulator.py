@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.driving import Scene, Vehicles
 from avrare.driving.geometry import Rectangle, signed_distance
-from avrare.protocols import Bools, Floats, Signals
+from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_highway_env.actions import native_action
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.drivers import MoodyDriver
@@ -57,7 +57,7 @@ class HighwayWorld:
     ways: Floats | None = None
 
 
-class HighwayEnvSimulator:
+class HighwayEnvSimulator(Simulator):
     """Batch of worlds on one road.
 
     A row of noise contains the numbers of the start (used only at t = 0), of the environment's own draws, of

@@ -27,7 +27,7 @@ _LENGTH, _WIDTH = 4.5, 1.8  # of a track where the scene has no vehicle [m]
 
 
 class AssociatingTracker(ImmTracker):
-    """``ImmTracker`` of a list of detections in no order (``avrare.stack.unlabelled.AssociatesDetections``).
+    """``ImmTracker`` of a list of detections in no order .
 
     It has a track for each vehicle of the scene, though not always of that vehicle, and spare ones.
 
@@ -35,6 +35,8 @@ class AssociatingTracker(ImmTracker):
         config: Options, with a gate and a death.
         scene: Provides the step, the lane centres and the vehicles.
     """
+
+    known_scene: Scene
 
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
         super().__init__(config, scene)

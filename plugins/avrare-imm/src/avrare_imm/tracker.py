@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Prediction, Scene
-from avrare.protocols import Bools, Floats
+from avrare.protocols import Bools, Floats, Tracker
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import (
     Mixture,
@@ -71,7 +71,7 @@ class FusedTrack:
     exists: Bools
 
 
-class ImmTracker:
+class ImmTracker(Tracker):
     """Interacting-multiple-model tracker of all other vehicles (``avrare.protocols.Tracker``).
 
     Args:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avrare.base.errors import ExitCode, UsageError, did_you_mean
-from avrare.logic.formula import find_formula
 
 if TYPE_CHECKING:
     from avrare.rollout.problem import Problem
@@ -84,7 +83,7 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Desc
     if not has_parameter(system, args.parameter):
         present = ", ".join(parameter for parameter in ATTRIBUTES if has_parameter(system, parameter))
         raise UsageError(f"the system has no {args.parameter}", f"it has {present}")
-    formula = find_formula(problem.monitors[0])
+    formula = problem.monitors[0].formula
     if formula is None:
         raise UsageError(f"synthesis needs a formula: {problem.names[0]} is not given as stl")
     effort = Effort(args.chains, args.runs, args.moves)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.logic.formula import Formula, FormulaMonitor, find_formula
+from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.logic.semantics.normal_form import normalize
 from avrare.logic.syntax import nodes
 from avrare.protocols import Floats
@@ -133,7 +133,7 @@ def to_solvable(problem: Problem) -> Problem:
 
 
 def _formula(problem: Problem) -> Formula:
-    formula = find_formula(problem.monitors[0])
+    formula = problem.monitors[0].formula
     if not isinstance(formula, Formula):
         raise UsageError(f"exact slices need a formula: {problem.names[0]} is not given as stl")
     return formula

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, Signals, find_simulator
+from avrare.protocols import Floats, Signals, Simulator
 from avrare.rollout.problem import Problem
+from avrare.stack.closed_loop import ClosedLoop
 from avrare_linear.config import LinearConfig
 from avrare_linear.system import LinearState, LinearSystem
 
@@ -16,7 +17,7 @@ def build(config: LinearConfig, scene: object | None = None) -> LinearSimulator:
     return LinearSimulator(config)
 
 
-class LinearSimulator:
+class LinearSimulator(Simulator):
     """Linear system with its own controller.
 
     Attributes:
@@ -89,8 +90,9 @@ def system_of(problem: Problem) -> LinearSystem:
     Raises:
         UsageError: The problem has another system.
     """
-    simulator = find_simulator(problem.system)
-    system = simulator.system if isinstance(simulator, LinearSimulator) else problem.system
+    system: object = problem.system
+    if isinstance(system, ClosedLoop) and isinstance(system.simulator, LinearSimulator):
+        system = system.simulator.system
     if not isinstance(system, LinearSystem):
         raise UsageError("the system is not linear", "use `simulator: {plugin: linear, ...}`")
     return system

@@ -105,7 +105,7 @@ def sample_failures(problem: Problem, effort: Effort, seed: int = 0) -> FailureS
         UsageError: The problem is not affine, or no failure was found.
     """
     # 1. Estimate p by nested levels.
-    formula = problem.monitors[0].formula  # type: ignore[attr-defined]
+    formula = problem.monitors[0].formula
     levels = _RecordingLevels(LinearEssConfig(chains=effort.chains, runs=effort.runs))
     (result,) = run(problem, levels, SerialExecutor(), Settings(seed))
     last, share = levels.last.level_pass, result.run_probabilities

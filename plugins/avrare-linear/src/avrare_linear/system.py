@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats
+from avrare.protocols import Floats, System
 from avrare.rollout.request import Integers
 from avrare_linear.gains import kalman, regulator
 
@@ -44,8 +44,8 @@ class LinearState:
 
 
 @dataclass(eq=False)
-class LinearSystem:
-    """Linear system (an ``avrare.protocols.System``); ``LinearSystem.of`` makes one from plain matrices.
+class LinearSystem(System):
+    """Linear system ; ``LinearSystem.of`` makes one from plain matrices.
 
     Attributes are stacks with a leading axis of steps, the last entry of which holds for all later steps.
 

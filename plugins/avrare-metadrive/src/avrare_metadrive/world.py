@@ -11,6 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
+from avrare.worlds.world import World
 from avrare.worlds.worlds_simulator import Worlds
 from avrare_metadrive import version
 from avrare_metadrive.config import DT, SIGNALS, MetaDriveConfig
@@ -51,7 +52,7 @@ def _root_process(config: MetaDriveConfig) -> tuple[Process, Floats]:
     return _roots[key]
 
 
-class MetaDriveWorld:
+class MetaDriveWorld(World):
     """World (``avrare.worlds.World``) in a process forked from one at the start of the road.
 
     A copied process continues bit-identically. The world stops once its car has arrived, crashed or left the
@@ -60,6 +61,8 @@ class MetaDriveWorld:
     Attributes:
         noise_size: One number per ray if they are noisy. Row t disturbs the observation at step t.
     """
+
+    has_table = True
 
     def __init__(self, config: MetaDriveConfig) -> None:
         self.config = config

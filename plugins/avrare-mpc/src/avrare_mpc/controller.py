@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.driving.reference_line import ReferenceLine
-from avrare.protocols import Bools, Floats
+from avrare.protocols import Bools, Controller, Floats
 from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lane_gaps import find_gaps
@@ -22,7 +22,7 @@ from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
 
-class MpcController:
+class MpcController(Controller):
     """Controller that plans H steps ahead around the predicted vehicles and applies the first input.
 
     A plan is searched from the last one, shifted by one step; the first plan from each of the initial guesses
@@ -63,6 +63,10 @@ class MpcController:
             fallbacks=zeros.copy(),
             start_policy=np.full(n, -1, dtype=np.int64),
         )
+
+    def plan(self, memory: Memory) -> Floats:
+        """Return the planned states (N, H + 1, 4)."""
+        return memory.plan_states
 
     def act(self, memory: Memory, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Memory]:
         """Return the first input of each particle's new plan, and the new memory.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Prediction
+from avrare.protocols import Controller
 from avrare_policy.config import PolicyConfig
 from avrare_policy.network import Network, load
 from avrare_policy.onnx_model import OnnxPolicy
@@ -20,12 +21,13 @@ GROUP = "avrare.policies"
 """Entry point group of shipped policies; values are the packages that hold ``models/NAME.npz``."""
 
 
-class PolicyController:
+class PolicyController(Controller):
     """Controller that runs a network on the ego's observation.
 
     Attributes:
         horizon: 0: it needs no predictions.
         network: The network.
+        arrays: Weights and biases by name; none of an ONNX file.
         argmax: Whether the action is the number of the largest output, as in discrete action spaces.
     """
 
@@ -33,11 +35,7 @@ class PolicyController:
 
     def __init__(self, network: Network | OnnxPolicy, argmax: bool = False) -> None:
         self.network, self.argmax = network, argmax
-
-    @property
-    def arrays(self) -> dict[str, Any]:
-        """Weights and biases by name; none of an ONNX file."""
-        return self.network.arrays if isinstance(self.network, Network) else {}
+        self.arrays = network.arrays if isinstance(network, Network) else {}
 
     def start(self, n: int) -> None:
         """Return None: there is no memory."""

@@ -17,7 +17,7 @@ from typing import Any
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors.in_flight import Window, WorkerLost
 from avrare.rollout.executors.processes import pickle_work
-from avrare.rollout.executors.work import Task, Work
+from avrare.rollout.executors.work import Executor, Task, Work
 from avrare.rollout.executors.worker_process import pack, unpack
 from avrare_ray.config import RayConfig
 
@@ -46,7 +46,7 @@ class Worker:
         return pack(self.work, pickle.loads(chunk))
 
 
-class RayExecutor:
+class RayExecutor(Executor):
     """Executor on Ray actors; outcomes are bit-identical to those of other executors."""
 
     def __init__(self, config: RayConfig) -> None:

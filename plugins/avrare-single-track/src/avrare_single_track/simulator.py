@@ -16,7 +16,7 @@ from avrare.driving.frames import to_plane, to_road
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.driving.lanes import ENDLESS
 from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
-from avrare.protocols import Bools, Floats, Signals
+from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
 from avrare_single_track.levels import lateral_acceleration, time_to_collision
@@ -48,7 +48,7 @@ class TrackWorld(World):
     drivers: DriverMemory | None = None
 
 
-class SingleTrack:
+class SingleTrack(Simulator):
     """Batch of identical roads, one per particle.
 
     Attributes:
@@ -57,6 +57,8 @@ class SingleTrack:
             whose reaction time varies.
         scene: Road, sizes and names.
     """
+
+    scene: Scene
 
     def __init__(self, config: SingleTrackConfig) -> None:
         self.config = config

@@ -15,7 +15,7 @@ from avrare.logic.formula import FormulaMonitor
 from avrare.logic.semantics.trace_evaluator import Evaluator
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
-from avrare.protocols import Floats, Signals, Verdict
+from avrare.protocols import Floats, Signals, Specification, Verdict
 from avrare_traffic_rules.check import parse_rule, raise_errors
 from avrare_traffic_rules.config import Scales, TrafficRuleConfig
 from avrare_traffic_rules.definitions import DEFINITIONS, PLAIN, WITHOUT_LANES
@@ -44,8 +44,8 @@ def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
     return TrafficRule(config, scene)
 
 
-class TrafficRule:
-    """One rule (an ``avrare.protocols.Specification``).
+class TrafficRule(Specification):
+    """One rule.
 
     Attributes:
         formula: Formula over predicates of vehicles, with its ``warnings``.
@@ -53,6 +53,7 @@ class TrafficRule:
         score: Name of the score that orders particles.
         names: The other vehicles that it refers to, in the order of the predicates' axes.
         excluded: The other vehicles, such as parked ones for R_G1.
+        words: The rule in English, with its own parameters; empty for a formula of the scenario.
     """
 
     def __init__(self, config: TrafficRuleConfig, scene: Scene) -> None:
@@ -71,19 +72,14 @@ class TrafficRule:
             _require_no_lanes(config, self._predicates)
         asks = {predicate.name for predicate, _ in self._predicates.values()}
         self._lit = bool(scene.road.light_lines) and not asks.isdisjoint(LIT)
-        default = "all" if config.rule is None else config.rulebook.rules[config.rule].vehicles
-        which = config.vehicles or default
+        rule = None if config.rule is None else config.rulebook.rules[config.rule]
+        self.words = "" if rule is None else fill(rule.text, config.model_dump())
+        which = config.vehicles or ("all" if rule is None else rule.vehicles)
         self._chosen = scene.moving if which == "moving" else np.ones(len(scene.names), dtype=bool)
         self.names = tuple(name for name, chosen in zip(scene.names, self._chosen, strict=True) if chosen)
         asked = {name for _, names in self._predicates.values() for name in names}
         self.excluded = tuple(name for name in scene.names if name not in {*self.names, *asked})
         self._monitor = FormulaMonitor(self.formula)
-
-    @property
-    def words(self) -> str:
-        """The rule in English, with its own parameters; empty for a formula of the scenario."""
-        rule = None if self.config.rule is None else self.config.rulebook.rules[self.config.rule]
-        return "" if rule is None else fill(rule.text, self.config.model_dump())
 
     def start(self, n: int) -> Any:
         """Return the monitor state before sample 0."""

@@ -14,21 +14,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError
-from avrare.protocols import (
-    Bools,
-    CountsEvents,
-    Floats,
-    HasFormula,
-    HasSimulator,
-    ReportsFaults,
-    SelectsSamples,
-    Signals,
-    Specification,
-    System,
-    Verdict,
-    find_ability,
-    forward_abilities,
-)
+from avrare.protocols import Floats, Signals, Specification, System, SystemWrapper, Verdict
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 
@@ -56,15 +42,12 @@ class AheadState:
     looked: Integers
 
 
-class LookAhead:
+class LookAhead(SystemWrapper):
     """System whose signals hold the score of its noise-free continuation, every so many steps."""
 
     def __init__(self, system: System, monitor: Specification, steps: int, every: int) -> None:
-        self.system, self.monitor, self.steps, self.every = system, monitor, steps, every
-        self.noise_size = system.noise_size
-        forward_abilities(self, system, HasSimulator)
-        self._reporting = find_ability(system, ReportsFaults)
-        self._counting = find_ability(system, CountsEvents)
+        super().__init__(system)
+        self.monitor, self.steps, self.every = monitor, steps, every
 
     def initial(self, noise: Floats) -> AheadState:
         """Start the system."""
@@ -82,15 +65,13 @@ class LookAhead:
         """Return the system's signals and the score."""
         return {**self.system.signals(state.inner), _SIGNAL: state.score}
 
-    def faults(self, state: AheadState) -> Bools:
-        """Return the rows that have broken down, not those whose continuation would."""
-        none = np.zeros(len(state.t), dtype=bool)
-        return none if self._reporting is None else self._reporting.faults(state.inner)
+    def unwrap(self, state: AheadState) -> Any:
+        """Return the state of the system; rows whose continuation would break down have not done so."""
+        return state.inner
 
     def counts(self, state: AheadState) -> Mapping[str, Integers]:
         """Return the system's counters, and the steps of all looks."""
-        own = {} if self._counting is None else self._counting.counts(state.inner)
-        return {**own, STEPS: state.looked}
+        return {**super().counts(state), STEPS: state.looked}
 
     def _observed(self, state: AheadState) -> AheadState:
         monitor, verdict = self.monitor.update(state.monitor, self.system.signals(state.inner))
@@ -122,15 +103,17 @@ class LookAhead:
         return -verdict.robustness
 
 
-class _ScoredAhead:
+class _ScoredAhead(Specification):
     """Specification whose score is the largest of all looks so far."""
 
     def __init__(self, inner: Specification) -> None:
-        self.inner = inner
-        forward_abilities(self, inner, HasFormula, SelectsSamples)
+        self.inner, self.formula = inner, inner.formula
 
     def start(self, n: int) -> Any:
         return self.inner.start(n), np.full(n, -np.inf)
+
+    def sample(self, signals: Signals) -> Signals:
+        return self.inner.sample(signals)
 
     def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
         inner, verdict = self.inner.update(state[0], signals)

@@ -11,7 +11,7 @@ from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
@@ -43,7 +43,7 @@ _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
 
-class Splitting:
+class Splitting(Estimator):
     """Estimator ``ams``: R runs of N particles as one batch."""
 
     name = "ams"
@@ -85,7 +85,7 @@ class Splitting:
         return self._begin_counting(plan, learning=learning)
 
     def scaled(self, rollouts: float, probability: float) -> Splitting | None:
-        """Return one run of as many particles as the rollouts pay for (``ScalesToCost``).
+        """Return one run of as many particles as the rollouts pay for.
 
         Its error comes from its genealogy: several smaller runs would say less, with few degrees of freedom.
         """

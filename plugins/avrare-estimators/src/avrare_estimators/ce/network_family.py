@@ -10,14 +10,13 @@ import numpy as np
 
 from avrare.base.errors import PluginError
 from avrare.base.memory import allowance
-from avrare.protocols import Floats, find_ability
+from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.ce.config import CeConfig, NetworkFamilyConfig
 from avrare_estimators.ce.gaussian_family import most_nats
 from avrare_estimators.ce.tilted_perception import (
-    StudentErrors,
     Tilt,
     TrainingBatch,
     network_inputs,
@@ -38,8 +37,7 @@ def _training_batch(sample: Sample, rows: Integers, weights: Floats, target: Any
         if state.observation is None or not row_weight.any():
             continue
         law = target.law(state.world)
-        student = find_ability(law, StudentErrors)
-        dof = student.dof if student is not None else None
+        dof = law.dof if hasattr(law, "dof") else None
         with np.errstate(divide="ignore"):
             log_odds = np.clip(np.log(law.detect) - np.log(law.miss), -50.0, 50.0)
         inputs = network_inputs(state.world, target.scene)

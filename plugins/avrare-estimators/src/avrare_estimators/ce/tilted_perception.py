@@ -8,7 +8,7 @@ the errors along and across the vehicle. The network runs in NumPy; ``training``
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -84,14 +84,6 @@ class TrainingBatch:
     residuals: Floats
     weights: Floats
     dof: tuple[float, float] | None
-
-
-class StudentErrors(Protocol):
-    """Optional ability of a law of observations: its errors are Student-t; those of other laws are normal."""
-
-    @property
-    def dof(self) -> tuple[float, float]:
-        """Degrees of freedom along and across."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ import numpy as np
 from avrare.base.memory import allowance
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.result import Result
-from avrare.protocols import OffersWeights, find_ability, find_notes
+from avrare.protocols import System, overrides
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -44,7 +44,7 @@ _TAPES, _SAMPLE = 4.0, 400
 """Tapes of each sample of a run at its peak (old, new and the chains'), and other bytes."""
 
 
-class NestedLevels:
+class NestedLevels(Estimator):
     """Estimator ``ess``.
 
     Args:
@@ -66,7 +66,7 @@ class NestedLevels:
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem, with its weights if it has any."""
-        self.notes = find_notes(problem.system)
+        self.notes = problem.system.notes
         return _with_weights(problem)
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
@@ -101,7 +101,7 @@ class NestedLevels:
         return [self._summary(state)]
 
     def scaled(self, rollouts: float, probability: float) -> NestedLevels | None:
-        """Return one run without a pilot, as long as the rollouts pay for it (``ScalesToCost``).
+        """Return one run without a pilot, as long as the rollouts pay for it.
 
         Its error comes from its chains: several smaller runs would say less, with few degrees of freedom.
         """
@@ -217,14 +217,12 @@ class NestedLevels:
 
 
 def _with_weights(problem: Problem) -> Problem:
-    offering = find_ability(problem.system, OffersWeights)
-    if offering is None:
+    if not overrides(problem.system, System.with_weights):
         return problem
     monitors = dict(zip(problem.names, problem.monitors, strict=True))
     score: Any = problem.score
-    return Problem(offering.with_weights(), monitors, problem.steps, chunk=problem.named_chunk).rescored(
-        score
-    )
+    system = problem.system.with_weights()
+    return Problem(system, monitors, problem.steps, chunk=problem.named_chunk).rescored(score)
 
 
 def _info(state: EssState) -> Info:

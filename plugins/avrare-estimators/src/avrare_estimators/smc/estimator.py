@@ -10,7 +10,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result, Worst
 from avrare.protocols import Floats
@@ -75,7 +75,7 @@ class SmcState:
     fresh: FreshRows = field(default_factory=FreshRows)
 
 
-class SequentialMonteCarlo:
+class SequentialMonteCarlo(Estimator):
     """Estimator ``smc``: R runs of N particles, resampled by frozen potentials."""
 
     name = "smc"
@@ -109,7 +109,7 @@ class SequentialMonteCarlo:
         return replace(state, learning=Learning.begin(self.config, plan, affordable)), Info()
 
     def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
-        """Return one run with its learning that cost about ``rollouts`` rollouts (``ScalesToCost``)."""
+        """Return one run with its learning that cost about ``rollouts`` rollouts."""
         pilot = int(_SCALED_PILOT * rollouts)
         learning = pilot * (2 + _SCALED_STAGES) // 2
         if pilot < LEAST_PILOT:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
-from avrare.protocols import Bools, Floats, PersistentPerceptionErrorModel
+from avrare.protocols import Bools, Floats
 from avrare_gp_pem.config import Ghosts
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.persistence import check_ratio
@@ -128,10 +128,10 @@ class GhostMemory:
 
 @dataclass(frozen=True)
 class GhostPem:
-    """Model with false detections (an ``avrare.protocols.PersistentPerceptionErrorModel``).
+    """Model with false detections, which last.
 
-    Its observations have K slots after those of the vehicles (``avrare.stack.unlabelled.ReportsGhosts``). It
-    has no ``log_prob``: a list of detections does not tell which of them are false.
+    Its observations have K slots after those of the vehicles. It has no ``log_prob``: a list of detections
+    does not tell which of them are false.
 
     Attributes:
         vehicles: The model of the vehicles' detections.
@@ -239,7 +239,7 @@ class GhostPem:
 
     @property
     def _lasts(self) -> bool:
-        return isinstance(self.vehicles, PersistentPerceptionErrorModel)
+        return hasattr(self.vehicles, "follow")
 
     def _split(self, noise: Floats) -> tuple[Floats, Floats]:
         own = int(self.vehicles.noise_size)

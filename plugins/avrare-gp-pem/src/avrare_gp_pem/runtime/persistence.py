@@ -65,7 +65,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class PersistentPem:
-    """Model with persistent errors (an ``avrare.protocols.PersistentPerceptionErrorModel``).
+    """Model with persistent errors.
 
     It has no ``log_prob``: the density of an observation given all earlier ones is an integral over the part
     of the latent numbers that those do not determine.

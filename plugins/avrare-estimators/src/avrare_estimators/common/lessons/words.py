@@ -17,7 +17,7 @@ from avrare.estimation.result.note import Note
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
-from avrare.stack.noise_names import find_noise_names, find_time_step
+from avrare.stack.noise_names import find_noise_names
 from avrare_estimators.common.samples.sampling import Sample
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.tapes.atoms import Atoms, along_atoms
@@ -46,7 +46,7 @@ class NoiseNames:
     @staticmethod
     def of(problem: Problem) -> NoiseNames:
         """Return the names that the parts of a system declare."""
-        return NoiseNames(find_noise_names(problem.system), find_time_step(problem.system))
+        return NoiseNames(find_noise_names(problem.system), problem.dt)
 
     def span(self, first: int, last: int) -> str:
         """Return ``at 1.9-2.8 s`` or ``at steps 19-28``."""

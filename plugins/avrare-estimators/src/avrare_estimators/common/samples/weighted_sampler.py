@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare.base.memory import allowance
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
@@ -75,7 +75,7 @@ class SamplingState:
         return len(self.finished)
 
 
-class WeightedSampler:
+class WeightedSampler(Estimator):
     """Base of estimators by weighted samples: a final sample, its cross-check, the next run.
 
     Attributes:

@@ -1,0 +1,146 @@
+"""Defaults for parts of plain classes, and systems around other systems."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import FunctionType, MethodType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.protocols import kinds
+from avrare.protocols.kinds import Bools, Floats, Signals, System
+
+BASES: dict[str, type[Any]] = {
+    "simulator": kinds.Simulator,
+    "perception": kinds.PerceptionErrorModel,
+    "tracker": kinds.Tracker,
+    "controller": kinds.Controller,
+    "specification": kinds.Specification,
+    "estimator": kinds.Estimator,
+    "executor": kinds.Executor,
+}
+"""Base class of each kind of part."""
+
+BaseT = TypeVar("BaseT")
+
+
+def adapt(base: type[BaseT], part: object) -> BaseT:
+    """Return a part with the defaults of a base class; a part of a class derived from it as it is.
+
+    Raises:
+        UsageError: The part lacks a member that has no default.
+    """
+    if missing := missing_members(base, part):
+        kind = re.sub("(?<=.)([A-Z])", r" \1", base.__name__).lower()
+        members = [_describe_member(base, member) for member in required_members(base)]
+        raise UsageError(
+            f"{type(part).__name__} is not a valid {kind}: it lacks {', '.join(missing)}",
+            f"a {kind} has {', '.join(members[:-1])} and {members[-1]}",
+        )
+    if isinstance(part, (base, Adapted)):
+        return cast("BaseT", part)
+    return cast("BaseT", _adapted_class(type(part).__qualname__)(part, base))
+
+
+@functools.cache
+def _adapted_class(name: str) -> type[Adapted]:
+    # It has the name of the part's class: errors and journals show it.
+    return type(name.rpartition(".")[2], (Adapted,), {"__qualname__": name})
+
+
+@dataclass(eq=False)
+class Adapted:
+    """Part of a plain class, with the defaults of ``base``. A member that is None counts as absent."""
+
+    part: Any
+    base: type[Any]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return adapt, (self.base, self.part)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        value = getattr(self.part, name) if hasattr(self.part, name) or not hasattr(self.base, name) else None
+        if value is not None or not hasattr(self.base, name):
+            return value
+        default = getattr(self.base, name)
+        return MethodType(default, self.part) if isinstance(default, FunctionType) else default
+
+
+def required_members(base: type[Any]) -> list[str]:
+    """Return the members of a base class that have no default."""
+    classes = base.__mro__[::-1]
+    values = [name for cls in classes for name in inspect.get_annotations(cls) if not hasattr(base, name)]
+    methods = [name for cls in classes for name in vars(cls) if name in base.__abstractmethods__]
+    return list(dict.fromkeys([*values, *methods]))
+
+
+def missing_members(base: type[Any], part: object) -> list[str]:
+    """Return the members without a default that a part lacks."""
+    return [name for name in required_members(base) if not hasattr(part, name)]
+
+
+def overrides(part: object, default: Callable[..., Any]) -> bool:
+    """Return whether a part has a method of its own in place of the base class's ``default``."""
+    method = getattr(part, default.__name__)
+    return not isinstance(method, MethodType) or method.__func__ is not default
+
+
+def _describe_member(base: type[Any], name: str) -> str:
+    if not hasattr(base, name):
+        return name
+    return f"{name}({', '.join(list(inspect.signature(getattr(base, name)).parameters)[1:])})"
+
+
+class SystemWrapper(System):
+    """System around another one; a subclass overrides what it changes.
+
+    Attributes:
+        system: The other system.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.noise_size, self.noise_names = system.noise_size, system.noise_names
+        self.perfect_noise, self.dt, self.scene = system.perfect_noise, system.dt, system.scene
+        self.lacks, self.notes = system.lacks, system.notes
+
+    def unwrap(self, state: Any) -> Any:
+        """Return the state of the other system. Default: the same."""
+        return state
+
+    def check_steps(self, steps: int) -> None:
+        """Raise the ``UsageError`` of the other system."""
+        self.system.check_steps(steps)
+
+    def initial(self, noise: Floats) -> Any:
+        """Return the state of the other system at t = 0."""
+        return self.system.initial(noise)
+
+    def step(self, state: Any, noise: Floats) -> Any:
+        """Return the state of the other system one step later."""
+        return self.system.step(state, noise)
+
+    def signals(self, state: Any) -> Signals:
+        """Return the signals of the other system."""
+        return self.system.signals(self.unwrap(state))
+
+    def faults(self, state: Any) -> Bools | None:
+        """Return the rows (N,) of the other system that have broken down."""
+        return self.system.faults(self.unwrap(state))
+
+    def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
+        """Return the counters of the other system."""
+        return self.system.counts(self.unwrap(state))
+
+    def features(self, state: Any) -> Floats | None:
+        """Return the features of the other system."""
+        return self.system.features(self.unwrap(state))

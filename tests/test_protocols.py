@@ -1,0 +1,139 @@
+"""Contracts: plain classes get the defaults of their kind's base class, and wrappers forward."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.base.errors import UsageError
+from avrare.driving import Observation
+from avrare.protocols import (
+    BASES,
+    PerceptionErrorModel,
+    Simulator,
+    System,
+    SystemWrapper,
+    adapt,
+    missing_members,
+    overrides,
+)
+from avrare.testing.faulty_systems import Fragile, Walk
+
+
+class Plain:
+    """A system of a class without a base."""
+
+    noise_size = 1
+    scene = None
+    lives = 9
+
+    def initial(self, noise):
+        return {"x": noise[:, 0]}
+
+    def step(self, state, noise):
+        return {"x": state["x"] + noise[:, 0]}
+
+    def signals(self, state):
+        return state
+
+    def faults(self, state):
+        return state["x"] > 1.0
+
+
+class Camera:
+    """A perception error model of a class without a base."""
+
+    noise_size = 0
+
+    def observe(self, world, noise):
+        return Observation(np.ones((len(noise), 1), bool), *np.zeros((3, len(noise), 1)))
+
+
+def test_a_plain_class_gets_the_defaults_that_it_lacks():
+    system = adapt(System, Plain())
+    assert system.scene is None
+    assert system.notes == {}
+    assert system.counts({"x": np.zeros(2)}) == {}
+    assert system.faults({"x": np.array([0.0, 2.0])}).tolist() == [False, True]
+    assert system.lives == 9
+    assert not hasattr(system, "wings")
+
+
+def test_a_default_may_call_the_methods_of_the_plain_class():
+    observation, memory = adapt(PerceptionErrorModel, Camera()).follow(None, np.zeros((3, 0)), "kept")
+    assert observation.detected.shape == (3, 1)
+    assert memory == "kept"
+
+
+def test_a_part_with_the_base_class_or_with_its_defaults_is_not_adapted_again():
+    walk, plain = Walk(), adapt(System, Plain())
+    assert adapt(System, walk) is walk
+    assert adapt(System, plain) is plain
+
+
+def test_errors_name_the_class_and_all_that_it_lacks():
+    with pytest.raises(
+        UsageError, match="Camera is not a valid simulator: it lacks dt, reset, step, signals"
+    ) as error:
+        adapt(Simulator, Camera())
+    assert error.value.hint == (
+        "a simulator has noise_size, dt, reset(noise), step(world, action, noise) and signals(world)"
+    )
+    with pytest.raises(UsageError, match="Plain cannot draw from another law"):
+        adapt(System, Plain()).under(None)
+
+
+def test_an_adapted_part_survives_pickling():
+    again = pickle.loads(pickle.dumps(adapt(System, Plain())))
+    assert type(again).__name__ == "Plain"
+    assert again.noise_size == 1
+
+
+def test_a_default_is_not_a_method_of_its_own():
+    assert overrides(adapt(System, Plain()), System.faults)
+    assert not overrides(adapt(System, Plain()), System.log_weights)
+    assert overrides(Fragile("fault"), System.faults)
+    assert not overrides(Walk(), System.faults)
+
+
+@pytest.mark.parametrize("base", BASES.values())
+def test_what_has_no_default_is_required(base):
+    assert missing_members(base, object())
+    with pytest.raises(TypeError, match="abstract"):
+        base()
+
+
+def test_a_wrapper_is_the_system_but_for_what_it_changes():
+    class Slow(SystemWrapper):
+        def signals(self, state):
+            return {"x": 0.5 * super().signals(state)["x"]}
+
+    system = Slow(Fragile("fault"))
+    state = system.step(system.initial(np.zeros((2, 2))), np.array([[1.0, 9.0], [1.0, 0.0]]))
+    assert system.noise_size == 2
+    assert system.signals(state)["x"] == pytest.approx([0.05, 0.05])
+    assert system.faults(state).tolist() == [True, False]
+
+
+def test_notes_of_the_simulator_are_the_loops():
+    from avrare.stack.closed_loop import ClosedLoop
+
+    class Worn(Plain):
+        dt = 0.1
+        notes = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
+        reset = Plain.initial
+
+        def step(self, world, action, noise):
+            return world
+
+    assert ClosedLoop(Worn()).notes == {"worn_tyres": "half of the grip is left"}
+
+
+def test_a_note_of_a_system_can_be_suppressed():
+    class Noted(Walk):
+        notes = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
+
+    problem = avrare.Problem(Noted(), avrare.stl("always (x < 0.1)"), steps=3)
+    assert avrare.estimate(problem, "mc", rollouts=20).health == Noted.notes
+    assert not avrare.estimate(problem, "mc", rollouts=20, suppress=["worn_tyres"]).health
