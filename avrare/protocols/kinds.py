@@ -367,14 +367,14 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
         return problem
 
     def estimate_by(self, problem: Any, settings: Any, execute: Any) -> list[ResultT] | None:
-        """Return the results of other estimators, run by ``execute`` (``avrare.estimation.plan.plan.Execute``).
+        """Return the results of other estimators, run by ``execute``. Default: None, it estimates itself.
 
-        Called before all others. Default: None, it estimates itself.
+        Called before all others. ``execute`` is an ``avrare.estimation.plan.plan.Execute``.
         """
         return None
 
     def demand(self, plan: PlanT, carry: int) -> Any:
-        """Return the memory that it needs (``avrare.estimation.plan.memory.Demand``). Default: None, not known.
+        """Return the ``avrare.estimation.plan.memory.Demand`` of memory. Default: None, not known.
 
         Called before the first rollout; a particle's carry has ``carry`` bytes, 0: not known.
         """
