@@ -2,19 +2,16 @@
 
 from avrare.protocols.adapter import BASES, Adapted, SystemWrapper, adapt, missing_members, overrides
 from avrare.protocols.kinds import (
-    Bools,
     Controller,
     Estimator,
     Executor,
-    Floats,
     PerceptionErrorModel,
-    Signals,
     Simulator,
     Specification,
     System,
     Tracker,
-    Verdict,
 )
+from avrare.protocols.values import Bools, Floats, Signals, Verdict
 
 __all__ = [
     "BASES",

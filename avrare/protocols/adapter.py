@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import kinds
-from avrare.protocols.kinds import Bools, Floats, Signals, System
+from avrare.protocols.kinds import System
+from avrare.protocols.values import Bools, Floats, Signals
 
 BASES: dict[str, type[Any]] = {
     "simulator": kinds.Simulator,
@@ -107,8 +108,8 @@ class SystemWrapper(System):
         system: The other system.
     """
 
-    def __init__(self, system: System) -> None:
-        self.system = system
+    def __init__(self, system: object) -> None:
+        self.system = system = adapt(System, system)
         self.noise_size, self.noise_names = system.noise_size, system.noise_names
         self.perfect_noise, self.dt, self.scene = system.perfect_noise, system.dt, system.scene
         self.lacks, self.notes = system.lacks, system.notes

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -19,10 +18,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Prediction, Scene
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Signals = Mapping[str, NDArray[Any]]
+from avrare.protocols.values import Bools, Floats, Signals, Verdict
 
 WorkT = TypeVar("WorkT")
 ChunkT = TypeVar("ChunkT")
@@ -271,21 +267,6 @@ class Controller(ABC):
     def features(self, memory: Any) -> Floats | None:
         """Return (N, F) numbers as ``System.features`` does. Default: None, some nodes of the plan."""
         return None
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Verdict of a monitor on the samples 0..t.
-
-    Attributes:
-        robustness: (N,) robustness of the prefix at sample 0 (nominal, stl-ams eq. 14).
-        violated: (N,) Boolean evaluation of the prefix at sample 0 is false.
-        score: (N,) running maximum of how near to failure the particle has come; higher is nearer.
-    """
-
-    robustness: Floats
-    violated: Bools
-    score: Floats
 
 
 class Specification(ABC):

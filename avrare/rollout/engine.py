@@ -14,7 +14,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, UsageError
-from avrare.protocols import Bools, Floats, Specification, System
+from avrare.protocols import Bools, Floats, Specification, System, adapt
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
@@ -39,7 +39,7 @@ def simulate(
     ``scored=False`` leaves out the score of every step.
     """
     if request.law is not None:
-        system = system.under(request.law)
+        system = adapt(System, system.under(request.law))
     if request.past is not None:
         request = _restore_carries(system, specifications, noise, request)
     drawer = TapeDrawer(noise, request, steps)

@@ -54,7 +54,7 @@ def _sum_ratios(
     model: PerceptionErrorModel, others: list[PerceptionErrorModel], tapes: Floats, carries: Any
 ) -> Floats:
     lasts = overrides(model, PerceptionErrorModel.follow)
-    memories = [other.start(tapes[:, 0]) for other in others]
+    memories = [other.start(tapes[:, 0]) if lasts else None for other in others]
     total, before = np.zeros((len(tapes), len(others))), None
     rows_before = np.arange(len(tapes))
     for step, rows, carry in carries:

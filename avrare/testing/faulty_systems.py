@@ -41,7 +41,7 @@ class Counting(SystemWrapper):
 
     rows = 0
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: object) -> None:
         super().__init__(system)
         run_here(self)
 
@@ -60,7 +60,7 @@ class Mortal(SystemWrapper):
 
     lived = 0
 
-    def __init__(self, system: System, lives: float) -> None:
+    def __init__(self, system: object, lives: float) -> None:
         super().__init__(system)
         self.lives = lives
 

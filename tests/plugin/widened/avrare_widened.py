@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base.health_messages import fill
 from avrare.estimation.checks.result_builder import build_result
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.intervals import log_normal, unknown
 from avrare.estimation.result.result import Failures, Worst
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
@@ -33,7 +33,7 @@ class State:
     outcome: Rollouts | None = None
 
 
-class Widened:
+class Widened(Estimator):
     """Importance sampling from noise that is wider than standard normal."""
 
     name = "widened"
