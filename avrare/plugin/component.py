@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pluggy
 from pydantic import BaseModel
 
 from avrare.base.late_import import late_import
-from avrare.driving import Scene
-from avrare.protocols import BASES, adapt
+
+if TYPE_CHECKING:
+    from avrare.driving import Scene
 
 KINDS = ("simulator", "perception", "tracker", "controller", "specification", "estimator", "executor")
 
@@ -179,6 +180,8 @@ class Component:
 
     def build(self, config: Any, scene: Scene | None = None) -> Any:
         """Build the part; it has the members of its kind's base class (``avrare.protocols``)."""
+        from avrare.protocols import BASES, adapt  # NumPy, which listing and validating do without
+
         return adapt(BASES[self.kind], self.load_factory()(config, scene))
 
     def load_rules(self) -> list[RuleCard]:

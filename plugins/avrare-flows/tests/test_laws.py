@@ -109,4 +109,4 @@ def test_the_start_may_have_a_law_of_its_own():
     assert np.array_equal(walk.step(state, z).x, state.x + Joint([Exponential()]).physical(z)[:, 0])
     assert walk.faults(state).tolist() == [False, False]
     assert walk.notes == {}
-    assert not hasattr(transformed(Total(1), Joint([Normal()])), "faults")
+    assert transformed(Total(1), Joint([Normal()])).faults(None) is None
