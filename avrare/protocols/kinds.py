@@ -30,9 +30,7 @@ RolloutsT = TypeVar("RolloutsT")
 ResultT = TypeVar("ResultT")
 
 
-class _Dynamics(ABC):
-    # What systems and simulators share.
-
+class _Dynamics(ABC):  # shared by systems and simulators
     noise_size: int
     noise_names: Sequence[str] | None = None
     perfect_noise: Sequence[float] | Floats | None = None
@@ -164,7 +162,10 @@ class PerceptionErrorModel(ABC):
 
     @abstractmethod
     def observe(self, world: Any, noise: Floats) -> Observation:
-        """Return one observation of every other vehicle, without a past, from noise (N, noise_size)."""
+        """Return one observation of every other vehicle, without a past, from noise (N, noise_size).
+
+        Its arrays have columns of the vehicles, then ``ghost_slots``, and are NaN where nothing is seen.
+        """
 
     def start(self, noise: Floats) -> Any:
         """Return the memory at t = 0, where nothing is observed yet. Default: None, errors do not last."""
