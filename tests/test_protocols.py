@@ -10,6 +10,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Observation
 from avrare.protocols import (
     BASES,
+    Executor,
     PerceptionErrorModel,
     Simulator,
     System,
@@ -64,6 +65,15 @@ def test_a_default_may_call_the_methods_of_the_plain_class():
     observation, memory = adapt(PerceptionErrorModel, Camera()).follow(None, np.zeros((3, 0)), "kept")
     assert observation.detected.shape == (3, 1)
     assert memory == "kept"
+
+
+def test_a_default_may_be_a_property():
+    class Here:
+        def open(self, work): ...
+        def map(self, chunks): ...
+        def close(self): ...
+
+    assert (adapt(Executor, Here()).restarts, adapt(Executor, Here()).workers) == (0, 1)
 
 
 def test_a_part_with_the_base_class_or_with_its_defaults_is_not_adapted_again():

@@ -7,7 +7,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import FunctionType, MethodType
+from types import MethodType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -45,7 +45,7 @@ def adapt(base: type[BaseT], part: object) -> BaseT:
             f"{type(part).__name__} is not a valid {kind}: it lacks {', '.join(missing)}",
             f"a {kind} has {', '.join(members[:-1])} and {members[-1]}",
         )
-    if isinstance(part, (base, Adapted)):
+    if isinstance(part, base) or (isinstance(part, Adapted) and part.base is base):
         return cast("BaseT", part)
     return cast("BaseT", _adapted_class(type(part).__qualname__)(part, base))
 
@@ -69,11 +69,10 @@ class Adapted:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        value = getattr(self.part, name) if hasattr(self.part, name) or not hasattr(self.base, name) else None
-        if value is not None or not hasattr(self.base, name):
-            return value
-        default = getattr(self.base, name)
-        return MethodType(default, self.part) if isinstance(default, FunctionType) else default
+        if not hasattr(self.base, name) or getattr(self.part, name, None) is not None:
+            return getattr(self.part, name)
+        default = inspect.getattr_static(self.base, name)
+        return default.__get__(self.part) if hasattr(default, "__get__") else default
 
 
 def required_members(base: type[Any]) -> list[str]:

@@ -374,8 +374,7 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
 class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
     """Executor: an ordered map over chunks of rollouts, and over errands.
 
-    It hands both to ``run`` of the work.
-    ``avrare.rollout.executors.work.Executor`` names the value types.
+    It hands both to ``run`` of the work; ``avrare.rollout.executors.work.Executor`` names the types.
 
     Attributes:
         workers: Workers among which the rollouts of a request are spread. Default: 1.
