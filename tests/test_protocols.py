@@ -126,7 +126,7 @@ def test_a_wrapper_is_the_system_but_for_what_it_changes():
     assert system.faults(state).tolist() == [True, False]
 
 
-def test_notes_of_the_simulator_are_the_loops():
+def test_notes_of_the_parts_are_the_loops():
     from avrare.stack.closed_loop import ClosedLoop
 
     class Worn(Plain):
@@ -137,7 +137,11 @@ def test_notes_of_the_simulator_are_the_loops():
         def step(self, world, action, noise):
             return world
 
-    assert ClosedLoop(Worn()).notes == {"worn_tyres": "half of the grip is left"}
+    class Dirty(Camera):
+        notes = {"dirt": "the lens is dirty"}  # noqa: RUF012
+
+    assert ClosedLoop(Worn()).notes == Worn.notes
+    assert ClosedLoop(Worn(), Dirty()).notes == {**Worn.notes, **Dirty.notes}
 
 
 def test_a_note_of_a_system_can_be_suppressed():

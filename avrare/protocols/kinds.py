@@ -151,13 +151,14 @@ class PerceptionErrorModel(ABC):
 
     Attributes:
         noise_size: Number of standard normal numbers of each step.
-        noise_names, perfect_noise: As of a ``System``.
+        noise_names, perfect_noise, notes: As of a ``System``.
         ghost_slots: Columns of an observation for false detections, after the vehicles'. Default: 0.
     """
 
     noise_size: int
     noise_names: Sequence[str] | None = None
     perfect_noise: Sequence[float] | Floats | None = None
+    notes: Mapping[str, str] = {}
     ghost_slots: int = 0
 
     @abstractmethod
@@ -174,8 +175,7 @@ class PerceptionErrorModel(ABC):
     def follow(self, world: Any, noise: Floats, memory: Any) -> tuple[Observation, Any]:
         """Return the observation of a step and the memory after it; called after each step of the world.
 
-        Default: ``observe``, and the memory as it is. A model with its own has errors that last, and
-        then no ``log_prob``.
+        Default: ``observe``, and the memory as it is. With its own, errors last; it has no ``log_prob``.
         """
         return self.observe(world, noise), memory
 

@@ -74,7 +74,7 @@ class ClosedLoop(System):
         self.tracker = None if tracker is None else adapt(Tracker, tracker)
         self.controller = None if controller is None else adapt(Controller, controller)
         self.dt, self.scene = simulator.dt, simulator.scene
-        self.lacks, self.notes = simulator.lacks, simulator.notes
+        self.lacks, self.notes = simulator.lacks, dict(simulator.notes)
         self._drawn = start.size if start is not None else 0
         self.world_noise = self._drawn + simulator.noise_size
         names = start.noise_names if start is not None else ()
@@ -83,6 +83,7 @@ class ClosedLoop(System):
         if self.perception is not None:
             names += find_noise_names(self.perception, "noise of perception:")
             perfect.append(find_perfect_noise(self.perception))
+            self.notes |= self.perception.notes
         self.noise_names, self.perfect_noise = names, np.concatenate(perfect)
         self.noise_size = len(names)
 

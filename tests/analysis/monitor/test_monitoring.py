@@ -7,7 +7,7 @@ import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording, summarise
 from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.protocols import Verdict
+from avrare.protocols import Specification, Verdict
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 
 rng = np.random.default_rng(8)
@@ -18,7 +18,7 @@ def recorded(**signals):
     return Recording("t.csv", 0.1, 0.0, arrays)
 
 
-class Rule:
+class Rule(Specification):
     """A specification over relations of named vehicles, as a plugin makes them."""
 
     def __init__(self, text, names):
@@ -36,7 +36,7 @@ class Rule:
         return {f"{name}(others)": values for name, values in signals.items()}
 
 
-class Bare:
+class Bare(Specification):
     """A specification without a formula: x must stay below 3."""
 
     def start(self, n):
