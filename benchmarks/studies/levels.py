@@ -17,7 +17,7 @@ from benchmarks.studies import table2_page, truth
 ROOT = Path(__file__).parents[2]
 
 
-class Level:
+class Level(Specification):
     """Specification that a rule's robustness stays above a level.
 
     It has no formula, so that rollouts run to their end and are ordered by robustness.

@@ -86,7 +86,7 @@ class Chains:
     x: Floats
 
 
-class Modes:
+class Modes(System):
     """System of independent modes, with signals ``s0``, ``s1``, ...
 
     Args:
@@ -137,7 +137,7 @@ class Hidden:
     wild: Floats
 
 
-class Regimes:
+class Regimes(System):
     """A chain with two step sizes, which change at random or are drawn at the start.
 
     Args:

@@ -10,6 +10,7 @@ import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.analysis.page.player import evaluate_predicates, select_rows, shade
 from avrare.output.html.pictures import encode_png, encode_strip
+from avrare.protocols import Specification
 from avrare.results.recordings.recording import Recording
 
 
@@ -42,7 +43,7 @@ def test_colour_is_the_sign_and_opacity_the_size():
     assert row[3, 2] > row[3, 0]
 
 
-class Spec:
+class Spec(Specification):
     """Formula as a report sees it."""
 
     def __init__(self, formula, names=()):
