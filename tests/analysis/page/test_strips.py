@@ -9,8 +9,8 @@ import numpy as np
 import avrare
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.analysis.page.player import evaluate_predicates, select_rows, shade
+from avrare.logic.formula import FormulaMonitor
 from avrare.output.html.pictures import encode_png, encode_strip
-from avrare.protocols import Specification
 from avrare.results.recordings.recording import Recording
 
 
@@ -43,12 +43,12 @@ def test_colour_is_the_sign_and_opacity_the_size():
     assert row[3, 2] > row[3, 0]
 
 
-class Spec(Specification):
+class Spec(FormulaMonitor):
     """Formula as a report sees it."""
 
     def __init__(self, formula, names=()):
-        self.formula, self.names = formula, names
-        self.start, self.update = formula.monitor().start, formula.monitor().update
+        super().__init__(formula)
+        self.names = names
 
 
 def test_predicates_are_those_of_the_formula():
