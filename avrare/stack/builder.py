@@ -18,6 +18,7 @@ from avrare.logic.formula import FormulaMonitor, FormulaWarning, stl
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
+    BASES,
     Controller,
     Floats,
     PerceptionErrorModel,
@@ -272,10 +273,11 @@ def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> Par
         warnings.simplefilter("ignore", FormulaWarning)  # given where the formula is validated
         part = factory(block.config, scene)
     kind = block.component.kind
-    if missing := missing_members(contract, part):
+    if missing := missing_members(BASES[kind], part):
         text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
         raise PluginError(text, f"see what a {kind} needs: avrare check-plugin {block.plugin}")
-    return adapt(contract, part)
+    built: PartT = adapt(BASES[kind], part)  # a contract may be a generic alias, which has no members
+    return built
 
 
 @contextmanager
