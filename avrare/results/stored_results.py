@@ -22,7 +22,6 @@ from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Failures, Origin, Result, Worst
 from avrare.estimation.result.verdict import Verdict
-from avrare.results.stored_diagnostics import check_diagnostics
 
 RUN_AGAIN = "run the scenario again"
 FAILURES_FILE, FAILURE_FIELDS = "failures.npz", ("noise", "robustness", "count")
@@ -88,6 +87,10 @@ class StoredEstimate(BaseModel):
     health: list[Name]
     notes: list[Note]
     verdict: Verdict | None
+    trials: int = Field(0, ge=0)
+    members: int = Field(0, ge=0)
+    shared_by: int = Field(1, ge=1)
+    error_share: _Share | None = None
     blind_bound: _Share | None = None
     cross_check: _StoredCrossCheck | None = None
     warnings: dict[str, str] = {}
@@ -95,7 +98,7 @@ class StoredEstimate(BaseModel):
     run_probabilities: list[float | None] = []
     relation: str = "violated"
     worst_robustness: float | None = None
-    diagnostics: Annotated[dict[str, Any], AfterValidator(check_diagnostics)] = {}
+    diagnostics: dict[str, Any] = {}
 
     def to_result(
         self,
@@ -124,6 +127,10 @@ class StoredEstimate(BaseModel):
             failures,
             sample.worst,
             sample.robustness,
+            trials=self.trials,
+            members=self.members,
+            shared_by=self.shared_by,
+            error_share=self.error_share,
             notes=tuple(self.notes),
             counts=self.counts,
             diagnostics=self.diagnostics,

@@ -99,9 +99,8 @@ def test_disagreement_is_a_health_warning_with_both_numbers(estimate, suppress):
 def test_the_cost_is_a_share_of_the_estimate_s(estimate):
     result = add_cross_check(problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(), Settings(1), execute)
     assert 0.07 < result.cross_check.simulated_steps / result.simulated_steps < 0.2
-    half = add_cross_check(
-        problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(share=0.5), Settings(1), execute, parts=5
-    )
+    shared = replace(splitting(estimate, 8e-4, 0.2), shared_by=5)
+    half = add_cross_check(problem(), shared, CrossCheck(share=0.5), Settings(1), execute)
     assert 0.4 < half.cross_check.simulated_steps / result.cross_check.simulated_steps < 1.0
 
 

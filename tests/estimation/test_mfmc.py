@@ -167,9 +167,9 @@ def test_breakdowns_of_the_stack_widen_the_interval_and_those_of_the_twin_do_not
     assert "errors" in broken.health
     assert broken.probability < whole.probability
     assert broken.interval[1] > 2e-2
-    share = broken.diagnostics["twin"]["error_share"]
+    share = broken.error_share
     assert share == pytest.approx(1.0 - NormalDist().cdf(2.2), rel=0.15)
-    none = replace(broken, diagnostics={"twin": {"error_share": 0.0}})
+    none = replace(broken, error_share=0.0)
     ends = [combine(one, 3, None, dict.fromkeys(range(3), one)).interval[1] for one in (none, broken)]
     assert ends[1] - ends[0] == pytest.approx(share), "over an ensemble, too"
     other = avrare.estimate(problem(2e-2, 0.999, twin=Turned(0.999, 2.5)), "mfmc", rollouts=3000, seed=5)

@@ -44,29 +44,24 @@ def test_an_estimate_without_its_numbers_is_reported(tmp_path, key, value):
 
 
 @pytest.mark.parametrize(
-    ("found", "place"),
-    [
-        ({"choice": "mc"}, r"choice: Input should be a valid dictionary\n"),
-        ({"choice": None}, "choice"),
-        ({"choice": {"counting_rollouts": "many"}}, "choice.counting_rollouts"),
-        ({"choice": {"shared_by": 0}}, "choice.shared_by"),
-        ({"model": {"members": 5}}, "model.members"),
-        ({"twin": {"counted": -1}}, "twin.counted"),
-        ({"used_rollouts": 0.5}, "used_rollouts"),
-    ],
+    ("field", "value"),
+    [("trials", -1), ("trials", "many"), ("members", 0.5), ("shared_by", 0), ("error_share", 2.0)],
 )
-def test_damaged_diagnostics_are_reported(tmp_path, found, place):
-    write(tmp_path, diagnostics=found)
-    with pytest.raises(UsageError, match=rf"estimates\.0\.diagnostics: Value error, {place}"):
+def test_damaged_fields_are_reported(tmp_path, field, value):
+    write(tmp_path, **{field: value})
+    with pytest.raises(UsageError, match=rf"estimates\.0\.{field}: Input should be"):
         Run.read(tmp_path)
 
 
+def test_fields_are_read_as_they_were_written(tmp_path):
+    fields = {"trials": 90, "members": 3, "shared_by": 2, "error_share": 0.1}
+    write(tmp_path, **fields)
+    entry = Run.read(tmp_path)["left"].to_dict()
+    assert {name: entry[name] for name in fields} == fields
+
+
 def test_diagnostics_are_read_as_they_were_written(tmp_path):
-    found = {
-        "choice": {"counting_rollouts": 90, "shared_by": 2, "tried": []},
-        "model": {"members": [0.1, None]}, "twin": {"counted": 80},
-        "learnt": [{"noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]],
-    }  # fmt: skip
+    found = {"learnt": [{"noise": ["gust"]}], "used_rollouts": 400, "levels": [[None]], "choice": "mc"}
     write(tmp_path, diagnostics=found)
     assert Run.read(tmp_path)["left"].diagnostics == found
 

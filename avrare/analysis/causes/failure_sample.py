@@ -7,10 +7,8 @@ splitting keeps copies of a few first ancestors in each run: their means have an
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,16 +80,16 @@ class FailureSample:
                 f"{result.specification}: no failure is kept, so nothing can be said of its causes",
                 "run more rollouts, or an estimator for rare events",
             )
-        trials = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
+        model = ModelInterval(result.interval, result.confidence, result.members) if result.members else None
         return FailureSample(
             result.failures,
             result.probability,
             result.relative_error,
-            trials,
+            result.trials,
             len(result.run_probabilities),
             result.errors,
             result.confidence,
-            _model_interval(result.interval, result.confidence, result.diagnostics),
+            model,
         )
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
@@ -208,27 +206,6 @@ class FailureSample:
             relative, freedom = known + (1.0 - share) / effective, max(1, round(effective) - 1)
         tail = self.errors / self.trials if self.trials else 0.0
         return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
-
-
-def count_trials(estimator: str, rollouts: int, failures: Failures, diagnostics: Mapping[str, Any]) -> int:
-    """Return the rollouts of which ``failures.count`` failed independently; 0 where that is not the law.
-
-    Monte Carlo that stops by a rule has none: its number of rollouts depends on the failures. Nor has the
-    mean over an ensemble of models. Where ``mfmc`` or ``auto`` takes Monte Carlo, its pilot, and what was
-    tried in vain, cost rollouts, but are no trials.
-    """
-    plain = "used_rollouts" not in diagnostics and "model" not in diagnostics
-    if estimator != "mc" or failures.weights is not None or not plain:
-        return 0
-    counted = diagnostics.get("choice", {}).get("counting_rollouts", rollouts)
-    return int(diagnostics.get("twin", {}).get("counted", counted))
-
-
-def _model_interval(
-    interval: Interval, confidence: float, diagnostics: Mapping[str, Any]
-) -> ModelInterval | None:
-    members = diagnostics.get("model", {}).get("members")
-    return None if members is None else ModelInterval(interval, confidence, len(members))
 
 
 def normal_interval(value: float, error: float, confidence: float) -> Interval:

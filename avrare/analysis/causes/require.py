@@ -11,7 +11,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from avrare.analysis.causes.failure_sample import count_trials
 from avrare.analysis.causes.requirement import Requirement, Trial
 from avrare.analysis.causes.resumption import keep_outcomes
 from avrare.analysis.causes.reweighed_trial import Reweigher
@@ -139,8 +138,7 @@ def _choose_range(parameter: str, value: float) -> tuple[float, float]:
 
 
 def _reweighable(problem: Problem, parameter: str, result: Result) -> bool:
-    plain = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics) > 0
-    return plain and parameter.startswith("perception.") and knows_score(problem)
+    return result.trials > 0 and parameter.startswith("perception.") and knows_score(problem)
 
 
 def _read_limit(probability: str | float) -> float:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from avrare.analysis.causes.failure_sample import count_trials
 from avrare.base.errors import UsageError
 from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
@@ -109,8 +108,7 @@ class Reweigher:
             values: The values.
             level: Level of the intervals.
         """
-        trials = count_trials(result.estimator, result.rollouts, result.failures, result.diagnostics)
-        if len(result.failures.noise) < _LEAST or not len(values) or not trials:
+        if len(result.failures.noise) < _LEAST or not len(values) or not result.trials:
             return ()
         ratios = self._ratios(result.failures, values)
         if ratios is None:
@@ -119,7 +117,7 @@ class Reweigher:
             weights = np.exp(ratios)
             effective = weights.sum(axis=0) ** 2 / (weights**2).sum(axis=0)
         return tuple(
-            _estimate(float(value), column, result, trials, level)
+            _estimate(float(value), column, result, level)
             for value, column, left in zip(values, weights.T, effective, strict=True)
             if left >= _SHARE * len(column)
         )
@@ -132,9 +130,9 @@ class Reweigher:
             return None
 
 
-def _estimate(value: float, weights: Floats, result: Result, trials: int, level: float) -> Nearby:
+def _estimate(value: float, weights: Floats, result: Result, level: float) -> Nearby:
     # The number of failures and the mean weight of those that were kept are independent.
-    mean = float(weights.mean())
+    mean, trials = float(weights.mean()), result.trials
     total = mean * result.failures.count / trials
     relative = 1.0 / result.failures.count + float(weights.var(ddof=1)) / (len(weights) * mean**2)
     largest = max(float(weights.max()), 1.0) / trials

@@ -48,6 +48,8 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     # 1. Add up the costs, failures and errors.
     names = ("rollouts", "simulated_steps", "errors", "seconds")
     changes: dict[str, Any] = {name: sum(getattr(batch, name) for batch in batches) for name in names}
+    trials = [batch.trials for batch in batches]
+    changes["trials"] = sum(trials) if all(trials) else 0
     count = sum(batch.failures.count for batch in batches)
     changes["failures"] = Failures(newest.failures.noise, newest.failures.robustness, count)
     worst = [batch.worst for batch in batches if not math.isnan(batch.worst.robustness)]

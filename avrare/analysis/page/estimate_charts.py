@@ -59,14 +59,12 @@ def draw_convergence(result: Result, robustness: Floats) -> Chart | None:
 
 
 def _of_ensemble(result: Result) -> bool:
-    return "model" in result.diagnostics
+    return result.members > 0
 
 
 def _count_rollouts(result: Result) -> int:
     # Those that the estimate is made of: others chose the estimator, or came after it had stopped
-    diagnostics = result.diagnostics
-    counted = diagnostics.get("choice", {}).get("counting_rollouts", result.rollouts)
-    return int(diagnostics.get("used_rollouts", diagnostics.get("twin", {}).get("counted", counted)))
+    return int(result.diagnostics.get("used_rollouts", result.trials))
 
 
 def _draw_rollout_convergence(result: Result, robustness: Floats) -> Chart | None:

@@ -66,9 +66,10 @@ def _list_scenes(rates: CatalogueRates, rate: RuleRate) -> Table:
 
 
 def _describe(estimate: SceneEstimate) -> str:
-    if estimate.own is None:
-        return f"{estimate.failures:,} of {estimate.rollouts:,}"
-    return f"{format_typeset(estimate.own.probability)} by {estimate.own.estimator}"
+    result = estimate.result
+    if estimate.follows_counts:
+        return f"{result.failures.count:,} of {result.rollouts:,}"
+    return f"{format_typeset(result.probability)} by {result.estimator}"
 
 
 def _list_own(rates: CatalogueRates) -> list[Table]:
@@ -76,14 +77,14 @@ def _list_own(rates: CatalogueRates) -> list[Table]:
         (
             scene,
             rule,
-            own.estimator,
-            format_typeset(own.probability),
-            format_typeset_interval(own.interval),
-            f"{estimate.rollouts:,}",
-            f"{own.simulated_steps:,}",
+            estimate.result.estimator,
+            format_typeset(estimate.result.probability),
+            format_typeset_interval(estimate.result.interval),
+            f"{estimate.result.rollouts:,}",
+            f"{estimate.result.simulated_steps:,}",
             ", ".join(estimate.warnings) or "–",
         )
-        for scene, rule, estimate, own in rates.own
+        for scene, rule, estimate in rates.own
     ]
     if not rows:
         return []

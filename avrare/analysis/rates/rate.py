@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
 
-from avrare.analysis.rates.catalogue import TOGETHER, Catalogue, Phase, load_catalogue
+from avrare.analysis.rates.catalogue import Catalogue, Phase, load_catalogue
 from avrare.analysis.rates.rates import CatalogueRates, compute, divide
 from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.atomic_files import explain_file_errors, write_text
@@ -109,8 +108,7 @@ def rate_catalogue(
     document, count = catalogue.document, len(scenes)
     steps = [scene.steps for scene in scenes]
     if budget is not None:
-        blank = dict.fromkeys(catalogue.rules, SceneEstimate(0, 1))
-        divide(catalogue, budget, steps, [blank] * count)  # enough?
+        divide(catalogue, budget, steps, [{}] * count)  # enough?
     _keep_budgets(catalogue, budget, folder)
     runner = _Runner(catalogue, folder, resume, estimate)
     # 1. The scenes' own estimators; what they find is a part of the rates that the others are to narrow.
@@ -134,14 +132,7 @@ def rate_catalogue(
 
 
 def _read(run: Run | None, own: bool = False) -> dict[str, SceneEstimate]:
-    results = [] if run is None else list(run.values())
-    together = Counter(result.estimator for result in results)
-    return {
-        result.specification: SceneEstimate.of(
-            result, (together[result.estimator] if result.estimator in TOGETHER else 1) if own else 0
-        )
-        for result in results
-    }
+    return {} if run is None else {name: SceneEstimate(result, own) for name, result in run.items()}
 
 
 def _write(path: Path, text: str) -> None:

@@ -12,15 +12,18 @@ from avrare.analysis.rates.allocation import allocate
 from avrare.analysis.rates.catalogue import Catalogue
 from avrare.analysis.rates.catalogue_document import RateThreshold
 from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
-from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate, SceneEstimates
+from avrare.analysis.rates.scene_estimates import SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.result import finite
 from avrare.estimation.result.verdict import describe_assumption, is_below, worst_verdict
 
 BROKEN = "more rollouts ended in an error than allowed"
+_OWN_FIELDS = (
+    "rollouts", "estimator", "probability", "interval", "simulated_steps", "relative_error", "blind_bound",
+)  # fmt: skip
+"""Fields in rate.json of a result that does not follow from counts."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +119,12 @@ class CatalogueRates(Answer):
         return [*lines, *([f"{BROKEN}: {', '.join(self.errors)}"] if self.errors else [])]
 
     @property
-    def own(self) -> Iterator[tuple[str, str, SceneEstimate, OwnEstimate]]:
+    def own(self) -> Iterator[tuple[str, str, SceneEstimate]]:
         """Estimates that do not follow from counts, each with the names of its scene and rule."""
         for entry, estimates in zip(self.catalogue.document.scenes, self.estimates, strict=True):
-            for rule, one in estimates.items():
-                if one.own is not None:
-                    yield entry.name, rule, one, one.own
+            for rule, estimate in estimates.items():
+                if not estimate.follows_counts:
+                    yield entry.name, rule, estimate
 
     @property
     def verdict(self) -> str | None:
@@ -147,8 +150,12 @@ class CatalogueRates(Answer):
                 "exposure": asdict(exposure),
                 "unit": entry.exposure.unit,
                 "rollouts": rollouts,
-                "failures": {rule: one.failures for rule, one in estimates.items() if one.own is None},
-                "errors": max(one.errors for one in estimates.values()),
+                "failures": {
+                    rule: estimate.result.failures.count
+                    for rule, estimate in estimates.items()
+                    if estimate.follows_counts
+                },
+                "errors": max(estimate.result.errors for estimate in estimates.values()),
                 **_own_entries(estimates),
             }
             for entry, exposure, rollouts, estimates in rows
@@ -166,11 +173,13 @@ class CatalogueRates(Answer):
 
 
 def _own_entries(estimates: SceneEstimates) -> dict[str, Any]:
-    own = {rule: finite(asdict(one.own)) for rule, one in estimates.items() if one.own is not None}
-    rollouts = {rule: {"rollouts": one.rollouts} for rule, one in estimates.items()}
-    warnings = {rule: dict(one.warnings) for rule, one in estimates.items() if one.warnings}
-    found = {"estimates": {rule: rollouts[rule] | entry for rule, entry in own.items()}} if own else {}
-    return found | ({"warnings": warnings} if warnings else {})
+    own = {
+        rule: {name: estimate.result.to_dict()[name] for name in _OWN_FIELDS}
+        for rule, estimate in estimates.items()
+        if not estimate.follows_counts
+    }
+    warnings = {rule: estimate.warnings for rule, estimate in estimates.items() if estimate.warnings}
+    return ({"estimates": own} if own else {}) | ({"warnings": warnings} if warnings else {})
 
 
 def _rule_entry(rate: RuleRate) -> dict[str, Any]:
@@ -232,11 +241,11 @@ def divide(
 
 
 def _counts(estimate: SceneEstimate | None) -> tuple[int, int] | None:
-    return None if estimate is None else (estimate.failures, estimate.rollouts)
+    return None if estimate is None else (estimate.result.failures.count, estimate.result.rollouts)
 
 
 def _own_probability(estimate: SceneEstimate | None) -> float:
-    return estimate.own.probability if estimate is not None and estimate.own is not None else 0.0
+    return estimate.result.probability if estimate is not None and not estimate.follows_counts else 0.0
 
 
 def compute(
@@ -247,8 +256,8 @@ def compute(
     exposures = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
     rates = tuple(_rule_rate(catalogue, rule, exposures, estimates) for rule in catalogue.rules)
     rollouts = tuple(
-        max((one.rollouts for one in scene.values() if not one.cost), default=0)
-        + sum(one.cost for one in scene.values())
+        max((estimate.result.rollouts for estimate in scene.values() if not estimate.cost), default=0)
+        + sum(estimate.cost for estimate in scene.values())
         for scene in estimates
     )
     return CatalogueRates(catalogue, rollouts, tuple(estimates), tuple(exposures), rates, tuple(errors))
@@ -258,9 +267,9 @@ def _rule_rate(
     catalogue: Catalogue, rule: str, exposures: Sequence[Quantity], estimates: Sequence[SceneEstimates]
 ) -> RuleRate:
     document, found = catalogue.document, [scene[rule] for scene in estimates]
-    few = sum(one.failures for one in found if one.own is None) < FEW
-    parts = [one.quantity(document.confidence, few) for one in found]
-    bounds = [one.own.blind_bound if one.own is not None else None for one in found]
+    few = sum(estimate.result.failures.count for estimate in found if estimate.follows_counts) < FEW
+    parts = [estimate.quantity(document.confidence, few) for estimate in found]
+    bounds = [None if estimate.follows_counts else estimate.result.blind_bound for estimate in found]
     totals, blind = {}, {}
     for unit in ("hour", "km"):
         values = _in_unit(catalogue, [1.0] * len(exposures), unit)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 from avrare.analysis.check.criteria import find_doubts
-from avrare.analysis.rates.combination import Interval, Quantity, from_rollouts
+from avrare.analysis.rates.combination import Quantity, from_rollouts
 from avrare.estimation.result.result import Result
 
 _HARMLESS = "rounding"
@@ -15,45 +14,34 @@ _HARMLESS = "rounding"
 
 
 @dataclass(frozen=True)
-class OwnEstimate:
-    """Probability with an interval that does not follow from counts alone.
-
-    Attributes:
-        estimator: What has estimated it.
-        probability: The estimate.
-        interval: Its own interval, of the catalogue's level.
-        simulated_steps: Its cost in steps.
-        relative_error: Its standard error over the probability; None where that is 0.
-        blind_bound: Upper bound for failures that its score or proposal does not lead to; None: none is left.
-    """
-
-    estimator: str
-    probability: float
-    interval: Interval
-    simulated_steps: int = 0
-    relative_error: float | None = None
-    blind_bound: float | None = None
-
-
-@dataclass(frozen=True)
 class SceneEstimate:
     """Estimate of one rule in one scene.
 
     Attributes:
-        failures: Failing rollouts.
-        rollouts: Rollouts; those of estimates that share them stand in each.
-        errors: Rollouts that ended in an error.
-        own: The estimate where it is not that of Monte Carlo rollouts with equal weights.
-        warnings: Health warnings, name to message.
-        cost: Part of the rollouts in the cost of the scene's own estimator; 0 where it has none.
+        result: The estimate.
+        by_own_estimator: Whether the scene's own estimator made it, and not a share of Monte Carlo.
     """
 
-    failures: int
-    rollouts: int
-    errors: int = 0
-    own: OwnEstimate | None = None
-    warnings: Mapping[str, str] = field(default_factory=dict)
-    cost: int = 0
+    result: Result
+    by_own_estimator: bool = False
+
+    @property
+    def follows_counts(self) -> bool:
+        """Whether the interval follows from the numbers of failures and rollouts alone.
+
+        The counts of an ensemble are of one model, and its rollouts of all.
+        """
+        return not (self.by_own_estimator or self.result.members)
+
+    @property
+    def cost(self) -> int:
+        """Part of the rollouts in the cost of the scene's own estimator; 0 where it has none."""
+        return self.result.rollouts // self.result.shared_by if self.by_own_estimator else 0
+
+    @property
+    def warnings(self) -> dict[str, str]:
+        """Health warnings, name to message, but for harmless ones."""
+        return {name: text for name, text in self.result.health.items() if name != _HARMLESS}
 
     @property
     def doubts(self) -> frozenset[str]:
@@ -62,35 +50,10 @@ class SceneEstimate:
 
     def quantity(self, confidence: float, few: bool) -> Quantity:
         """Return the probability with its interval; ``few`` as in ``from_rollouts``."""
-        if self.own is not None:
-            return Quantity(self.own.probability, *self.own.interval)
-        return from_rollouts(self.failures, self.rollouts, self.errors, confidence, few)
-
-    @staticmethod
-    def of(result: Result, together: int = 0) -> SceneEstimate:
-        """Return the estimate of a rule from a result of its scene.
-
-        Args:
-            result: The result.
-            together: Number of rules that the scene's own estimator has judged on the same rollouts; 0: the
-                estimate is not that of the scene's own estimator, but of a share of Monte Carlo.
-        """
-        warnings = {name: text for name, text in result.health.items() if name != _HARMLESS}
-        estimate = SceneEstimate(result.failures.count, result.rollouts, result.errors, warnings=warnings)
-        # The counts of an ensemble are of one model and its rollouts of all: only its interval speaks for it.
-        if not together and "model" not in result.diagnostics:
-            return estimate
-        own = OwnEstimate(
-            result.estimator,
-            result.probability,
-            result.interval,
-            result.simulated_steps,
-            None if math.isnan(result.relative_error) else result.relative_error,
-            result.blind_bound,
-        )
-        choice = result.diagnostics.get("choice")
-        parts = together if choice is None else choice.get("shared_by", 1)
-        return replace(estimate, own=own, cost=result.rollouts // parts if together else 0)
+        result = self.result
+        if self.follows_counts:
+            return from_rollouts(result.failures.count, result.rollouts, result.errors, confidence, few)
+        return Quantity(result.probability, *result.interval)
 
 
 SceneEstimates = Mapping[str, SceneEstimate]

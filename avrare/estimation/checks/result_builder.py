@@ -45,6 +45,7 @@ def build_result(
         confidence=plan.confidence,
         run_probabilities=run_probabilities,
         rollouts=total.rollouts,
+        shared_by=len(plan.names),
         simulated_steps=total.steps,
         errors=total.errors,
         counts=dict(total.counts),

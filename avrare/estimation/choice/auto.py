@@ -32,6 +32,11 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import health, intervals
+from avrare.estimation.result.confidence_distributions import (
+    Binomial,
+    InverseBinomial,
+    derive_distribution,
+)
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
@@ -70,9 +75,7 @@ class Auto(MonteCarlo):
         aim, refusal = self._aim(problem, settings)
         work = _Work(problem, settings, execute, aim, self.choice)
         if refusal:
-            return [
-                work.add_choice(result, refusal, [], shared=len(problem.names)) for result in work.plain()
-            ]
+            return [work.add_choice(result, refusal, []) for result in work.plain()]
         return work.estimate()
 
     def _aim(self, problem: Problem, settings: Settings) -> tuple[Aim, str]:
@@ -150,10 +153,7 @@ class _Work:
         # 1. The pilot decides who is frequent enough for Monte Carlo, on one set of rollouts.
         pilot = _Pilot(self.aim, self.config.memory)
         seen = self.execute(self.problem, pilot, self._of_phase("pilot"), "pilot")
-        evidence = {
-            one.specification: FreshRows(one.diagnostics["used_rollouts"], one.failures.count, one.errors)
-            for one in seen
-        }
+        evidence = {result.specification: _count_outcomes(result) for result in seen}
         before = [_Attempt.of(seen[0], "pilot")]
         frequent = [name for name, found in evidence.items() if self.aim.is_frequent(found)]
         # 2. Those share rollouts again; the others are taken one by one.
@@ -162,7 +162,7 @@ class _Work:
             group = self.problem.subset(frequent)
             for result in self._monte_carlo(group, before, "mc"):
                 reason = self.aim.describe(evidence[result.specification])
-                found[result.specification] = self.add_choice(result, reason, before, shared=len(frequent))
+                found[result.specification] = self.add_choice(result, reason, before)
         for name, one in evidence.items():
             if name not in found:
                 found[name] = self._rare(self.problem.subset([name]), one, before)
@@ -172,7 +172,7 @@ class _Work:
         """Return the results of Monte Carlo without a pilot."""
         return self._monte_carlo(self.problem, [], "mc")
 
-    def add_choice(self, result: Result, reason: str, spent: Sequence[_Attempt], shared: int = 1) -> Result:
+    def add_choice(self, result: Result, reason: str, spent: Sequence[_Attempt]) -> Result:
         """Return a result with the cost of what was tried before, and why its estimator was chosen."""
         choice = {
             "estimator": result.estimator,
@@ -188,7 +188,6 @@ class _Work:
             ],
             "counting_rollouts": result.rollouts,
             "monte_carlo_rollouts": monte_carlo_cost(result.probability, result.relative_error),
-            "shared_by": shared,
         }
         rollouts = result.rollouts + sum(one.rollouts for one in spent)
         text = f"Estimator `{result.estimator}` was chosen: {reason}{_describe_cost(result, rollouts)}."
@@ -314,6 +313,13 @@ class _Work:
         if role.options:
             options |= late_import(role.options)(goal, self.aim.pilot)
         return component.build(model(**options))  # type: ignore[no-any-return]
+
+
+def _count_outcomes(pilot: Result) -> FreshRows:
+    """Return the rollouts up to the stop of a pilot, which its interval counts."""
+    law = derive_distribution(pilot)
+    assert isinstance(law, Binomial | InverseBinomial)
+    return FreshRows(law.trials, law.failures, law.undecided)
 
 
 def _describe_cost(result: Result, rollouts: int) -> str:

@@ -73,7 +73,7 @@ def subtract_check(budget: Budget | None, check: CrossCheck | None) -> Budget | 
 
 
 def add_cross_check(
-    problem: Problem, result: Result, check: CrossCheck, settings: Settings, execute: Execute, parts: int = 1
+    problem: Problem, result: Result, check: CrossCheck, settings: Settings, execute: Execute
 ) -> Result:
     """Return the result with its cross-check, and with a health warning where the two disagree.
 
@@ -83,13 +83,12 @@ def add_cross_check(
         check: Options.
         settings: Settings of the estimate; the check has a seed of its own, derived from theirs.
         execute: How to run the check.
-        parts: Number of specifications that share the cost of the estimate.
     """
     name, built = _choose(check, problem, result, replace(settings, budget=None))
     if built is None:
         return _add_nothing(result, check, name, "no estimator of another family can run this system")
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
-    paid = check.share * cost / parts
+    paid = check.share * cost / result.shared_by
     sized = built.scaled(paid, result.probability or _NOMINAL)
     if sized is None:
         reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
@@ -120,12 +119,6 @@ def add_cross_check(
         others=_words(second),
     )
     return replace(checked, health=result.health | warning)
-
-
-def count_sharers(result: Result, group: int) -> int:
-    """Return the number of specifications that share a result's cost, of a group estimated together."""
-    choice = result.diagnostics.get("choice")
-    return group if choice is None else int(choice["shared_by"])
 
 
 def _choose(

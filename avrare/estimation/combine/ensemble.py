@@ -87,8 +87,7 @@ def include_model(scenario: LoadedScenario, results: Sequence[Result], run: RunM
 
 def _reweighable(scenario: LoadedScenario, result: Result) -> bool:
     only_perception = all(path.startswith("perception.") for path in scenario.definition.ensemble)
-    plain = result.estimator == "mc" and "used_rollouts" not in result.diagnostics
-    return only_perception and plain and len(result.failures.noise) >= _LEAST
+    return only_perception and result.trials > 0 and len(result.failures.noise) >= _LEAST
 
 
 def _perceptions(problem: Problem, members: Sequence[LoadedScenario]) -> list[PerceptionErrorModel] | None:
@@ -123,6 +122,8 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
         result,
         probability=mean,
         run_probabilities=share.probabilities,
+        trials=0,
+        members=size,
         interval_at=interval_at,
         relative_error=math.sqrt(math.expm1(min(variance, 50.0))) if mean else math.nan,
         rollouts=result.rollouts + sum(one.rollouts for one in runs),
@@ -136,8 +137,8 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
 
 
 def _error_share(result: Result) -> float:
-    twin = result.diagnostics.get("twin", {})  # mfmc's rollouts are also those of the twin and of the pilot
-    return float(twin.get("error_share", result.errors / max(twin.get("counted", result.rollouts), 1)))
+    share = result.error_share
+    return result.errors / max(result.rollouts, 1) if share is None else share
 
 
 def _share(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> ModelShare:

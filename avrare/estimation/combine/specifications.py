@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-from avrare.estimation.combine.cross_check import add_cross_check, count_sharers
+from avrare.estimation.combine.cross_check import add_cross_check
 from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import Clearance, check_estimate
 from avrare.estimation.plan.plan import Estimator, Journal
@@ -101,6 +101,5 @@ def estimate_specifications(
         results = execution.run(label, names[0], group, estimator, settings)
         for part, result in zip(group.separate(), results, strict=True):
             if check is not None:
-                sharers = count_sharers(result, len(results))
-                result = add_cross_check(part, result, check, settings, run_check, parts=sharers)
+                result = add_cross_check(part, result, check, settings, run_check)
             yield part, result

@@ -191,9 +191,9 @@ class _Work:
                     **self._numbers(design, column),
                     "tapes": count,
                     "run_again": len(chosen),
-                    "error_share": math.fsum(weights[error]),
                 }
             },
+            error_share=math.fsum(weights[error]),
             notes=(*result.notes, Note("twin", f"{text}.")),
         )
         return spent.added_to(told)
@@ -221,12 +221,15 @@ class _Work:
         results = self.execute(self.problem, MonteCarlo(McConfig(rollouts=rollouts)), settings, "mc")
         found = []
         for result in results:
-            twin = {"cost": self.cost, "reason": reason, "counted": result.rollouts}
+            twin = {"cost": self.cost, "reason": reason}
             note = Note("twin", f"Plain Monte Carlo was run: {reason}.")
-            told = replace(
-                result, diagnostics={**result.diagnostics, "twin": twin}, notes=(*result.notes, note)
+            counted = replace(
+                result,
+                error_share=result.errors / max(result.rollouts, 1),
+                diagnostics={**result.diagnostics, "twin": twin},
+                notes=(*result.notes, note),
             )
-            found.append(spent.added_to(told))
+            found.append(spent.added_to(counted))
         return found
 
     def _describe(self, count: int, again: int, probability: float, variance: float) -> str:

@@ -124,9 +124,10 @@ class MonteCarlo(Estimator):
         assert counts.failures is not None
         failures = int(counts.failures[:, column].sum())
         values = counts.probabilities(column)
-        return self._result(
+        result = self._result(
             state, column, values, counts.trials, failures, counts.errors, intervals.clopper_pearson
         )
+        return replace(result, trials=counts.trials)
 
     def _stopped(
         self, state: McState, column: int, stopping: Stopping, violated: Bools, error: Bools

@@ -139,9 +139,15 @@ class Result:
         worst: Least robust rollout.
         robustness: Robustness of each complete rollout of the first stage, NaN for errors; of Monte Carlo, of
             the first 100,000 rollouts.
+        trials: Independent rollouts of which ``failures.count`` failed; 0 where the estimate follows another
+            law than the binomial, as one that stops at a number of failures.
+        members: Models of an ensemble whose estimates ``run_probabilities`` are; 0: they are of runs.
+        shared_by: Specifications that share the rollouts.
+        error_share: Probability that a rollout ends in an error, where it is not errors over rollouts.
         notes: Sentences about the estimate, the same in every table, page and notebook.
         counts: Counters of the system, summed over all rollouts.
-        diagnostics: Further data of the estimator (levels, roots, ...), JSON-ready.
+        diagnostics: Further numbers (levels, roots, ...), JSON-ready; only the estimator that writes a name
+            reads it.
         artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.
         blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
             None where every rollout was drawn from the target, as in Monte Carlo.
@@ -166,6 +172,10 @@ class Result:
     failures: Failures
     worst: Worst
     robustness: Floats
+    trials: int = 0
+    members: int = 0
+    shared_by: int = 1
+    error_share: float | None = None
     notes: tuple[Note, ...] = ()
     counts: dict[str, int] = field(default_factory=dict)
     diagnostics: dict[str, Any] = field(default_factory=dict)
@@ -209,6 +219,10 @@ class Result:
             "simulated_steps": self.simulated_steps,
             "failures": self.failures.count,
             "errors": self.errors,
+            "trials": self.trials,
+            "members": self.members,
+            "shared_by": self.shared_by,
+            "error_share": self.error_share,
             "seconds": round(self.seconds, 3),
             "health": list(self.health),
             "notes": [asdict(note) for note in self.notes],

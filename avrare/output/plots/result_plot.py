@@ -58,7 +58,7 @@ def _draw_estimates(ax: Any, results: Sequence[Result]) -> None:
     ax.set_ylim(len(results) - 0.4, -0.7)
     ax.set_yticks(range(len(results)), [result.specification for result in results], fontsize=8)
     several = [one for one in results if len(one.run_probabilities) > 1]
-    notes = [f" | {'model' if 'model' in several[0].diagnostics else 'run'}"] if several else []
+    notes = [f" | {'model' if several[0].members else 'run'}"] if several else []
     if any(one.blind_bound for one in results):
         notes.append("◂ bound of failures that the score does not lead to")
     ax.set_xlabel("probability of failure" + "".join(f"\n{note}" for note in notes), fontsize=8)

@@ -45,8 +45,9 @@ def _print_own(console: Console, rates: CatalogueRates) -> None:
         return
     heads = ("probability", "interval", "rollouts", "steps")
     table = make_table("estimates with intervals of their own", ("scene", "rule", "estimator"), heads)
-    for name, rule, one, own in rows:
-        numbers = [format_probability(own.probability), format_interval(own.interval)]
-        cost = [f"{one.rollouts:,}", f"{own.simulated_steps:,}"]
-        table.add_row(escape(name), escape(rule), own.estimator, *numbers, *cost)
+    for name, rule, estimate in rows:
+        result = estimate.result
+        numbers = [format_probability(result.probability), format_interval(result.interval)]
+        cost = [f"{result.rollouts:,}", f"{result.simulated_steps:,}"]
+        table.add_row(escape(name), escape(rule), result.estimator, *numbers, *cost)
     print_table(console, table)

@@ -103,7 +103,7 @@ def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
         [[r, k] for r, k in [(0, 1), (0, 2), (1, 3), (1, 4), (2, 5), (2, 6), (0, 9), (0, 9)]]
     )
     failures = Failures(noise, -np.ones(8), 8, np.full(8, result.probability / 8), ancestors)
-    splitting = dataclasses.replace(result, failures=failures, run_probabilities=np.full(3, 0.02))
+    splitting = dataclasses.replace(result, failures=failures, trials=0, run_probabilities=np.full(3, 0.02))
     likely, rare = kinds_of_result(splitting)
     assert not likely.warnings
     assert rare.ancestors == 1

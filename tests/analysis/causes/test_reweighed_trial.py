@@ -43,14 +43,14 @@ def test_the_interval_of_what_is_reweighed_is_that_of_weighted_counts():
     count = result.failures.count
     assert count == len(result.failures.noise)
     weights = np.exp(np.random.default_rng(0).normal(0.0, 0.8, count))
-    found = _estimate(1.2, weights, result, 4_000, 0.9)
+    found = _estimate(1.2, weights, result, 0.9)
     assert found.probability == pytest.approx(weights.sum() / 4_000)
     errors = np.full(3, weights.max() / 4_000)
     expected = weighted_counts(weights / 4_000, 4_000, weights.max() / 4_000, 0.9, errors)
     assert found.interval == pytest.approx(expected, rel=5e-3)
     # Of ten times as many failures as were kept the mean weight is known as well as before.
-    more = replace(result, failures=replace(result.failures, count=10 * count), errors=0)
-    high = math.log(_estimate(1.2, weights, more, 40_000, 0.9).interval[1] / found.probability)
+    more = replace(result, failures=replace(result.failures, count=10 * count), trials=40_000, errors=0)
+    high = math.log(_estimate(1.2, weights, more, 0.9).interval[1] / found.probability)
     spread = 1.0 / (10 * count) + weights.var() / (count * weights.mean() ** 2)
     assert high == pytest.approx(normal_factor(0.9) * math.sqrt(spread), rel=0.15)
 
@@ -67,7 +67,7 @@ def test_too_few_failures_are_not_reweighed():
 def test_rollouts_of_the_choice_are_no_trials_of_what_is_reweighed():
     result = avrare.estimate(noisy_problem(1.0), "auto", budget="rollouts=8000", seed=4)
     assert result.estimator == "mc"
-    assert result.diagnostics["choice"]["counting_rollouts"] < result.rollouts
+    assert 0 < result.trials < result.rollouts
     (own,) = Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95)
     assert own.probability == pytest.approx(result.probability)
     assert own.interval == pytest.approx(result.interval, rel=0.01)

@@ -34,15 +34,15 @@ def test_zero_is_an_edge_of_the_histogram():
 def test_convergence_is_left_out_where_failures_are_unknown():
     entry = plain_result(failures=5)
     assert charts.draw_convergence(entry, np.array([-1.0, 1.0, 1.0, 1.0])) is None
-    for told in ({"used_rollouts": 4}, {"choice": {"counting_rollouts": 4}}, {"twin": {"counted": 4}}):
-        more = plain_result(failures=5, rollouts=9, diagnostics=told)
+    for law in ({"diagnostics": {"used_rollouts": 4}}, {"trials": 4}):
+        more = plain_result(failures=5, rollouts=9, **law)
         assert charts.draw_convergence(more, np.array([-1.0, 1.0, 1.0, 1.0])) is None
     found = charts.draw_convergence(plain_result(failures=1), np.array([-1.0, 1.0, 1.0, 1.0]))
     assert "ending at 0.25" in found.title
 
 
 def test_convergence_over_an_ensemble_is_that_of_the_scenarios_own_model():
-    several, found = {"diagnostics": {"model": {"members": [0.1, 0.2]}}}, np.array([-1.0, 1.0, 1.0, 1.0])
+    several, found = {"members": 2}, np.array([-1.0, 1.0, 1.0, 1.0])
     entry = plain_result(failures=1)
     assert "own model" not in charts.draw_convergence(entry, found).caption
     drawn = charts.draw_convergence(plain_result(failures=1, **several), found)

@@ -13,7 +13,7 @@ from avrare.analysis.page.rates import build_rates
 from avrare.analysis.page.rates_model import RatesModel
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.analysis.rates.rates import compute, divide
-from avrare.analysis.rates.scene_estimates import OwnEstimate, SceneEstimate
+from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.plan.budget import Budget
@@ -65,8 +65,13 @@ def catalogue(tmp_path, monkeypatch):
     return catalogue
 
 
+def counted(failures, rollouts):
+    return SceneEstimate(plain_result(failures=failures, rollouts=rollouts))
+
+
 def own(probability, low, high, **fields):
-    return SceneEstimate(9, 900, 0, OwnEstimate("ess", probability, (low, high), **fields), cost=900)
+    fields = {"estimator": "ess", "failures": 9, "rollouts": 900} | fields
+    return SceneEstimate(plain_result(probability=probability, interval=(low, high), **fields), True)
 
 
 def test_a_rare_scene_is_estimated_by_its_own_estimator(catalogue, capsys):
@@ -237,8 +242,8 @@ def test_a_catalogue_of_own_estimators_needs_no_pilot(catalogue):
 def test_a_scene_s_budget_is_taken_off_the_catalogue_s(catalogue, amount, kind, taken):
     read = load_catalogue(catalogue((f"estimator: {OWN}", f"estimator: {OWN}, budget: {{{amount}}}")))
     pilot = [
-        dict.fromkeys(read.rules, SceneEstimate(5, 50)),
-        {"calm": SceneEstimate(5, 50)},
+        dict.fromkeys(read.rules, counted(5, 50)),
+        {"calm": counted(5, 50)},
     ]
     whole = 3000.0 if kind == "rollouts" else 9000.0
     cost = 1 if kind == "rollouts" else 3
@@ -275,7 +280,7 @@ def test_an_estimator_that_cannot_begin_is_refused_before_any_rollout(catalogue,
 
 def test_the_rates_of_rare_scenes_weigh_in_the_shares_of_the_others(catalogue):
     read = load_catalogue(catalogue())
-    pilot = [{"dry": SceneEstimate(5, 50), "calm": SceneEstimate(5, 50)}, {"calm": SceneEstimate(5, 50)}]
+    pilot = [{"dry": counted(5, 50), "calm": counted(5, 50)}, {"calm": counted(5, 50)}]
     alone = divide(read, Budget("rollouts", 3000), [3, 3], pilot)
     much = divide(read, Budget("rollouts", 3000), [3, 3], pilot, [{}, {"dry": own(1e3, 0.9e3, 1.1e3)}])
     # With a large known part of its rate, rule dry no longer asks for rollouts of its only shared scene.
@@ -285,9 +290,9 @@ def test_the_rates_of_rare_scenes_weigh_in_the_shares_of_the_others(catalogue):
 
 def test_an_interval_of_its_own_enters_the_sum_by_its_ends(catalogue):
     read = load_catalogue(catalogue())
-    shared = {"dry": SceneEstimate(0, 1000), "calm": SceneEstimate(20, 1000)}
+    shared = {"dry": counted(0, 1000), "calm": counted(20, 1000)}
     rare = own(1e-4, 0.5e-4, 3e-4, blind_bound=2e-3)
-    rate = compute(read, [shared, {"dry": rare, "calm": SceneEstimate(1, 1000)}])
+    rate = compute(read, [shared, {"dry": rare, "calm": counted(1, 1000)}])
     total = rate.rates[0].totals["hour"]
     assert total.value == pytest.approx(5e-4)
     assert total.interval[0] == pytest.approx(5 * 0.5e-4)
@@ -299,9 +304,9 @@ def test_an_interval_of_its_own_enters_the_sum_by_its_ends(catalogue):
 
 def test_the_blind_bound_of_a_scene_that_was_never_met_is_not_zero(catalogue):
     read = load_catalogue(catalogue(("per_hour: 5.0", "count: 0, hours: 10.0")))
-    shared = {"dry": SceneEstimate(0, 1000), "calm": SceneEstimate(20, 1000)}
+    shared = {"dry": counted(0, 1000), "calm": counted(20, 1000)}
     rare = own(1e-4, 0.5e-4, 3e-4, blind_bound=2e-3)
-    rate = compute(read, [shared, {"dry": rare, "calm": SceneEstimate(1, 1000)}])
+    rate = compute(read, [shared, {"dry": rare, "calm": counted(1, 1000)}])
     assert rate.exposures[1].value == 0.0
     assert rate.rates[0].blind == {"hour": pytest.approx(2e-3 * rate.exposures[1].high)}
 
@@ -319,10 +324,9 @@ def test_the_blind_bound_of_a_scene_that_was_never_met_is_not_zero(catalogue):
 )
 def test_a_warned_scene_leaves_the_verdict_open(catalogue, probability, warnings, verdict):
     read = load_catalogue(catalogue())
-    rare = OwnEstimate("ess", probability, (probability / 2, probability))
     scenes = [
-        {"dry": SceneEstimate(0, 9000), "calm": SceneEstimate(0, 9000)},
-        {"dry": SceneEstimate(1, 9, 0, rare, warnings), "calm": SceneEstimate(0, 9000)},
+        {"dry": counted(0, 9000), "calm": counted(0, 9000)},
+        {"dry": own(probability, probability / 2, probability, health=warnings), "calm": counted(0, 9000)},
     ]
     decision = compute(read, scenes).rates[0].decisions[0]
     assert decision.verdict == verdict
@@ -343,7 +347,7 @@ def test_warnings_are_told(catalogue, capsys):
     assert "died out" in Path("out/report.html").read_text()
 
 
-def result(**diagnostics):
+def result(**fields):
     return plain_result(
         "dry",
         failures=2,
@@ -351,24 +355,23 @@ def result(**diagnostics):
         interval=(0.01, 0.03),
         rollouts=400,
         health={"rounding": "r", "model_unknown": "m"},
-        diagnostics=diagnostics,
+        **fields,
     )
 
 
 def test_counts_of_an_ensemble_do_not_stand_for_its_models():
     # Its failures are of one model and its rollouts of all: 2 / 400 would be a quarter of the estimate.
-    assert SceneEstimate.of(result()).quantity(0.95, False).value == 2 / 400
-    model = SceneEstimate.of(result(model={"members": [0.02]}))
+    assert SceneEstimate(result()).quantity(0.95, False).value == 2 / 400
+    model = SceneEstimate(result(members=1))
     found = model.quantity(0.95, False)
     assert (found.value, found.low, found.high) == (0.02, 0.01, 0.03)
     assert model.warnings == {"model_unknown": "m"}
 
 
 def test_rollouts_that_rules_share_are_counted_once():
-    assert SceneEstimate.of(result()).cost == 0
-    assert SceneEstimate.of(result(), 4).cost == 100
-    assert SceneEstimate.of(result(choice={"shared_by": 2}), 1).cost == 200
-    assert SceneEstimate.of(result(choice={}), 1).cost == 400
+    assert SceneEstimate(result(shared_by=4)).cost == 0
+    assert SceneEstimate(result(shared_by=4), True).cost == 100
+    assert SceneEstimate(result(), True).cost == 400
 
 
 def test_simulated_splitting_is_unbiased():

@@ -14,6 +14,7 @@ from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.base.stored_files import seal
 from avrare.cli.main import main
 from avrare.estimation.plan.budget import Budget
+from plain_results import plain_result
 
 SCENARIO = """\
 name: tank
@@ -51,7 +52,8 @@ def catalogue(tmp_path, monkeypatch):
 
 def seen(read, failures, rollouts):
     """Give every rule of three scenes the same counts."""
-    return [dict.fromkeys(read.rules, SceneEstimate(failures, rollouts))] * 3
+    estimate = SceneEstimate(plain_result(failures=failures, rollouts=rollouts))
+    return [dict.fromkeys(read.rules, estimate)] * 3
 
 
 def refused(path):

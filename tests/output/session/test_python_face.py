@@ -144,7 +144,7 @@ def test_plots_are_pictures(split, several, tmp_path):
 
 
 def test_marks_of_a_plot_are_those_of_runs_or_of_models(split):
-    over = replace(split, diagnostics={"model": {"members": [0.1, 0.2, 0.3]}})
+    over = replace(split, members=3)
     for result, words in ((split, " | run"), (over, " | model")):
         assert words in result.plot().figure.axes[0].get_xlabel()
 
