@@ -145,6 +145,9 @@ class Component:
             name.
         cross_check: Role of an estimator in cross-checks; it then has ``scaled``. None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
+        charts: ``"package.module:function"`` that draws an estimator's results for the report: called with a
+            ``Result``, it returns a tuple of ``avrare.base.chart.Chart``. Empty: histogram of robustness and
+            convergence over several runs (``avrare.estimation.result.charts``).
     """
 
     kind: str
@@ -162,6 +165,7 @@ class Component:
     family: str = ""
     cross_check: CheckRole | None = None
     auto: AutoRole | None = None
+    charts: str = ""
 
     def __post_init__(self) -> None:
         """Take the name for the family where none is given."""

@@ -23,6 +23,7 @@ def avrare_components() -> list[Component]:
             factory="avrare.estimation.monte_carlo.monte_carlo:build",
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
             cross_check=CheckRole(order=90),
+            charts="avrare.estimation.monte_carlo.charts:draw_charts",
         ),
         Component(
             kind="estimator",

@@ -149,8 +149,17 @@ class Registry:
 
     def family(self, estimator: str) -> str:
         """Return the family of an estimator; its name where it is not installed."""
-        rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", estimator)]
-        return next((row.component.family for row in rows if row.component is not None), estimator)
+        component = self._find_estimator(estimator)
+        return estimator if component is None else component.family
+
+    def charts(self, estimator: str) -> str:
+        """Return the reference to the charts of an estimator; empty where it declares none."""
+        component = self._find_estimator(estimator)
+        return "" if component is None else component.charts
+
+    def _find_estimator(self, name: str) -> Component | None:
+        rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", name)]
+        return next((row.component for row in rows if row.component is not None), None)
 
     def versions(self, components: Iterable[Component]) -> dict[str, str]:
         """Return the versions of the distributions that these components come from."""
@@ -248,9 +257,9 @@ def _row(item: object, distribution: str, version: str) -> Row:
     if item.kind not in KINDS:
         known = ", ".join(KINDS)
         raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
-    for field in ("name", "summary", "config", "factory", "rules", "check", "family"):
+    for field in ("name", "summary", "config", "factory", "rules", "check", "charts", "family"):
         value = getattr(item, field)
-        is_reference = field in ("config", "factory") or (field in ("rules", "check") and value)
+        is_reference = field in ("config", "factory") or (field in ("rules", "check", "charts") and value)
         if not isinstance(value, str) or (is_reference and ":" not in value):
             text = f"component {item.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)

@@ -68,6 +68,11 @@ def test_its_warning_can_be_suppressed(run):
         run(estimator, "suppress=[wide_noise]")
 
 
+def test_its_charts_are_in_the_report(run):
+    run("estimator={plugin: widened}").report("report.html")
+    assert "Sorted weights" in Path("report.html").read_text()
+
+
 def test_without_the_plugin_its_names_are_unknown(run, monkeypatch):
     monkeypatch.setenv("AVRARE_PLUGINS", "gusts")
     default_registry.cache_clear()

@@ -104,6 +104,7 @@ def test_a_broken_plugin_is_a_row_and_does_not_disturb_others(tmp_path, monkeypa
         (part(factory=None), "factory is None"),
         (part(name=3), "name is 3"),
         (part(cross_check=True), "cross_check is True, not of type CheckRole"),
+        (part(charts="draw"), "charts is 'draw'"),
         (part(auto=10), "auto is 10, not of type AutoRole"),
         (part(warnings={"worn": 3}), "warnings should be texts by name, not {'worn': 3}"),
     ],

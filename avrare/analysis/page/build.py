@@ -6,11 +6,9 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
-from avrare.analysis.page import estimate_charts as charts
 from avrare.analysis.page.causes import build_causes
 from avrare.analysis.page.model import (
     Answer,
@@ -27,11 +25,13 @@ from avrare.analysis.page.player import build_player
 from avrare.analysis.page.stored_rollouts import replay_stored
 from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.chart import Chart, Scale, make_log_scale
-from avrare.base.errors import AvrareError
+from avrare.base.late_import import late_import
 from avrare.base.number_format import format_amount_in_words, format_percent
+from avrare.estimation.result.charts import draw_charts
 from avrare.estimation.result.result import Result
 from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.logic.syntax.words import to_words
+from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
 from avrare.results.stored_causes import read_causes
 from avrare.scenario.exposure import Exposure
@@ -254,8 +254,7 @@ def _build_sections(run: Run, estimates: Sequence[Estimate]) -> tuple[Section, .
             estimate,
             _build_rule(run, name),
             build_causes(run, result, stored, shown),
-            _draw_convergence(result),
-            _draw_levels(result),
+            _draw_charts(result),
             tuple(build_player(rollout, run.problem, run.folder) for rollout in shown),
             None if shown else _explain_absence(run, errors if name in rollouts else ()),
         )
@@ -274,24 +273,10 @@ def _build_rule(run: Run, name: str) -> Rule | None:
     return Rule("" if len(words) > _MAX_WORDS_LENGTH else words, text)
 
 
-def _draw_convergence(result: Result) -> tuple[Chart, ...]:
-    histogram = charts.draw_histogram(result.robustness, bool(result.diagnostics.get("levels")))
-    drawn = (histogram, charts.draw_convergence(result, result.robustness))
-    return tuple(chart for chart in drawn if chart is not None)
-
-
-def _draw_levels(result: Result) -> tuple[Chart, ...]:
-    if not result.diagnostics.get("levels"):
-        return ()
-    return charts.draw_levels(result.diagnostics, *_find_gamma(result))
-
-
-def _find_gamma(result: Result) -> tuple[Callable[[float], float], str]:
-    # the map from levels of the score to robustness thresholds γ, if it is known, and its label
-    with suppress(AvrareError):  # the label says that the axis is the score
-        origin = result.require_origin()
-        return origin.estimator.prepare(origin.problem).gamma, "γ, 0 at failure"
-    return float, "score"
+def _draw_charts(result: Result) -> tuple[Chart, ...]:
+    reference = default_registry().charts(result.estimator)
+    draw: Callable[[Result], tuple[Chart, ...]] = late_import(reference) if reference else draw_charts
+    return draw(result)
 
 
 def _explain_absence(run: Run, errors: Sequence[str]) -> Notice:

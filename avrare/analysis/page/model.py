@@ -240,8 +240,7 @@ class Section:
     estimate: Estimate
     rule: Rule | None
     causes: Causes | None
-    convergence: tuple[Chart, ...]
-    levels: tuple[Chart, ...]
+    charts: tuple[Chart, ...]
     players: tuple[Player, ...]
     absence: Notice | None
 

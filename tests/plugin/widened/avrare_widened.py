@@ -7,9 +7,11 @@ from functools import partial
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from avrare.base.chart import Chart, make_linear_scale
 from avrare.base.health_messages import fill
 from avrare.estimation.checks.result_builder import build_result
 from avrare.estimation.plan.plan import Estimator, Info, Plan
+from avrare.estimation.result.charts import draw_histogram
 from avrare.estimation.result.intervals import log_normal, unknown
 from avrare.estimation.result.result import Failures, Worst
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
@@ -78,12 +80,20 @@ class Widened(Estimator):
                 failures=Failures(tapes[rows], robustness[rows], len(rows)),
                 worst=Worst(tapes[worst], robustness[worst]),
                 robustness=robustness,
+                diagnostics={"weights": np.sort(weights[rows]).tolist()},
             )
         ]  # fmt: skip
 
 
 def build(config, scene):
     return Widened(config)
+
+
+def draw_charts(result):
+    weights = np.array(result.diagnostics["weights"])
+    order = np.arange(len(weights))
+    chart = Chart(make_linear_scale(order), make_linear_scale(weights, zero=True), "Sorted weights")
+    return *draw_histogram(result), chart.dots(order, weights)
 
 
 @hookimpl
@@ -98,5 +108,6 @@ def avrare_components():
             warnings=WARNINGS,
             cross_check=CheckRole(order=50),
             auto=AutoRole(order=50),
+            charts="avrare_widened:draw_charts",
         )
     ]

@@ -3,6 +3,8 @@
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
 from avrare_estimators.common.health_messages import WARNINGS
 
+LEVEL_CHARTS = "avrare_estimators.common.level_charts:draw_charts"
+
 
 @hookimpl
 def avrare_components() -> list[Component]:
@@ -17,6 +19,7 @@ def avrare_components() -> list[Component]:
             warnings=WARNINGS,
             cross_check=CheckRole(order=20, first_for=("ess", "mc")),
             auto=AutoRole(order=30, with_steps=True),
+            charts=LEVEL_CHARTS,
         ),
         Component(
             kind="estimator",
@@ -27,6 +30,7 @@ def avrare_components() -> list[Component]:
             warnings=WARNINGS,
             cross_check=CheckRole(order=10),
             auto=AutoRole(order=40, with_steps=False),
+            charts=LEVEL_CHARTS,
         ),
         Component(
             kind="estimator",

@@ -24,5 +24,6 @@ def avrare_components() -> list[Component]:
             summary="nested levels with exact ellipse slices, for linear systems and predicates",
             warnings=WARNINGS,
             family="ess",
+            charts="avrare_estimators.common.level_charts:draw_charts",
         ),
     ]
