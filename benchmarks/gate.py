@@ -25,7 +25,6 @@ from studies.run_intervals import interval_of_runs
 from studies.untuned_problems import Regimes, untuned_problem
 
 import avrare
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.pooling import SHARES, pool
 from avrare.base.special_functions import bisect
@@ -193,15 +192,14 @@ def runs_of(
     )  # fmt: skip
 
 
-def draw_baseline(case: Case) -> BaselineEntry:
+def draw_baseline(case: Case) -> Result:
     """Return a baseline without warnings, if any of several draws has none."""
     draws = (case.draw(1.0, 8) for _ in range(_DRAWS))
     first = next(draws)
-    chosen = next((one for one in draws if not one.health), first) if first.health else first
-    return BaselineEntry.from_result(chosen)
+    return next((one for one in draws if not one.health), first) if first.health else first
 
 
-def compare(case: Case, baseline: BaselineEntry, factor: float) -> tuple[str, bool]:
+def compare(case: Case, baseline: Result, factor: float) -> tuple[str, bool]:
     """Return the verdict on a new estimate, and whether it had warnings."""
     criterion = Criterion("gate", baseline.specification, Regression.model_validate({}), baseline)
     new = case.draw(factor, 8)
@@ -223,7 +221,7 @@ def at_bound(case: Case, looks: tuple[int, ...]) -> tuple[str, bool]:
 def drift(rng: np.random.Generator, first: bool) -> float:
     """Return the factor at which a check fails, where each step adds 10 % and each pass is saved."""
     p, factor = 0.01, 1.0
-    entries = [BaselineEntry.from_result(monte_carlo(rng, p, 500, factor, 8))] * 2
+    entries = [monte_carlo(rng, p, 500, factor, 8)] * 2
     while factor < 20.0:
         factor *= 1.1
         new = monte_carlo(rng, p, 500, factor, 8)
@@ -234,7 +232,7 @@ def drift(rng: np.random.Generator, first: bool) -> float:
         if "fail" in verdicts.values():
             return factor
         if "pass" in verdicts.values():
-            entries[1] = BaselineEntry.from_result(new)
+            entries[1] = new
     return factor
 
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
@@ -176,7 +175,7 @@ def _plan(
             known = {name: entries[name] for name in one.definition.estimated if name in entries}
         if not known:
             pilot = _pilot(one, budget, machine)
-            known = {result.specification: BaselineEntry.from_result(result) for result in pilot}
+            known = {result.specification: result for result in pilot}
             source = f"a pilot run of {max(entry.rollouts for entry in known.values()):,}"
         scenario = one.definition
         found += estimate_costs(scenario.name, one.planned_criteria, known, source, scenario.confidence)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,83 +20,38 @@ from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import check_seal, read_json, seal
 from avrare.estimation.result.confidence_distributions import (
-    ConfidenceDistribution,
     decode_distribution,
     derive_distribution,
     encode_distribution,
 )
 from avrare.estimation.result.result import Result, finite
 from avrare.results.checkout import describe_checkout
+from avrare.results.stored_results import StoredEstimate
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario
 
 SCHEMA = 1
 _NAME = re.compile(r"(\d{4,})\.json")
 _HINT = "restore the file, or remove it to use the previous baseline"
+_OMITTED = ("warnings", "cross_check", "run_probabilities", "counts", "diagnostics")
+"""Fields of a result that no comparison needs: baselines are committed, and small."""
 SHARED_KEYS = ("steps", "simulator", "perception")
 """Keys of a resolved scenario that belong to the problem of every specification."""
 _MAX_LISTED = 5
-_MOST_ERROR = 1e6
+_MAX_RELATIVE_ERROR = 1e6
 """Relative error of an estimate from 10^12 rollouts with one failure: no stored one is larger."""
 
 
-@dataclass(frozen=True)
-class BaselineEntry:
-    """Stored estimate of one specification; fields as in ``Result``."""
-
-    specification: str
-    probability: float
-    distribution: ConfidenceDistribution
-    relative_error: float  # NaN where the probability is 0
-    rollouts: int
-    simulated_steps: int
-    seconds: float
-    health: tuple[str, ...]  # names of the warnings
-    relation: str
-
-    @staticmethod
-    def from_result(result: Result) -> BaselineEntry:
-        """Return what a baseline stores of a result."""
-        return BaselineEntry(
-            result.specification,
-            result.probability,
-            derive_distribution(result),
-            result.relative_error,
-            result.rollouts,
-            result.simulated_steps,
-            result.seconds,
-            tuple(result.health),
-            result.relation,
-        )
-
-
-class _StoredEntry(BaseModel):
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-    specification: str
-    probability: float = Field(ge=0.0, le=1.0)
-    evidence: dict[str, Any]
-    relative_error: float | None = Field(ge=0.0, le=_MOST_ERROR)
+class _StoredEntry(StoredEstimate):
+    relative_error: float | None = Field(ge=0.0, le=_MAX_RELATIVE_ERROR)
     rollouts: int = Field(ge=1)
     simulated_steps: int = Field(ge=0)
     seconds: float = Field(ge=0.0)
-    health: list[str]
-    relation: str
+    evidence: dict[str, Any]
     first: _StoredEntry | None = None
 
-    def entry(self) -> BaselineEntry:
-        error = float("nan") if self.relative_error is None else self.relative_error
-        return BaselineEntry(
-            self.specification,
-            self.probability,
-            decode_distribution(self.evidence),
-            error,
-            self.rollouts,
-            self.simulated_steps,
-            self.seconds,
-            tuple(self.health),
-            self.relation,
-        )
+    def entry(self) -> Result:
+        return replace(self.to_result(), interval_at=decode_distribution(self.evidence).interval_at)
 
 
 class _StoredBaseline(BaseModel):
@@ -126,11 +81,9 @@ class Baseline:
     scenario: Mapping[str, Any]  # the resolved one
     versions: Mapping[str, str]  # of avrare and the plugins
     commit: str | None  # of the scenario's repository
-    entries: Mapping[str, BaselineEntry]  # by specification
+    entries: Mapping[str, Result]  # by specification; without tapes and diagnostics
     files: Mapping[str, str] = field(default_factory=dict)  # option -> digest of the file that it names
-    firsts: Mapping[str, BaselineEntry] = field(
-        default_factory=dict
-    )  # of the line, where it is an earlier one
+    firsts: Mapping[str, Result] = field(default_factory=dict)  # of the line, where it is an earlier one
 
 
 def default_folder(scenario: Scenario) -> Path:
@@ -168,7 +121,7 @@ def save(
     folder: Path,
     scenario: Scenario,
     results: Sequence[Result],
-    firsts: Mapping[str, BaselineEntry] | None = None,
+    firsts: Mapping[str, Result] | None = None,
 ) -> Path:
     """Write the results as the baseline with the next number; UsageError if that is not possible.
 
@@ -197,22 +150,13 @@ def _numbers(folder: Path) -> dict[int, str]:
     return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
 
 
-def _encode_result(result: Result, first: BaselineEntry | None) -> dict[str, Any]:
-    content = _encode_entry(BaselineEntry.from_result(result)) | {
-        "estimator": result.estimator,
-        "interval": result.interval,
-        "confidence": result.confidence,
-    }
-    return dict(finite(content | ({"first": _encode_entry(first)} if first is not None else {})))
+def _encode_result(result: Result, first: Result | None) -> dict[str, Any]:
+    return _encode(result) | ({"first": _encode(first)} if first is not None else {})
 
 
-def _encode_entry(entry: BaselineEntry) -> dict[str, Any]:
-    content = vars(entry) | {
-        "seconds": round(entry.seconds, 3),
-        "evidence": encode_distribution(entry.distribution),
-    }
-    del content["distribution"]
-    return content
+def _encode(result: Result) -> dict[str, Any]:
+    fields = {name: value for name, value in result.to_dict().items() if name not in _OMITTED}
+    return fields | {"evidence": finite(encode_distribution(derive_distribution(result)))}
 
 
 def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:

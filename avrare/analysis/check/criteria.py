@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_least,
     p_value_ratio_at_most,
@@ -38,7 +37,7 @@ class Criterion:
     scenario: str
     specification: str
     condition: Threshold | Regression  # bound of the probability, or allowed regression against ``baseline``
-    baseline: BaselineEntry | None = None
+    baseline: Result | None = None
     reference: str = "baseline"  # or "first baseline": the first of its line
 
     @property
@@ -83,12 +82,13 @@ def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
         return Assessment(0.0 if impossible else distribution.p_value_at_most(limit) / tail, passes)
     if baseline is None or baseline.relation != result.relation:
         return Assessment(math.inf, False)
-    failing = p_value_ratio_at_most(condition.ratio, distribution, baseline.distribution) / tail
+    before = derive_distribution(baseline)
+    failing = p_value_ratio_at_most(condition.ratio, distribution, before) / tail
     if result.probability == 0.0 and baseline.probability == 0.0:
         # The ratio of two zeros is undefined: require an upper end as good as the baseline's.
-        ends = [one.interval_at(condition.confidence)[1] for one in (distribution, baseline.distribution)]
+        ends = [one.interval_at(condition.confidence)[1] for one in (distribution, before)]
         return Assessment(failing, ends[0] < 1.0 and ends[0] <= condition.excluded * ends[1])
-    passing = p_value_ratio_at_least(condition.excluded, distribution, baseline.distribution)
+    passing = p_value_ratio_at_least(condition.excluded, distribution, before)
     return Assessment(failing, passing <= share * tail)
 
 
@@ -211,7 +211,7 @@ def make_decision(criterion: Criterion, verdict: str, reason: str, result: Resul
     change = interval = None
     if baseline is not None:
         change = result.probability / before if before else None if not result.probability else math.inf
-        interval = ratio_interval(confidence, distribution, baseline.distribution)
+        interval = ratio_interval(confidence, distribution, derive_distribution(baseline))
     return Decision(
         *names,
         verdict,

@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, Decision, find_assumption, find_objections
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
@@ -80,7 +79,7 @@ def _settling_size(condition: Threshold | Regression, result: Result) -> str:
 
 
 def _decisive_size(target: CheckTarget, criterion: Criterion, result: Result) -> str:
-    entries = {result.specification: BaselineEntry.from_result(result)}
+    entries = {result.specification: result}
     # All criteria share the error rate, so the number of them enters; the first price is that of this one.
     criteria = [criterion, *(other for other in target.criteria if other is not criterion)]
     cost, *_ = estimate_costs(target.name, criteria, entries, "this check", target.definition.confidence)

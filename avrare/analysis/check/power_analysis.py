@@ -11,10 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion
 from avrare.base.special_functions import beta_cdf
-from avrare.estimation.result.confidence_distributions import Binomial, InverseBinomial
+from avrare.estimation.result.confidence_distributions import (
+    Binomial,
+    InverseBinomial,
+    derive_distribution,
+)
+from avrare.estimation.result.result import Result
 from avrare.scenario.schema import Regression, Threshold
 
 POWER = 0.9
@@ -43,7 +47,7 @@ _Need = tuple[float | None, str]  # rollouts needed, None if unknown, and the re
 def estimate_costs(
     scenario: str,
     criteria: Sequence[Criterion],
-    earlier: Mapping[str, BaselineEntry],
+    earlier: Mapping[str, Result],
     source: str,
     confidence: float,
 ) -> list[CostEstimate]:
@@ -61,14 +65,14 @@ def estimate_costs(
         for criterion in criteria
         if isinstance(criterion.condition, Threshold)
         and (entry := earlier.get(criterion.specification)) is not None
-        and not isinstance(entry.distribution, (Binomial, InverseBinomial))
+        and not isinstance(derive_distribution(entry), (Binomial, InverseBinomial))
     ]
     needs += [("+-20 %", entry, _need_for_precision(entry, confidence)) for entry in earlier.values()]
     return [_price(scenario, question, entry, *need, source) for question, entry, need in needs]
 
 
 def _price(
-    scenario: str, question: str, entry: BaselineEntry, rollouts: float | None, reason: str, source: str
+    scenario: str, question: str, entry: Result, rollouts: float | None, reason: str, source: str
 ) -> CostEstimate:
     if rollouts is None:
         return CostEstimate(scenario, entry.specification, question, None, 0, 0.0, reason)
@@ -81,7 +85,7 @@ def _price(
     return CostEstimate(scenario, entry.specification, question, needed, steps, entry.seconds * share, text)
 
 
-def _need_to_settle(threshold: Threshold, entry: BaselineEntry) -> _Need:
+def _need_to_settle(threshold: Threshold, entry: Result) -> _Need:
     rollouts = count_settling_rollouts(threshold, entry.probability)
     if rollouts is None:
         return None, "the estimate is too near the bound, or above it: Monte Carlo may not decide"
@@ -98,27 +102,27 @@ def count_settling_rollouts(threshold: Threshold, probability: float) -> int | N
     return _rollouts_to_pass(probability, threshold.limit, (1.0 - threshold.confidence) / 2.0)
 
 
-def _need_for_precision(entry: BaselineEntry, confidence: float) -> _Need:
+def _need_for_precision(entry: Result, confidence: float) -> _Need:
     if not _has_variance(entry):
         return None, _no_failures(entry)
     return _work(entry) * (_quantile(1.0 - (1.0 - confidence) / 2.0) / math.log1p(PRECISION)) ** 2, ""
 
 
-def _need_for_criterion(criterion: Criterion, entry: BaselineEntry, criteria: int) -> _Need:
+def _need_for_criterion(criterion: Criterion, entry: Result, criteria: int) -> _Need:
     tail = (1.0 - criterion.condition.confidence) / 2.0
     if isinstance(criterion.condition, Threshold):
         return _need_for_threshold(criterion.condition.limit, entry, tail, criteria)
     return _need_for_regression(criterion.condition, entry, criterion.baseline, tail / criteria)
 
 
-def _need_for_threshold(limit: float, entry: BaselineEntry, tail: float, criteria: int) -> _Need:
+def _need_for_threshold(limit: float, entry: Result, tail: float, criteria: int) -> _Need:
     p = entry.probability
     if p == limit or limit in (0.0, 1.0) or p == 1.0:
         reason = "the estimate equals the bound, or one of them is 0 or 1: no number of rollouts may decide"
         return None, reason
     fails = p > limit
     reason = "expected to fail" if fails else "" if p > 0.0 else "if nothing fails"
-    if isinstance(entry.distribution, (Binomial, InverseBinomial)):
+    if isinstance(derive_distribution(entry), (Binomial, InverseBinomial)):
         exact = _rollouts_to_fail(p, limit, tail / criteria) if fails else _rollouts_to_pass(p, limit, tail)
         if exact is not None:
             return exact, reason
@@ -165,7 +169,7 @@ def _find_first(holds: Callable[[int], bool], start: int) -> int:
 
 
 def _need_for_regression(
-    regression: Regression, entry: BaselineEntry, baseline: BaselineEntry | None, tail: float
+    regression: Regression, entry: Result, baseline: Result | None, tail: float
 ) -> _Need:
     if not (_has_variance(entry) and (baseline is None or _has_variance(baseline))):
         return None, "no failures: the ratio cannot be estimated; use a threshold"
@@ -180,13 +184,13 @@ def _need_for_regression(
     return _work(entry) / left, f"to see a factor of {ratio:g}"
 
 
-def _has_variance(entry: BaselineEntry) -> bool:
+def _has_variance(entry: Result) -> bool:
     return entry.probability > 0.0 and math.isfinite(entry.relative_error)
 
 
-def _no_failures(entry: BaselineEntry) -> str:
+def _no_failures(entry: Result) -> str:
     return f"no failures in {entry.rollouts:,} rollouts: the number needed is unknown"
 
 
-def _work(entry: BaselineEntry) -> float:  # relative variance times rollouts
+def _work(entry: Result) -> float:  # relative variance times rollouts
     return entry.relative_error**2 * entry.rollouts

@@ -10,7 +10,6 @@ from pathlib import Path
 from avrare.analysis.check.baseline_files import (
     SHARED_KEYS,
     Baseline,
-    BaselineEntry,
     default_folder,
     find_differences,
     read_newest,
@@ -66,13 +65,13 @@ class CheckTarget:
         for name in definition.estimated:
             for reference, entries in (("baseline", self.baseline.entries), ("first baseline", firsts)):
                 if (entry := entries.get(name)) is not None:
-                    health = tuple(warning for warning in entry.health if warning not in definition.suppress)
-                    known = replace(entry, health=health)
-                    found.append(Criterion(self.name, name, self._regression, known, reference))
+                    health = {k: text for k, text in entry.health.items() if k not in definition.suppress}
+                    before = replace(entry, health=health)
+                    found.append(Criterion(self.name, name, self._regression, before, reference))
         return found
 
     @property
-    def firsts(self) -> Mapping[str, BaselineEntry]:
+    def firsts(self) -> Mapping[str, Result]:
         """First baseline of each specification's line, for the next one; one with warnings begins none."""
         if self.baseline is None or self.restarts:
             return {}

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import (
     Criterion,
     assess,
@@ -30,7 +29,7 @@ def against(estimate):
     """Return maker of regression criteria against a baseline with a given law."""
 
     def against(law, name="rule", health=None, **criterion):
-        entry = BaselineEntry.from_result(estimate(law, health=health or {}))
+        entry = estimate(law, health=health or {})
         return Criterion("s", name, Regression(**criterion), entry)
 
     return against
@@ -110,7 +109,7 @@ def test_zero_counts(decide, against):
 
 def test_an_uninformative_estimate_never_passes(decide, estimate, against):
     unknown = {"interval_at": lambda confidence: (0.0, 1.0), "probability": 0.0}
-    entry = BaselineEntry.from_result(estimate(**unknown))
+    entry = estimate(**unknown)
     criterion = Criterion("s", "rule", Regression(), entry)
     assert decide(criterion, None, **unknown) == "inconclusive"
     assert decide(threshold("< 0.9"), None, **unknown) == "inconclusive"

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from avrare.analysis.check.baseline_files import BaselineEntry
 from avrare.analysis.check.criteria import Criterion, decide_criteria
 from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
@@ -21,9 +20,7 @@ def entry(estimate):
         p = failures / trials
         error = math.sqrt((1 - p) / (p * trials)) if failures else math.nan
         law = Binomial(failures, trials)
-        return BaselineEntry.from_result(
-            estimate(law, relative_error=error, rollouts=trials, simulated_steps=40 * trials)
-        )
+        return estimate(law, relative_error=error, rollouts=trials, simulated_steps=40 * trials)
 
     return entry
 
@@ -67,7 +64,7 @@ def test_a_rule_that_was_never_broken(entry):
 
 
 def test_an_earlier_estimate_without_any_error_needs_one_rollout(estimate):
-    exact = BaselineEntry.from_result(estimate(Binomial(4, 200), relative_error=0.0, rollouts=200))
+    exact = estimate(Binomial(4, 200), relative_error=0.0, rollouts=200)
     assert planned(exact, Threshold(specification="rule", probability="< 0.5"))[1].rollouts == 1
 
 
@@ -104,7 +101,7 @@ def test_precision(estimate, entry):
 
 def test_other_estimators_are_planned_by_their_own_variance(estimate):
     law = LogNormal(1e-4, 0.02, 9)
-    entry = BaselineEntry.from_result(estimate(law, relative_error=math.sqrt(0.02), rollouts=20_000))
+    entry = estimate(law, relative_error=math.sqrt(0.02), rollouts=20_000)
     cost, settling, precision = planned(entry, Threshold(specification="rule", probability="< 3e-4"))
     factor = 1.959964 + 1.281552
     assert cost.rollouts == pytest.approx(0.02 * 20_000 * (factor / math.log(3)) ** 2, rel=0.05)
