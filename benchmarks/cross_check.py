@@ -41,7 +41,8 @@ def _row(untuned: Untuned, seeds: int) -> str:
     quiet = [one for one in missed if not set(one.health) - {_DISAGREE}]
     above = [one for one in results if _DISAGREE in one.health and _is_above(one)]
     below = [one for one in results if _DISAGREE in one.health and not _is_above(one)]
-    cost = sum(one.cross_check.simulated_steps / one.simulated_steps for one in results if one.cross_check)
+    checks = [(one.cross_check.result, one) for one in results if one.cross_check]
+    cost = sum(check.simulated_steps / one.simulated_steps for check, one in checks if check)
     pairs = [f"{len(some)}, {sum(one in missed for one in some)}" for some in (above, below)]
     counts = [len(missed), len(quiet), sum(_DISAGREE in one.health for one in quiet)]
     return " | ".join(
@@ -55,8 +56,8 @@ def _estimate(untuned: Untuned, seed: int) -> Result:
 
 
 def _is_above(result: Result) -> bool:
-    found = result.cross_check
-    return found is not None and (found.probability or 0.0) > result.probability
+    check = result.cross_check
+    return check is not None and check.result is not None and check.result.probability > result.probability
 
 
 if __name__ == "__main__":

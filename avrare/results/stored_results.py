@@ -60,12 +60,12 @@ class _StoredCrossCheck(BaseModel):
     estimator: Name
     outcome: Literal["agree", "disagree", "inconclusive"]
     share: float = 0.0
-    probability: float | None = None
-    interval: Annotated[tuple[_Share, _Share] | None, Field(strict=False)] = None
     noticed: float | None = None
-    rollouts: int = 0
-    simulated_steps: int = 0
-    seconds: float = 0.0
+    result: StoredEstimate | None = None
+
+    def to_check(self) -> CrossCheckResult:
+        result = None if self.result is None else self.result.to_result()
+        return CrossCheckResult(self.estimator, self.outcome, self.share, self.noticed, result)
 
 
 class StoredEstimate(BaseModel):
@@ -111,7 +111,6 @@ class StoredEstimate(BaseModel):
             failures = Failures(np.zeros((0, 1, 0)), np.zeros(0), self.failures)
         if sample is None:
             sample = RolloutSample(np.zeros(0), Worst(np.zeros((1, 0)), _number(self.worst_robustness)))
-        check = self.cross_check
         return Result(
             self.specification,
             self.estimator,
@@ -135,7 +134,7 @@ class StoredEstimate(BaseModel):
             counts=self.counts,
             diagnostics=self.diagnostics,
             blind_bound=self.blind_bound,
-            cross_check=None if check is None else CrossCheckResult(**check.model_dump()),
+            cross_check=None if self.cross_check is None else self.cross_check.to_check(),
             seconds=self.seconds,
             relation=self.relation,
             verdict=self.verdict,

@@ -49,7 +49,7 @@ def execute(checked, estimator, settings):
 
 def plain(result):
     content = json.loads(result.to_json())
-    del content["seconds"], content["cross_check"]["seconds"]
+    del content["seconds"], content["cross_check"]["result"]["seconds"]
     return content
 
 
@@ -89,25 +89,25 @@ def test_disagreement_is_a_health_warning_with_both_numbers(estimate, suppress):
     result = add_cross_check(problem(), wrong, CrossCheck(), Settings(1, suppress=suppress), execute)
     found = result.cross_check
     assert (found.estimator, found.outcome) == ("ess", "disagree")
-    assert 1e-4 < found.probability < 4e-3  # about 8e-4
+    assert 1e-4 < found.result.probability < 4e-3  # about 8e-4
     assert ("estimators_disagree" in result.health) == (not suppress)
     if not suppress:
         assert "ams gives 1.0e-06" in result.health["estimators_disagree"]
-        assert f"by ess gives {found.probability:.1e}" in result.health["estimators_disagree"]
+        assert f"by ess gives {found.result.probability:.1e}" in result.health["estimators_disagree"]
 
 
 def test_the_cost_is_a_share_of_the_estimate_s(estimate):
     result = add_cross_check(problem(), splitting(estimate, 8e-4, 0.2), CrossCheck(), Settings(1), execute)
-    assert 0.07 < result.cross_check.simulated_steps / result.simulated_steps < 0.2
+    assert 0.07 < result.cross_check.result.simulated_steps / result.simulated_steps < 0.2
     shared = replace(splitting(estimate, 8e-4, 0.2), shared_by=5)
     half = add_cross_check(problem(), shared, CrossCheck(share=0.5), Settings(1), execute)
-    assert 0.4 < half.cross_check.simulated_steps / result.cross_check.simulated_steps < 1.0
+    assert 0.4 < half.cross_check.result.simulated_steps / result.cross_check.result.simulated_steps < 1.0
 
 
 def test_too_small_a_share_runs_nothing_and_says_so():
     result = avrare.estimate(problem(), "ams", cross_check=True, seed=1, **SMALL)
     found = result.cross_check
-    assert (found.outcome, found.rollouts, found.probability) == ("inconclusive", 0, None)
+    assert (found.outcome, found.result) == ("inconclusive", None)
     assert "15 % of the cost pays for only" in {note.kind: note.text for note in result.notes}["cross_check"]
     assert "estimators_disagree" not in result.health
 
@@ -126,7 +126,7 @@ def test_too_small_a_share_runs_nothing_and_says_so():
 def test_another_family_checks(name, options, changes, checker):
     result = avrare.estimate(problem(**changes), name, seed=1, cross_check=WHOLE, **options)
     assert result.cross_check.estimator == checker
-    assert result.cross_check.rollouts > 0
+    assert result.cross_check.result.rollouts > 0
 
 
 def test_one_of_the_same_family_is_refused():
@@ -172,8 +172,8 @@ def test_the_estimate_itself_is_not_changed():
 def test_a_budget_pays_for_both():
     result = avrare.estimate(problem(limit=0.5), "mc", budget="steps=20000", cross_check=True)
     assert result.simulated_steps == 20 * int(1000 / 1.15)
-    assert result.cross_check.rollouts > 0
-    assert result.simulated_steps + result.cross_check.simulated_steps < 21_000
+    assert result.cross_check.result.rollouts > 0
+    assert result.simulated_steps + result.cross_check.result.simulated_steps < 21_000
 
 
 @pytest.mark.slow
@@ -181,7 +181,7 @@ def test_workers_change_nothing():
     arguments = {"seed": 3, "cross_check": WHOLE, **SMALL}
     one = avrare.estimate(problem(), "ams", **arguments)
     assert plain(avrare.estimate(problem(), "ams", workers=2, **arguments)) == plain(one)
-    assert one.cross_check.rollouts > 0
+    assert one.cross_check.result.rollouts > 0
 
 
 @pytest.mark.slow

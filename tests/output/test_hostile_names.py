@@ -20,7 +20,6 @@ from avrare.analysis.compare.case import ComparisonCase, GroundTruth
 from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
-from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.errors import UsageError
@@ -47,6 +46,7 @@ from avrare.results.recordings.commonroad import to_commonroad
 from avrare.results.recordings.csv_recording import read_csv, to_csv
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 from avrare.testing.problems import walk
+from plain_results import plain_result
 
 NAMES = {
     "escape": "\x1b]0;owned\x07\x1b[2J",
@@ -99,7 +99,7 @@ def check_of(name, estimate):
 
 def comparison_of(name, problem):
     (arm,) = parse_arms("mc", [], None, default_registry())
-    runs = tuple(Repetition(k, 0.1, (0.05, 0.2), 0.1, 9, 90, 3, 0, (name,), 0.1) for k in range(3))
+    runs = (plain_result(failures=3, interval=(0.05, 0.2), health={name: name}),) * 3
     entries = ArmResult(replace(arm, label=name), runs), ArmResult(arm, refusal=UsageError(name))
     design = StudyDesign(Budget("steps", 1e6), repeat=3)
     return Comparison(ComparisonCase(name, name, problem), design, entries, GroundTruth(0.1, name))

@@ -48,7 +48,7 @@ def test_it_checks_an_estimator_of_another_family(run):
     result = run("estimator={plugin: mc, rollouts: 20000}", "cross_check={share: 0.3}")
     assert (result.cross_check.estimator, result.cross_check.outcome) == ("widened", "agree")
     named = run("estimator={plugin: mc, rollouts: 20000}", "cross_check={estimator: widened, share: 0.3}")
-    assert named.cross_check.probability == result.cross_check.probability
+    assert named.cross_check.result.probability == result.cross_check.result.probability
     assert "avrare-widened" in load("gust.yaml", ["cross_check=true", "estimator={plugin: mc}"]).versions
 
 

@@ -19,7 +19,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ScenarioError, UsageError
-from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 
@@ -71,29 +71,12 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Estimate at some values.
-
-    Attributes:
-        probability: The estimate.
-        interval: Its interval.
-        failures: Its failures; None where none was found.
-        rollouts: What it cost.
-    """
-
-    probability: float
-    interval: Interval
-    failures: FailureSample | None
-    rollouts: int
-
-
-@dataclass(frozen=True)
 class Iteration:
     """Iteration of a descent.
 
     Attributes:
         values: (P,) numbers.
-        measured: Estimate at them; None where the scenario does not accept them.
+        measured: Estimate at them, with failing tapes; None where the scenario does not accept them.
         best: Nothing before was better.
         gradient: (P,) of log p in the units of the numbers, shrunk by its error; None where it was not
             wanted.
@@ -102,7 +85,7 @@ class Iteration:
     """
 
     values: Floats
-    measured: Measured | None
+    measured: Result | None
     best: bool
     gradient: Floats | None = None
     derivatives: tuple[Derivative, ...] = ()
@@ -114,7 +97,7 @@ class Iteration:
         return 0.0 if self.gradient is None else float(np.linalg.norm(self.gradient))
 
 
-Measure = Callable[[LoadedScenario, int], Measured]
+Measure = Callable[[LoadedScenario, int], Result]
 """Estimate of a scenario's probability; the number is that of the iteration."""
 
 
@@ -137,7 +120,7 @@ def descend(
         found, refusal = _measure(numbers, values, measure, i)
         better = found is not None and (best is None or _beats(found, best.measured, search))
         now = Iteration(values, found, better, refusal=refusal)
-        enough = found is None or found.failures is None or search.reached(found.probability)
+        enough = found is None or not len(found.failures.robustness) or search.reached(found.probability)
         if better and found is not None and i + 1 < search.iterations and not enough:
             now = _try_gradient(now, numbers, search, runner, i)
         yield now
@@ -152,13 +135,13 @@ def descend(
         values = best.values + numbers.scale * move
 
 
-def _beats(found: Measured, best: Measured | None, search: Search) -> bool:
+def _beats(found: Result, best: Result | None, search: Search) -> bool:
     return best is None or search.sign * (found.probability - best.probability) > 0.0
 
 
 def _measure(
     numbers: ScenarioNumbers, values: Floats, measure: Measure, number: int
-) -> tuple[Measured | None, str]:
+) -> tuple[Result | None, str]:
     try:
         return measure(numbers.at(values), number), ""
     except (ScenarioError, UsageError) as error:
@@ -185,8 +168,8 @@ def _longest_fall(gradient: Floats) -> float:
 def _with_gradient(
     now: Iteration, numbers: ScenarioNumbers, search: Search, runner: TapeRunner, number: int
 ) -> Iteration:
-    sample = now.measured.failures if now.measured is not None else None
-    assert sample is not None
+    assert now.measured is not None
+    sample = FailureSample.of(now.measured)
     lines = _directions(len(now.values), search, number)
     found = []
     for k, line in enumerate(lines):

@@ -29,7 +29,7 @@ from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
-from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario, load, select_specification
 from avrare.rollout.problem import Problem
@@ -172,7 +172,8 @@ def sensitivity(
         sample = sample_failures(problem, rollouts, seed, confidence, tapes)
         interval = intervals.clopper_pearson(sample.size, rollouts, confidence, sample.errors)
     else:
-        sample, interval = take_sample(Path(run), name, scenario.scenario)
+        result = read_failing_result(Path(run), name, scenario.scenario)
+        sample, interval = FailureSample.of(result), result.interval
     derivation = _Derivation(scenario, problem, sample, rollouts, step, seed, tapes)
     rows = [derivation.derive(parameter, value) for parameter, value in values.items()]
     return Sensitivities(
@@ -216,8 +217,8 @@ class _Derivation:
         return self.scenario.at(parameter, value).stack.loop.perception
 
 
-def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[FailureSample, Interval]:
-    """Return the stored failures of a specification, and the interval of its estimate.
+def read_failing_result(run: Path, name: str, scenario: LoadedScenario) -> Result:
+    """Return the stored result of a specification, with failures.
 
     Raises:
         UsageError: The run stored none, or is of another scenario.
@@ -228,7 +229,7 @@ def take_sample(run: Path, name: str, scenario: LoadedScenario) -> tuple[Failure
     if differences := _find_differences(stored, name, scenario.definition):
         text = f"{run}: its failures are of another scenario: {differences}"
         raise UsageError(text, "give the run of this scenario, or none")
-    return FailureSample.of(stored[name]), stored[name].interval
+    return stored[name]
 
 
 def _find_differences(run: Run, name: str, definition: Scenario) -> str:

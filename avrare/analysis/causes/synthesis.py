@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from avrare.analysis.causes.descent import Iteration, Measured, Search, descend
-from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.descent import Iteration, Search, descend
 from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-from avrare.analysis.causes.scenario_parameters import ParametricScenario, take_sample
+from avrare.analysis.causes.scenario_parameters import ParametricScenario, read_failing_result
 from avrare.analysis.causes.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.atomic_files import explain_file_errors, write_text
@@ -181,7 +180,11 @@ def synthesize(
                 show(line)
         iterations.append(iteration)
     best, start = [entry for entry in iterations if entry.best][-1], iterations[0]
-    if best.measured is None or start.measured is None or (best is start and start.measured.failures is None):
+    if (
+        best.measured is None
+        or start.measured is None
+        or (best is start and not len(start.measured.failures.robustness))
+    ):
         raise UsageError(f"{name}: no failure was found at the start", "give a larger budget, or a run")
     p = start.measured.probability
     if best is start:
@@ -201,14 +204,11 @@ class _Estimates:
     workers: int
     run: str | os.PathLike[str] | None
 
-    def measure(self, scenario: LoadedScenario, number: int) -> Measured:
+    def measure(self, scenario: LoadedScenario, number: int) -> Result:
         """Return the estimate of an iteration; the first one may be that of a run."""
         if number == 0 and self.run is not None:
-            sample, interval = take_sample(Path(self.run), self.specification, scenario)
-            return Measured(sample.probability, interval, sample, 0)
-        result = self._estimate(scenario, self.seed + number, scenario.definition.confidence)
-        failures = FailureSample.of(result) if len(result.failures.robustness) else None
-        return Measured(result.probability, result.interval, failures, result.rollouts)
+            return read_failing_result(Path(self.run), self.specification, scenario)
+        return self._estimate(scenario, self.seed + number, scenario.definition.confidence)
 
     def prove(
         self, before: LoadedScenario, after: LoadedScenario, p: float, rollouts: int | None, maximise: bool
@@ -256,6 +256,6 @@ def _describe_iteration(number: int, iteration: Iteration, numbers: ScenarioNumb
     if measured is None:
         return [f"{number:<6}{'refused':<11}{'':<42}{values}", *refusal]
     p, interval = format_probability(measured.probability), format_interval(measured.interval)
-    failures = measured.failures.size if measured.failures is not None else 0
+    failures = len(measured.failures.robustness)
     slope = f"{iteration.slope:.2g}" if iteration.gradient is not None else "" if iteration.best else "worse"
     return [f"{number:<6}{p:<11}{interval:<24}{failures:<10}{slope:<8}{values}", *refusal]

@@ -81,10 +81,14 @@ def _pool_checks(batches: Sequence[Result]) -> tuple[CrossCheckResult | None, li
     if not checked:
         return None, []
     outcomes = ("disagree", "agree", "inconclusive")
-    gravest, notes = min(reversed(checked), key=lambda pair: outcomes.index(pair[0].outcome))
+    gravest, notes = min(
+        reversed(checked), key=lambda pair: (outcomes.index(pair[0].outcome), pair[0].result is None)
+    )
+    results = [check.result for check, _ in checked if check.result is not None]
     names = ("rollouts", "simulated_steps", "seconds")
-    costs: dict[str, Any] = {name: sum(getattr(check, name) for check, _ in checked) for name in names}
-    return replace(gravest, **costs), [note for note in notes if note.kind == "cross_check"]
+    costs: dict[str, Any] = {name: sum(getattr(result, name) for result in results) for name in names}
+    whole = gravest.result and replace(gravest.result, **costs)
+    return replace(gravest, result=whole), [note for note in notes if note.kind == "cross_check"]
 
 
 def _pool_counts(batches: Sequence[Result]) -> _PooledMean | None:

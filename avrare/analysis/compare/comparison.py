@@ -9,7 +9,6 @@ from avrare.analysis.compare.case import ENOUGH_FAILURES, POOLED, ComparisonCase
 from avrare.analysis.compare.estimator_options import Arm
 from avrare.analysis.compare.repetition_statistics import (
     MIN_REPETITIONS,
-    Repetition,
     Summary,
     find_disagreements,
     summarise,
@@ -18,6 +17,7 @@ from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_confidence, format_narrow
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import Result
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class StudyDesign:
 
 @dataclass(frozen=True)
 class ArmResult:
-    """Estimates of one estimator."""
+    """Estimates of one estimator, in the order of their seeds, without tapes."""
 
     arm: Arm
-    repetitions: tuple[Repetition, ...] = ()
+    repetitions: tuple[Result, ...] = ()
     refusal: AvrareError | None = None  # if it cannot take the problem; its estimates enter no statistic
 
 

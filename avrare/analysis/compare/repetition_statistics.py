@@ -22,38 +22,6 @@ _BIAS_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Repetition:
-    """One estimate of a study, without its noise tapes; fields as in ``Result``."""
-
-    seed: int
-    probability: float
-    interval: Interval
-    relative_error: float
-    rollouts: int
-    simulated_steps: int
-    failures: int
-    errors: int
-    health: tuple[str, ...]
-    seconds: float
-
-    @staticmethod
-    def from_result(result: Result, seed: int) -> Repetition:
-        """Return a result without its noise tapes."""
-        return Repetition(
-            seed,
-            result.probability,
-            result.interval,
-            result.relative_error,
-            result.rollouts,
-            result.simulated_steps,
-            result.failures.count,
-            result.errors,
-            tuple(result.health),
-            result.seconds,
-        )
-
-
-@dataclass(frozen=True)
 class Accuracy:
     """Distance of the repetitions from the truth."""
 
@@ -88,7 +56,7 @@ class Summary:
 
 
 def summarise(
-    repetitions: Sequence[Repetition], truth: GroundTruth | None, steps: int, confidence: float
+    repetitions: Sequence[Result], truth: GroundTruth | None, steps: int, confidence: float
 ) -> Summary | None:
     """Return the statistics of an estimator; None if it has no repetitions.
 
@@ -121,7 +89,7 @@ def find_disagreements(labels: Sequence[str], summaries: Sequence[Summary | None
 
 
 def _accuracy(
-    repetitions: Sequence[Repetition], values: Floats, cost: Floats, truth: GroundTruth, confidence: float
+    repetitions: Sequence[Result], values: Floats, cost: Floats, truth: GroundTruth, confidence: float
 ) -> Accuracy:
     p = truth.probability
     squares = (values / p - 1.0) ** 2
@@ -147,7 +115,7 @@ def _accuracy(
     )
 
 
-def _mean_interval(repetitions: Sequence[Repetition], confidence: float) -> Interval:
+def _mean_interval(repetitions: Sequence[Result], confidence: float) -> Interval:
     values = np.array([one.probability for one in repetitions])
     mean = float(values.mean())
     if mean == 0.0:

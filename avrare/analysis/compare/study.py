@@ -17,7 +17,6 @@ from avrare.analysis.compare.case import (
 )
 from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import Arm, make_arm, parse_arms, split_settings
-from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import check_estimate
@@ -150,7 +149,7 @@ def _find_refusal(case: ComparisonCase, arm: Arm, design: StudyDesign) -> UsageE
 
 def _pool_monte_carlo(results: Sequence[ArmResult]) -> GroundTruth | None:
     candidates = [
-        (sum(one.failures for one in result.repetitions), result.repetitions)
+        (sum(one.failures.count for one in result.repetitions), result.repetitions)
         for result in results
         if result.arm.name == "mc" and result.refusal is None
     ]
@@ -163,14 +162,14 @@ def _pool_monte_carlo(results: Sequence[ArmResult]) -> GroundTruth | None:
 
 def _run_repetitions(
     case: ComparisonCase, results: Mapping[str, ArmResult], design: StudyDesign, watch: StudyWatch
-) -> Iterator[tuple[str, Repetition | AvrareError]]:
+) -> Iterator[tuple[str, Result | AvrareError]]:
     # The estimators alternate, so that an interrupted study compares equal numbers.
     for r in range(design.repeat):
         for label, arm in ((label, result.arm) for label, result in results.items() if not result.refusal):
             seed, name = design.seed + r, f"{label}  {r + 1}/{design.repeat}"
             try:
                 result = _estimate(case, arm, design, seed, design.budget, watch, name)
-                yield label, Repetition.from_result(result, seed)
+                yield label, result.without_tapes()
             except AvrareError as error:
                 yield label, error
 

@@ -97,17 +97,7 @@ def add_cross_check(
     settings = replace(settings, seed=int(seed), budget=None)
     second = execute(problem, sized, settings)
     outcome, noticed = compare(result, second)
-    cross_check = CrossCheckResult(
-        estimator=second.estimator,
-        outcome=outcome,
-        share=check.share,
-        probability=second.probability,
-        interval=second.interval,
-        noticed=noticed,
-        rollouts=second.rollouts,
-        simulated_steps=second.simulated_steps,
-        seconds=second.seconds,
-    )
+    cross_check = CrossCheckResult(second.estimator, outcome, check.share, noticed, second.without_tapes())
     checked = _add(result, cross_check, _describe(second, outcome, noticed, check.share))
     if outcome != "disagree" or "estimators_disagree" in settings.suppress:
         return checked

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,6 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
 
 _STAGE = 2**15
-RECORD = "record"
-"""Key of the record among the diagnostics of a recorder's results, which no file ever sees."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +34,11 @@ class Record:
     robustness: Floats
     error: Bools
     messages: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class _RecordedResult(Result):
+    record: Record
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Recorder(Estimator):
             )
         failures = Failures(worst.noise[None][:0], robustness[:0], int(violated.sum()))
         values = np.array([float(violated.mean()) if len(violated) else 0.0])
-        return build_result(
+        result = build_result(
             plan,
             self.name,
             state.info,
@@ -109,8 +111,8 @@ class Recorder(Estimator):
             failures=failures,
             worst=worst,
             robustness=robustness,
-            diagnostics={RECORD: record},
         )
+        return _RecordedResult(**vars(result), record=record)
 
 
 def draw_tapes(noise: NoiseSource, steps: int, particles: Integers) -> Floats:
@@ -120,9 +122,9 @@ def draw_tapes(noise: NoiseSource, steps: int, particles: Integers) -> Floats:
 
 def take_record(results: list[Result]) -> Record:
     """Return the record of a recorder's results."""
-    found: Any = results[0].diagnostics[RECORD]
-    assert isinstance(found, Record)
-    return found
+    result = results[0]
+    assert isinstance(result, _RecordedResult)
+    return result.record
 
 
 def _joined(parts: tuple[Record, ...], specifications: int) -> Record:

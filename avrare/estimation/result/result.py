@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -70,23 +70,19 @@ class CrossCheckResult:
         estimator: Name of the estimator.
         outcome: "agree", "disagree" or "inconclusive".
         share: Cost that was meant for it, as a share of the estimate's.
-        probability: Its estimate; None where it did not run.
-        interval: Its interval.
         noticed: Least factor between the two estimates that would have counted as disagreement.
-        rollouts: Number of starts and branches.
-        simulated_steps: Particle rows passed to ``System.step``.
-        seconds: Wall time [s].
+        result: The second estimate, without its tapes; None where it did not run.
     """
 
     estimator: str
     outcome: str
     share: float
-    probability: float | None = None
-    interval: Interval | None = None
     noticed: float | None = None
-    rollouts: int = 0
-    simulated_steps: int = 0
-    seconds: float = 0.0
+    result: Result | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry of result.json."""
+        return vars(self) | {"result": self.result and self.result.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -205,6 +201,11 @@ class Result:
             )
         return self.origin
 
+    def without_tapes(self) -> Result:
+        """Return the result without failing tapes and rollouts, of which many fit into memory."""
+        failures = Failures(self.failures.noise[:0], self.failures.robustness[:0], self.failures.count)
+        return replace(self, failures=failures, robustness=self.robustness[:0])
+
     def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json; NaN and infinities become None."""
         entry = {
@@ -228,7 +229,7 @@ class Result:
             "notes": [asdict(note) for note in self.notes],
             "verdict": self.verdict,
             "warnings": self.health,
-            "cross_check": asdict(self.cross_check) if self.cross_check else None,
+            "cross_check": self.cross_check and self.cross_check.to_dict(),
             "run_probabilities": self.run_probabilities.tolist(),
             "relation": self.relation,
             "worst_robustness": self.worst.robustness,

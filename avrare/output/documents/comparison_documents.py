@@ -12,6 +12,12 @@ from avrare.base import version
 from avrare.estimation.result.result import finite
 from avrare.scenario.fingerprint import fingerprint
 
+_REPETITION_FIELDS = (
+    "probability", "interval", "relative_error", "rollouts", "simulated_steps", "failures", "errors",
+    "health", "seconds",
+)  # fmt: skip
+"""Fields of the entries of a repetition's result."""
+
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
     """Return all numbers of a comparison, JSON-ready; NaN and infinities become null."""
@@ -33,20 +39,25 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "interrupted": comparison.interrupted,
         "disagree": find_disagreements([one.arm.label for one in comparison.arms], summaries),
         "estimators": [
-            _encode_arm(one, summary) for one, summary in zip(comparison.arms, summaries, strict=True)
+            _encode_arm(arm, summary, design.seed)
+            for arm, summary in zip(comparison.arms, summaries, strict=True)
         ],
     }
     return finite(content)  # type: ignore[no-any-return]
 
 
-def _encode_arm(result: ArmResult, summary: Summary | None) -> dict[str, Any]:
+def _encode_arm(result: ArmResult, summary: Summary | None, seed: int) -> dict[str, Any]:
+    entries = [repetition.to_dict() for repetition in result.repetitions]
     return {
         "label": result.arm.label,
         "estimator": result.arm.name,
         "options": result.arm.config.model_dump(mode="json"),
         "refusal": result.refusal.message if result.refusal else None,
         "summary": asdict(summary) if summary else None,
-        "repetitions": [{**asdict(one), "seconds": round(one.seconds, 3)} for one in result.repetitions],
+        "repetitions": [
+            {"seed": seed + k} | {name: entry[name] for name in _REPETITION_FIELDS}
+            for k, entry in enumerate(entries)
+        ],
     }
 
 

@@ -104,7 +104,9 @@ def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
 )
 def test_the_gravest_cross_check_of_all_batches_stands_at_the_cost_of_all(estimate, outcomes, kept):
     checks = [
-        CrossCheckResult(f"check {k}", outcome, 0.15, rollouts=10**k, simulated_steps=2 * 10**k)
+        CrossCheckResult(
+            f"check {k}", outcome, 0.15, result=estimate(rollouts=10**k, simulated_steps=2 * 10**k)
+        )
         for k, outcome in enumerate(outcomes)
     ]
     batches = [
@@ -114,8 +116,8 @@ def test_the_gravest_cross_check_of_all_batches_stands_at_the_cost_of_all(estima
     whole = pool(batches, 0.01)
     assert whole.cross_check.estimator == f"check {kept}"
     assert whole.notes == (Note("cross_check", f"check {kept}"),)
-    assert whole.cross_check.rollouts == sum(10**k for k in range(len(checks)))
-    assert whole.cross_check.simulated_steps == 2 * whole.cross_check.rollouts
+    assert whole.cross_check.result.rollouts == sum(10**k for k in range(len(checks)))
+    assert whole.cross_check.result.simulated_steps == 2 * whole.cross_check.result.rollouts
 
 
 def test_pooled_batches_have_the_notes_of_the_newest_but_for_its_goal(estimate):

@@ -8,7 +8,6 @@ from rich.console import Console
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth
 from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
-from avrare.analysis.compare.repetition_statistics import Repetition
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.plan.budget import Budget
@@ -16,15 +15,22 @@ from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
 from avrare.testing.problems import conjunction, walk
+from plain_results import plain_result
 
 P = 1.165e-4
 LONG = "is:proposal={name: gaussian, mean: 0.4, std: 1.1}"
 
 
 def repetitions(values, health=()):
+    fields = {
+        "rollouts": 9876,
+        "simulated_steps": 987_600,
+        "failures": 3,
+        "health": dict.fromkeys(health, ""),
+    }
     return tuple(
-        Repetition(r, value, (value / 2, max(2 * value, 1e-5)), 0.1, 9876, 987_600, 3, 0, health, 0.1)
-        for r, value in enumerate(values)
+        plain_result(probability=value, interval=(value / 2, max(2 * value, 1e-5)), **fields)
+        for value in values
     )
 
 

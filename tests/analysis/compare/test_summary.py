@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 
 from avrare.analysis.compare.case import GroundTruth
-from avrare.analysis.compare.repetition_statistics import Repetition, find_disagreements, summarise
+from avrare.analysis.compare.repetition_statistics import find_disagreements, summarise
 from avrare.estimation.result import intervals
+from plain_results import plain_result
 
 P = 1e-3
 
 
 def repetition(value, interval=None, rollouts=100, health=(), relative_error=math.nan, steps=None):
-    span = interval or (value / 2, value * 2)
-    cost = 10 * rollouts if steps is None else steps
-    return Repetition(0, value, span, relative_error, rollouts, cost, 0, 0, health, 0.0)
+    return plain_result(
+        probability=value,
+        interval=interval or (value / 2, value * 2),
+        relative_error=relative_error,
+        rollouts=rollouts,
+        simulated_steps=10 * rollouts if steps is None else steps,
+        health=dict.fromkeys(health, ""),
+    )
 
 
 def summary(*repetitions, truth=P, steps=10):

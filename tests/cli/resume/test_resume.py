@@ -333,8 +333,8 @@ def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, caps
     def content(out):
         found = night.result(out)
         for entry in found["estimates"]:
-            assert entry["cross_check"]["rollouts"] > 0
-            del entry["cross_check"]["seconds"]
+            assert entry["cross_check"]["result"]["rollouts"] > 0
+            del entry["cross_check"]["result"]["seconds"]
         return found
 
     assert content("torn") == content("whole")
