@@ -6,7 +6,10 @@ from statistics import NormalDist
 import pytest
 
 import avrare
+from avrare.cli.main import main
+from avrare.estimation.result.note import Note
 from avrare.plugin.registry import default_registry
+from avrare.results.run import Run
 from avrare.scenario.json_schema import scenario_schema
 from avrare.scenario.load import load
 
@@ -66,6 +69,16 @@ def test_its_warning_can_be_suppressed(run):
     assert not run(estimator, "suppress=[widened_noise]").health
     with pytest.raises(avrare.AvrareError, match="no health warning 'wide_noise'"):
         run(estimator, "suppress=[wide_noise]")
+
+
+def test_its_notes_are_stored_and_shown(run, capsys):
+    text = "The noise is 1.5 times as wide as it is meant to be."
+    assert main(["run", "gust.yaml", "--set", "estimator={plugin: widened}", "--out", "out"]) == 0
+    assert text in " ".join(capsys.readouterr().out.split())
+    result = Run.read("out")["in_lane"]
+    assert Note("widening", text) in result.notes
+    assert text in result._repr_html_()
+    assert text in result.report("report.html").read_text()
 
 
 def test_its_charts_are_in_the_report(run):

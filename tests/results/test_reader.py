@@ -70,7 +70,7 @@ def test_diagnostics_are_read_as_they_were_written(tmp_path):
     ("note", "place"),
     [
         ({"text": "The goal was reached."}, "kind"),
-        ({"kind": "gaol", "text": "The goal was reached."}, "kind"),
+        ({"kind": 3, "text": "The goal was reached."}, "kind"),
         ({"kind": "goal"}, "text"),
         ({"kind": "goal", "text": 3}, "text"),
     ],

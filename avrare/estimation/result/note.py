@@ -4,37 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from pydantic import ConfigDict, with_config
 
 from avrare.base.number_format import format_narrow
 
-NoteKind = Literal[
-    "goal", "score", "pilot", "learning", "climb", "cause", "twin", "counts", "blind", "choice", "model",
-    "cross_check",
-]  # fmt: skip
-"""Subject of a note.
-
-- ``goal``: whether the estimate reached its goal, and which rollouts count
-- ``score``, ``pilot``: how the score and the size of the runs were chosen
-- ``learning``, ``climb``: where the rollouts that count were drawn
-- ``cause``: noise that leads to failures, and when they are lost
-- ``twin``: how a cheap twin was used
-- ``counts``: counters of the system
-- ``blind``: failures that the score does not lead to
-- ``choice``: why ``auto`` chose the estimator
-- ``model``: uncertainty that comes from an ensemble of models
-- ``cross_check``: the second estimate
-"""
-
 
 @with_config(ConfigDict(strict=False))  # strict models read it from JSON
 @dataclass(frozen=True)
 class Note:
-    """Complete sentence about an estimate, other than a health warning."""
+    """Complete sentence about an estimate, other than a health warning.
 
-    kind: NoteKind
+    Attributes:
+        kind: Its subject, in one word (docs/python.md lists those in use); any estimator may add its own.
+        text: The sentence.
+    """
+
+    kind: str
     text: str
 
 

@@ -13,6 +13,7 @@ from avrare.estimation.checks.result_builder import build_result
 from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.charts import draw_histogram
 from avrare.estimation.result.intervals import log_normal, unknown
+from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Worst
 from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
 from avrare.rollout.request import Request, Rollouts
@@ -80,6 +81,7 @@ class Widened(Estimator):
                 failures=Failures(tapes[rows], robustness[rows], len(rows)),
                 worst=Worst(tapes[worst], robustness[worst]),
                 robustness=robustness,
+                notes=(Note("widening", f"The noise is {scale:g} times as wide as it is meant to be."),),
                 diagnostics={"weights": np.sort(weights[rows]).tolist()},
             )
         ]  # fmt: skip
