@@ -28,7 +28,7 @@ from avrare.base.chart import Chart, Scale, make_log_scale
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_amount_in_words, format_percent
 from avrare.estimation.result.charts import draw_charts
-from avrare.estimation.result.result import Result
+from avrare.estimation.result.result import COLUMNS, Result
 from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.logic.syntax.words import to_words
 from avrare.plugin.registry import default_registry
@@ -76,8 +76,7 @@ def _build_estimate(run: Run, result: Result) -> Estimate:
         result.confidence,
         result.relative_error if math.isfinite(result.relative_error) else None,
         result.rollouts,
-        result.failures.count,
-        result.errors,
+        tuple((column.name, column.count(result)) for column in COLUMNS),
         result.seconds,
         tuple(Limit(threshold.strict, threshold.limit) for threshold in limits),
         tuple(result.health.items()),

@@ -33,8 +33,7 @@ class Estimate:
     confidence: float
     relative_error: float | None
     rollouts: int
-    failures: int
-    errors: int
+    counts: tuple[tuple[str, int], ...]
     seconds: float
     limits: tuple[Limit, ...]
     warnings: tuple[tuple[str, str], ...]

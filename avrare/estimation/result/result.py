@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -142,8 +142,7 @@ class Result:
         error_share: Probability that a rollout ends in an error, where it is not errors over rollouts.
         notes: Sentences about the estimate, the same in every table, page and notebook.
         counts: Counters of the system, summed over all rollouts.
-        diagnostics: Further numbers (levels, roots, ...), JSON-ready; only the estimator that writes a name
-            reads it.
+        diagnostics: Further numbers (levels, roots, ...), JSON-ready, that only their estimator reads.
         artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.
         blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
             None where every rollout was drawn from the target, as in Monte Carlo.
@@ -252,9 +251,7 @@ class Result:
             "low": low,
             "high": high,
             "relative_error": self.relative_error,
-            "rollouts": self.rollouts,
-            "failures": self.failures.count,
-            "errors": self.errors,
+            **{column.name: column.count(self) for column in COLUMNS},
             "seconds": self.seconds,
             "verdict": self.verdict,
             "warnings": tuple(self.health),
@@ -301,6 +298,33 @@ class Result:
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"origin": None}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Count of a result, with a column in every table: terminal, notebook, report and ``Result.table``.
+
+    Attributes:
+        name: Heading.
+        count: Function that returns the count of a result.
+        optional: Whether narrow tables leave it out where it is 0 for all results.
+    """
+
+    name: str
+    count: Callable[[Result], int]
+    optional: bool = False
+
+
+COLUMNS = (
+    Column("rollouts", lambda result: result.rollouts),
+    Column("failures", lambda result: result.failures.count),
+    Column("errors", lambda result: result.errors, optional=True),
+)
+
+
+def choose_columns(results: Sequence[Result]) -> list[Column]:
+    """Return the columns of a narrow table."""
+    return [column for column in COLUMNS if not column.optional or any(map(column.count, results))]
 
 
 class ResultMapping(Mapping[str, Result]):

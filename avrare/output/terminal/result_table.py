@@ -8,15 +8,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from avrare.base.number_format import format_interval, format_probability
-from avrare.estimation.result.result import Result
+from avrare.estimation.result.result import Result, choose_columns
 from avrare.output.terminal.console import colour_verdict, make_table
 
 
 def result_table(title: str, results: Sequence[Result]) -> Table:
     """Return one row per specification; verdicts take the place of seconds, to fit into 80 columns."""
     verdicts = any(result.verdict for result in results)
-    errors = any(result.errors for result in results)
-    numbers = ["probability", "interval", "rollouts", "failures", *(["errors"] if errors else [])]
+    columns = choose_columns(results)
+    numbers = ["probability", "interval", *(column.name for column in columns)]
     table = make_table(title, ["specification"], numbers if verdicts else [*numbers, "seconds"])
     if verdicts:
         table.add_column("verdict", no_wrap=True)
@@ -25,9 +25,7 @@ def result_table(title: str, results: Sequence[Result]) -> Table:
             escape(result.specification),
             format_probability(result.probability),
             format_interval(result.interval),
-            str(result.rollouts),
-            str(result.failures.count),
-            *([str(result.errors)] if errors else []),
+            *(str(column.count(result)) for column in columns),
             colour_verdict(result.verdict) if verdicts else f"{result.seconds:.1f}",
         )
     return table
