@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from avrare.analysis.causes.kind_descriptions import describe_kinds
-from avrare.analysis.causes.kinds import Kinds, kinds_of_result
+from avrare.analysis.causes.kinds import Kinds, find_kinds
 from avrare.analysis.failures.shrink import BUDGET
 from avrare.base.errors import UsageError
 from avrare.cli.failure_output import progress_line
@@ -27,7 +27,7 @@ def execute(args: argparse.Namespace) -> None:
     content = {
         "kinds": {
             name: {
-                "probability": kinds.probability,
+                "probability": kinds.result.probability,
                 "kinds": list(kinds.table()),
                 "points": np.round(kinds.points, 4).tolist(),
                 "labels": kinds.labels.tolist(),
@@ -41,7 +41,7 @@ def execute(args: argparse.Namespace) -> None:
 
 def _find(run: Run, name: str, args: argparse.Namespace) -> Kinds:
     result, problem = run[name], run.scenario.problem(name)
-    kinds = kinds_of_result(result, args.max_kinds, args.method)
+    kinds = find_kinds(result, args.max_kinds, args.method)
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget

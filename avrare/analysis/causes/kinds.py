@@ -84,18 +84,14 @@ class Kinds(Answer, Sequence[Kind]):
     """Kinds of failure of one specification, the likeliest first.
 
     Attributes:
-        specification: Its name.
-        kinds: The kinds; their probabilities add up to ``probability``.
-        probability: The estimate.
-        interval: Its interval.
+        result: The estimate that they divide.
+        kinds: The kinds; their probabilities add up to that of the estimate.
         points: (F, 2) failures along the first two principal components, for a picture.
         labels: (F,) kind of each kept failure.
     """
 
-    specification: str
+    result: Result
     kinds: tuple[Kind, ...]
-    probability: float
-    interval: Interval
     points: Floats
     labels: NDArray[np.int64]
 
@@ -127,8 +123,8 @@ class Kinds(Answer, Sequence[Kind]):
     def lines(self) -> list[str]:
         """Return the kinds in words."""
         count = len(self.kinds)
-        total = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
-        head = f"{self.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
+        total = f"{format_probability(self.result.probability)} ({format_interval(self.result.interval)})"
+        head = f"{self.result.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
         return [
             head,
             *(line for number, kind in enumerate(self.kinds, 1) for line in _describe(number, kind)),
@@ -144,21 +140,18 @@ def _describe(number: int, kind: Kind) -> list[str]:
     return [line, *told, *(f"   warning: {text}" for text in kind.warnings)]
 
 
-def find_kinds(
-    problem: Problem, sample: FailureSample, interval: Interval, *, max_kinds: int = 6, method: str = "kmeans"
-) -> Kinds:
-    """Sort the failures of the first specification of ``problem`` into kinds.
+def find_kinds(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Kinds:
+    """Sort the failures of a result into kinds.
 
     Args:
-        problem: Problem whose failures they are; its rollouts are replayed.
-        sample: The failures.
-        interval: Interval of the estimate.
+        result: Estimate whose failures they are; its rollouts are replayed.
         max_kinds: Largest number of kinds.
         method: "kmeans" or "hdbscan" (needs scikit-learn).
 
     Raises:
         UsageError: The method is unknown or not installed, or the failures do not fail again.
     """
+    problem, sample = result.require_origin().problem, FailureSample.of(result)
     if method not in METHODS:
         raise UsageError(f"unknown method {method!r}", f"one of: {', '.join(METHODS)}")
     rollouts = replay_tapes(problem, sample.failures.noise)
@@ -173,7 +166,7 @@ def find_kinds(
     shares = np.bincount(labels, sample.shares)
     labels = np.argsort(np.argsort(-shares, kind="stable"), kind="stable")[labels]
     kinds = [_make_kind(problem, sample, labels == k, features, causes) for k in range(len(shares))]
-    return Kinds(problem.names[0], tuple(kinds), sample.probability, interval, components[:, :2], labels)
+    return Kinds(result, tuple(kinds), components[:, :2], labels)
 
 
 def _make_features(
@@ -327,9 +320,3 @@ def _format_window(begin: int, end: int, dt: float | None) -> str:
     if dt is None:
         return f"at step {begin}" if begin == end else f"in steps {begin}-{end}"
     return f"at t = {begin * dt:.1f} s" if begin == end else f"at t = {begin * dt:.1f}-{end * dt:.1f} s"
-
-
-def kinds_of_result(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Kinds:
-    """Return the kinds of failure of a result that was made in this process."""
-    problem, sample = result.require_origin().problem, FailureSample.of(result)
-    return find_kinds(problem, sample, result.interval, max_kinds=max_kinds, method=method)

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 
 from avrare.analysis.causes.attribution import Attribution, attribution_of_result
-from avrare.analysis.causes.kinds import Kinds, kinds_of_result
+from avrare.analysis.causes.kinds import Kinds, find_kinds
 from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.result import Result
@@ -34,7 +34,8 @@ class Why(Answer):
     def lines(self) -> list[str]:
         """Return the kinds, and the tables of the attribution, in words."""
         if self.attribution is None:
-            return [*self.kinds.lines(), f"{self.kinds.specification}: one failure is too few to attribute"]
+            name = self.kinds.result.specification
+            return [*self.kinds.lines(), f"{name}: one failure is too few to attribute"]
         return [*self.kinds.lines(), *self.attribution.lines()]
 
 
@@ -65,7 +66,7 @@ def why(
         UsageError: There are no failures, or several specifications have some and none is named.
     """
     result = source if isinstance(source, Result) else _select(source, specification)
-    kinds = kinds_of_result(result, max_kinds, method)
+    kinds = find_kinds(result, max_kinds, method)
     enough = len(result.failures.robustness) > 1
     return Why(kinds, attribution_of_result(result, fresh, channels, workers, seed) if enough else None)
 

@@ -9,7 +9,7 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample, ModelInterval
-from avrare.analysis.causes.kinds import describe_noise, kinds_of_result
+from avrare.analysis.causes.kinds import describe_noise, find_kinds
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
 from avrare.estimation.combine.ensemble import combine
@@ -36,7 +36,7 @@ def result():
 
 
 def test_two_modes_are_found_with_their_shares(result):
-    kinds = kinds_of_result(result)
+    kinds = find_kinds(result)
     assert len(kinds) == 2
     for kind, truth in zip(kinds, (LIKELY, RARE), strict=True):
         low, high = kind.interval
@@ -47,7 +47,7 @@ def test_two_modes_are_found_with_their_shares(result):
 
 
 def test_a_kind_is_told_by_what_is_violated_and_by_the_noise_that_does_it(result):
-    likely, rare = kinds_of_result(result)
+    likely, rare = find_kinds(result)
     assert likely.text.startswith("u0 < 2 is violated first")
     assert "noise 0 " in likely.text
     assert "u1 <" in rare.text
@@ -59,19 +59,19 @@ def test_a_kind_is_told_by_what_is_violated_and_by_the_noise_that_does_it(result
 
 def test_one_mode_is_one_kind():
     problem = avrare.Problem(Static(2), avrare.stl("always (u0 < 2)"), steps=0)
-    kinds = kinds_of_result(avrare.estimate(problem, rollouts=2000, seed=0))
+    kinds = find_kinds(avrare.estimate(problem, rollouts=2000, seed=0))
     assert len(kinds) == 1
     assert kinds[0].share == pytest.approx(1.0)
-    assert kinds[0].probability == kinds.probability
-    assert kinds[0].interval == kinds.interval
+    assert kinds[0].probability == kinds.result.probability
+    assert kinds[0].interval == kinds.result.interval
 
 
 def test_the_most_kinds_are_as_asked(result):
-    assert len(kinds_of_result(result, max_kinds=1)) == 1
+    assert len(find_kinds(result, max_kinds=1)) == 1
 
 
 def test_the_table_and_the_text_name_every_kind(result):
-    kinds = kinds_of_result(result)
+    kinds = find_kinds(result)
     assert [row["kind"] for row in kinds.table()] == [1, 2]
     assert repr(kinds).splitlines()[0].startswith("specification: 2 kinds of failure, together 0.02")
 
@@ -84,7 +84,7 @@ def test_weighted_and_related_failures_add_up_to_the_estimate(estimator):
     result = avrare.estimate(problem, estimator, seed=1, **options)
     failures = result.failures
     assert failures.weights.sum() == pytest.approx(result.probability)
-    kinds = kinds_of_result(result)
+    kinds = find_kinds(result)
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
     assert all(kind.interval[0] <= kind.probability <= kind.interval[1] for kind in kinds)
 
@@ -104,7 +104,7 @@ def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
     )
     failures = Failures(noise, -np.ones(8), 8, np.full(8, result.probability / 8), ancestors)
     splitting = dataclasses.replace(result, failures=failures, trials=0, run_probabilities=np.full(3, 0.02))
-    likely, rare = kinds_of_result(splitting)
+    likely, rare = find_kinds(splitting)
     assert not likely.warnings
     assert rare.ancestors == 1
     assert "rests on one first rollout" in rare.warnings[0]
@@ -113,37 +113,37 @@ def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
 def test_monte_carlo_that_stops_by_a_rule_has_wider_parts():
     stopped = avrare.estimate(two_modes(), relative_error=0.2, seed=2)
     assert FailureSample.of(stopped).trials == 0
-    kinds = kinds_of_result(stopped)
+    kinds = find_kinds(stopped)
     assert sum(kind.probability for kind in kinds) == pytest.approx(stopped.probability)
 
 
 def test_without_failures_there_are_no_kinds():
     problem = avrare.Problem(Static(1), avrare.stl("always (u0 < 9)"), steps=0)
     with pytest.raises(UsageError, match="no failure is kept"):
-        kinds_of_result(avrare.estimate(problem, rollouts=10))
+        find_kinds(avrare.estimate(problem, rollouts=10))
 
 
 def test_a_result_of_another_process_says_so(result):
     with pytest.raises(UsageError, match="does not know its problem"):
-        kinds_of_result(dataclasses.replace(result, origin=None))
+        find_kinds(dataclasses.replace(result, origin=None))
 
 
 def test_hdbscan_finds_the_modes_too(result):
-    kinds = kinds_of_result(result, method="hdbscan")
+    kinds = find_kinds(result, method="hdbscan")
     assert len(kinds) >= 2
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
 
 
 def test_an_unknown_method_is_refused(result):
     with pytest.raises(UsageError, match="unknown method 'spectral'"):
-        kinds_of_result(result, method="spectral")
+        find_kinds(result, method="spectral")
 
 
 @pytest.mark.slow
 def test_the_intervals_of_the_kinds_cover_their_probabilities():
     problem, truths, covered = two_modes(), (LIKELY * (1.0 - RARE), RARE * (1.0 - LIKELY)), 0
     for seed in range(60):
-        kinds = kinds_of_result(avrare.estimate(problem, rollouts=3500, seed=100 + seed))
+        kinds = find_kinds(avrare.estimate(problem, rollouts=3500, seed=100 + seed))
         assert len(kinds) == 2
         covered += sum(k.interval[0] <= p <= k.interval[1] for k, p in zip(kinds, truths, strict=True))
     assert covered >= 108  # of 120; 95 % intervals that cover less often than 0.95 would fall below
@@ -236,4 +236,4 @@ def test_the_interval_over_an_ensemble_is_that_of_all_failures(result):
     over = combine(result, 3, None, fresh)
     sample = FailureSample.of(over)
     assert sample.part_interval(np.ones(sample.size, dtype=bool))[1] == pytest.approx(over.interval)
-    assert kinds_of_result(over)[0].interval[1] > kinds_of_result(result)[0].interval[1]
+    assert find_kinds(over)[0].interval[1] > find_kinds(result)[0].interval[1]
