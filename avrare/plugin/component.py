@@ -18,6 +18,8 @@ from avrare.base.late_import import late_import
 if TYPE_CHECKING:
     from avrare.driving import Scene
 
+CHARTS = "avrare.estimation.result.charts:draw_charts"
+"""Charts of estimators that declare none."""
 KINDS = ("simulator", "perception", "tracker", "controller", "specification", "estimator", "executor")
 
 
@@ -146,8 +148,8 @@ class Component:
         cross_check: Role of an estimator in cross-checks; it then has ``scaled``. None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
         charts: ``"package.module:function"`` that draws an estimator's results for the report: called with a
-            ``Result``, it returns a tuple of ``avrare.base.chart.Chart``. Empty: histogram of robustness and
-            convergence over several runs (``avrare.estimation.result.charts``).
+            ``Result``, it returns a tuple of ``avrare.base.chart.Chart``. Default: a histogram of robustness,
+            and the convergence over several runs.
     """
 
     kind: str
@@ -165,7 +167,7 @@ class Component:
     family: str = ""
     cross_check: CheckRole | None = None
     auto: AutoRole | None = None
-    charts: str = ""
+    charts: str = CHARTS
 
     def __post_init__(self) -> None:
         """Take the name for the family where none is given."""

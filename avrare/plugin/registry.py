@@ -17,7 +17,16 @@ from avrare.base import version
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.base.health_messages import MESSAGES
 from avrare.plugin import first_party
-from avrare.plugin.component import API_VERSION, GROUP, KINDS, AutoRole, CheckRole, Component, HookSpecs
+from avrare.plugin.component import (
+    API_VERSION,
+    CHARTS,
+    GROUP,
+    KINDS,
+    AutoRole,
+    CheckRole,
+    Component,
+    HookSpecs,
+)
 from avrare.plugin.first_party import FIRST_PARTY, pip_line
 
 VARIABLE = "AVRARE_PLUGINS"
@@ -153,9 +162,9 @@ class Registry:
         return estimator if component is None else component.family
 
     def charts(self, estimator: str) -> str:
-        """Return the reference to the charts of an estimator; empty where it declares none."""
+        """Return the reference to the charts of an estimator; the default where it is not installed."""
         component = self._find_estimator(estimator)
-        return "" if component is None else component.charts
+        return CHARTS if component is None else component.charts
 
     def _find_estimator(self, name: str) -> Component | None:
         rows = [row for row in self._rows if (row.kind, row.name) == ("estimator", name)]
@@ -259,7 +268,7 @@ def _row(item: object, distribution: str, version: str) -> Row:
         raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
     for field in ("name", "summary", "config", "factory", "rules", "check", "charts", "family"):
         value = getattr(item, field)
-        is_reference = field in ("config", "factory") or (field in ("rules", "check", "charts") and value)
+        is_reference = field in ("config", "factory", "charts") or (field in ("rules", "check") and value)
         if not isinstance(value, str) or (is_reference and ":" not in value):
             text = f"component {item.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)

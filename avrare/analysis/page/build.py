@@ -27,7 +27,6 @@ from avrare.analysis.rates.combination import Interval, Quantity, combine, from_
 from avrare.base.chart import Chart, Scale, make_log_scale
 from avrare.base.late_import import late_import
 from avrare.base.number_format import format_amount_in_words, format_percent
-from avrare.estimation.result.charts import draw_charts
 from avrare.estimation.result.result import COLUMNS, Result
 from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.logic.syntax.words import to_words
@@ -273,8 +272,7 @@ def _build_rule(run: Run, name: str) -> Rule | None:
 
 
 def _draw_charts(result: Result) -> tuple[Chart, ...]:
-    reference = default_registry().charts(result.estimator)
-    draw: Callable[[Result], tuple[Chart, ...]] = late_import(reference) if reference else draw_charts
+    draw: Callable[[Result], tuple[Chart, ...]] = late_import(default_registry().charts(result.estimator))
     return draw(result)
 
 

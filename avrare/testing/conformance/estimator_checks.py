@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avrare.base.chart import Chart
+from avrare.base.late_import import late_import
 from avrare.testing.conformance.suite import Skipped, Subject
 from avrare.testing.problems import count_down, walk
 from avrare.testing.repeated_estimates import Study
@@ -92,6 +94,12 @@ def results_are_consistent(subject: Subject) -> None:
     suite.test_json_has_no_nan()
 
 
+def charts_are_drawn(subject: Subject) -> None:
+    """The charts that it declares are drawn from its results."""
+    charts = late_import(subject.component.charts)(_suite(subject).estimate(walk(1.0, 20).problem(), seed=0))
+    assert all(isinstance(chart, Chart) for chart in charts), "not all of them are avrare.base.chart.Chart"
+
+
 def unknown_options_are_refused(subject: Subject) -> None:
     """An unknown option is refused by its name."""
     _suite(subject).test_unknown_option_is_refused()
@@ -117,5 +125,5 @@ def _suite(subject: Subject) -> EstimatorConformance:
 CHECKS: tuple[Callable[[Subject], None], ...] = (
     unbiased_on_a_walk, unbiased_with_ties, interval_covers, impossible_is_zero, certain_is_one,
     errors_are_no_failures, cost_is_honest, budget_is_kept, same_seed_same_bits, runs_are_a_prefix,
-    failures_replay, results_are_consistent, unknown_options_are_refused,
+    failures_replay, results_are_consistent, charts_are_drawn, unknown_options_are_refused,
 )  # fmt: skip

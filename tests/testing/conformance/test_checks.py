@@ -44,6 +44,7 @@ WRONG = {
     "runs_are_a_prefix": ("estimator", {"factory": "wrong:shuffling"}),
     "failures_replay": ("estimator", {"factory": "wrong:forging"}),
     "results_are_consistent": ("estimator", {"factory": "wrong:rounding"}),
+    "charts_are_drawn": ("estimator", {"charts": "wrong:draw_words"}),
     "unknown_options_are_refused": ("estimator", {"config": "wrong:Lenient"}),
     "outcomes_are_those_of_serial": ("executor", {"factory": "wrong:backwards"}),
     "runs_errands": ("executor", {"factory": "wrong:idle"}),

@@ -384,3 +384,7 @@ def smearing(config, scene):
 
 def scribbling(config, scene):
     return Scribbling()
+
+
+def draw_words(result):
+    return (f"a chart of {result.specification}",)
