@@ -27,6 +27,11 @@ def format_narrow(value: float, digits: int = 2) -> str:
     return text.replace("e-0", "e-")
 
 
+def format_estimate(probability: float, interval: tuple[float, float]) -> str:
+    """Return an estimate with its interval: ``0.0123 (0.01 .. 0.02)``."""
+    return f"{format_probability(probability)} ({format_interval(interval)})"
+
+
 def format_typeset(value: float | None, digits: int = 3) -> str:
     """Return ``0.0123`` or ``3.4 × 10⁻⁵``; a dash for None."""
     if value is None:

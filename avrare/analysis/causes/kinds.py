@@ -20,7 +20,7 @@ from avrare.analysis.causes.clusters import find_clusters
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.first_violation import FirstViolation, find_first_violation
 from avrare.base.errors import UsageError
-from avrare.base.number_format import describe_share, format_interval, format_probability
+from avrare.base.number_format import describe_share, format_estimate
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
@@ -123,7 +123,7 @@ class Kinds(Answer, Sequence[Kind]):
     def lines(self) -> list[str]:
         """Return the kinds in words."""
         count = len(self.kinds)
-        total = f"{format_probability(self.result.probability)} ({format_interval(self.result.interval)})"
+        total = format_estimate(self.result.probability, self.result.interval)
         head = f"{self.result.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
         return [
             head,
@@ -132,7 +132,7 @@ class Kinds(Answer, Sequence[Kind]):
 
 
 def _describe(number: int, kind: Kind) -> list[str]:
-    part = f"{format_probability(kind.probability)} ({format_interval(kind.interval)})"
+    part = format_estimate(kind.probability, kind.interval)
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
     told = [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.base.number_format import format_interval, format_percent, format_probability
+from avrare.base.number_format import format_estimate, format_percent
 from avrare.estimation.loop.preflight import check_system
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
@@ -104,9 +104,9 @@ def add_cross_check(
     warning = health.warn(
         "estimators_disagree",
         estimator=result.estimator,
-        own=_words(result),
+        own=format_estimate(result.probability, result.interval),
         other=second.estimator,
-        others=_words(second),
+        others=format_estimate(second.probability, second.interval),
     )
     return replace(checked, health=result.health | warning)
 
@@ -165,12 +165,8 @@ def compare(result: Result, found: Result) -> tuple[str, float]:
     return ("agree" if noticed <= NOTICED else "inconclusive"), noticed
 
 
-def _words(result: Result) -> str:
-    return f"{format_probability(result.probability)} ({format_interval(result.interval)})"
-
-
 def _describe(second: Result, outcome: str, noticed: float, share: float) -> str:
-    text = _words(second)
+    text = format_estimate(second.probability, second.interval)
     if outcome == "inconclusive":
         text += f", and {format_percent(share)} of the cost is too little to say more"
     elif outcome == "agree":

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.base.number_format import format_interval, format_probability
+from avrare.base.number_format import format_estimate
 from avrare.base.plot import Plot
 from avrare.base.records import Records
 from avrare.base.renderers import render
@@ -288,7 +288,7 @@ class Result:
         return Results([self]).report(path)
 
     def __repr__(self) -> str:
-        numbers = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
+        numbers = format_estimate(self.probability, self.interval)
         warned = f", warnings: {', '.join(self.health)}" if self.health else ""
         cost = f"{self.estimator}, {self.rollouts:,} rollouts"
         return f"<Result {self.specification}: {numbers}, {cost}{warned}>"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from avrare.base.number_format import format_interval, format_probability
+from avrare.base.number_format import format_estimate, format_interval, format_probability
 from avrare.estimation.result.result import Result, choose_columns
 from avrare.output.terminal.console import colour_verdict, make_table
 
@@ -34,10 +34,9 @@ def result_table(title: str, results: Sequence[Result]) -> Table:
 def verdict_lines(name: str, results: Sequence[Result]) -> list[str]:
     """Return ``lane_change safe_distance: pass, 0.0123 (0.01 .. 0.02), few_roots`` for each specification."""
     return [
-        f"{name} {one.specification}: {one.verdict or 'no threshold'}, "
-        f"{format_probability(one.probability)} ({format_interval(one.interval)})"
-        + "".join(f", {warning}" for warning in one.health)
-        for one in results
+        f"{name} {result.specification}: {result.verdict or 'no threshold'}, "
+        + ", ".join([format_estimate(result.probability, result.interval), *result.health])
+        for result in results
     ]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from avrare.base.number_format import format_interval, format_probability
+from avrare.base.number_format import format_estimate, format_interval
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Interval
@@ -36,7 +36,7 @@ def find_doubts(
         checks: Cross-check of each run, None where it did not reach failure; empty if none was asked for.
         confidence: Level of the intervals.
     """
-    sample = f"the weighted sample says {format_probability(mean)} ({format_interval(own)})"
+    sample = f"the weighted sample says {format_estimate(mean, own)}"
     # 1. Rows of the target are right whatever the proposal is.
     most = own[0], own[1] + missed
     counted = fresh.interval(confidence)
@@ -56,7 +56,7 @@ def find_doubts(
         return health.warn("unchecked", reason="the cross-check died out before it reached a failure")
     variance = float((values / found).var(ddof=1)) / len(values)
     climbed = intervals.log_normal(found, variance, confidence, freedom=len(values) - 1)
-    says = f"the cross-check says {format_probability(found)} ({format_interval(climbed)})"
+    says = f"the cross-check says {format_estimate(found, climbed)}"
     # It has few rows to start from and mostly errs low, whereas the sample counts failures that it holds, by
     # weights that are even (else ``weight_degenerate``): a climb that is somewhat lower contradicts nothing.
     if climbed[0] > most[1] or (climbed[1] < most[0] and found * WIDEST < mean):
