@@ -10,7 +10,7 @@ from avrare_imm.models import ModelSet, lateral_models, longitudinal_models
 
 LANES = (-1.75, 1.75, 5.25)
 CONFIG = ImmConfig()
-LATERAL = lateral_models(CONFIG.derivative_gains, 7.0, LANES, 0.1, 0.1, 0.1, 0.95)
+LATERAL = lateral_models(CONFIG.derivative_gains, 7.0, LANES, 0.1, 0.1, 0.1, 0.95, stands=True)
 LONGITUDINAL = longitudinal_models(CONFIG.longitudinal_models, 0.1, 1.0, (0.1, 0.1), 0.95)
 
 
@@ -42,8 +42,8 @@ def track(models: ModelSet, states, probability) -> Mixture:
 @pytest.mark.parametrize(
     ("models", "prior"),
     [
-        (LONGITUDINAL, [0.5, 0.5]),
-        (LATERAL, np.array([1, 9, 1] * 3) / 33),
+        (LONGITUDINAL, [0.3, 0.3, 0.4]),
+        (LATERAL, np.array([*[1, 9, 1] * 3, 7]) / 40),
     ],
     ids=["longitudinal", "lateral"],
 )
@@ -71,7 +71,7 @@ def test_equals_filterpy(models, prior):
 
 
 def test_a_far_outlier_does_not_underflow_the_likelihood():
-    prior = np.array([1, 9, 1] * 3) / 33
+    prior = np.array([*[1, 9, 1] * 3, 7]) / 40
     state = np.array([1.75, 0.0])
     ours = track(LATERAL, state[None, None], prior)
     theirs = oracle(LATERAL, state, prior)
@@ -84,5 +84,5 @@ def test_a_far_outlier_does_not_underflow_the_likelihood():
     chance = ours.probability[0, 0]
     assert np.isfinite(chance).all()
     assert chance.sum() == pytest.approx(1, abs=1e-12)
-    assert chance.reshape(3, 3)[:, 2].sum() > 0.99  # the leftmost lane explains it best
+    assert chance[:9].reshape(3, 3)[:, 2].sum() > 0.99  # the leftmost lane explains it best
     assert all(np.isfinite(part).all() for part in fuse(ours))

@@ -31,9 +31,12 @@ def test_start_knows_the_world_and_the_lane():
     np.testing.assert_allclose(now.longitudinal_covariance, np.broadcast_to(np.eye(3), (2, 3, 3, 3)))
     matched, third = np.array([1, 9, 1]) / 11, np.full(3, 1 / 3)
     lanes = [[matched, matched[[0, 2, 1]], third], [matched[[1, 0, 2]], third, matched]]
-    np.testing.assert_allclose(now.lane_probabilities, lanes)
-    np.testing.assert_allclose(track.lateral.probability[0, 0], np.tile(matched / 3, 3))
-    np.testing.assert_allclose(track.longitudinal.probability, 0.5)
+    moves = 0.999
+    np.testing.assert_allclose(now.lane_probabilities, moves * np.array(lanes))
+    np.testing.assert_allclose(track.lateral.probability[0, 0], [*np.tile(moves * matched / 3, 3), 1 - moves])
+    np.testing.assert_allclose(
+        track.longitudinal.probability, np.broadcast_to([moves / 2, moves / 2, 1 - moves], (2, 3, 3))
+    )
 
 
 def test_follows_a_lane_change_better_than_raw_measurements():

@@ -60,11 +60,7 @@ class AssociatingTracker(ImmTracker):
         """Return the tracks one step later, from a list of detections, fields (N, S)."""
         if not observation.x.shape[1]:
             observation = _with_a_slot(observation)
-        predicted = ImmTrack(
-            self._predict(self.longitudinal, track.longitudinal),
-            self._predict(self.lateral, track.lateral),
-            track.life,
-        )
+        predicted = self._predicted(track)
         return self._updated(predicted, _select(observation, self._associate(predicted, observation)))
 
     def features(self, track: ImmTrack) -> Floats:

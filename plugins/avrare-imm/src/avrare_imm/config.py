@@ -19,10 +19,11 @@ class ImmConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    longitudinal_models: tuple[Literal["cv", "ca"], ...] = Field(
-        ("cv", "ca"),
+    longitudinal_models: tuple[Literal["cv", "ca", "stand"], ...] = Field(
+        ("cv", "ca", "stand"),
         min_length=1,
-        description="Motion along the road: constant velocity (cv), constant acceleration (ca)",
+        description="Motion along the road: constant velocity (cv), constant acceleration (ca), none, across "
+        "the road neither (stand)",
     )
     derivative_gains: tuple[Positive, ...] = Field(
         (3.0, 4.0, 5.0),
@@ -74,6 +75,11 @@ class ImmConfig(BaseModel):
         description="A detection farther than this from its prediction counts as a miss [standard deviations "
         "of the innovation]; null: no gate",
     )
+    restart: Steps | None = Field(
+        3,
+        description="With a gate: a track begins anew at the last of so many detections beyond the gate, "
+        "none within it between them; null: it does not",
+    )
     association: Literal["labelled", "hungarian"] = Field(
         "labelled",
         description="Which detection belongs to which track: given (labelled), or found by the likeliest "
@@ -97,6 +103,14 @@ class ImmConfig(BaseModel):
         description="Standard deviation of the speed along the road at the first detection where velocity is "
         "none; its mean is 0 [m/s]",
     )
+
+    @model_validator(mode="after")
+    def _check_models(self) -> Self:
+        if len(set(self.longitudinal_models)) < len(self.longitudinal_models):
+            raise ValueError("longitudinal_models: a model is named twice")
+        if set(self.longitudinal_models) == {"stand"}:
+            raise ValueError("longitudinal_models: a vehicle that moves needs cv or ca")
+        return self
 
     @model_validator(mode="after")
     def _check_birth(self) -> Self:

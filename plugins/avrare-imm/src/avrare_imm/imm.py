@@ -101,6 +101,30 @@ def choose(where: Bools, first: Mixture, second: Mixture) -> Mixture:
     return Mixture(*(np.where(where.reshape(*where.shape, *[1] * (a.ndim - 2)), a, b) for a, b in pairs))
 
 
+def set_probability(mixture: Mixture, mode: int, chance: Floats) -> Mixture:
+    """Return the mixture whose ``mode`` has the probability ``chance`` (N, V), the others what is left."""
+    probability = mixture.probability.copy()
+    rest = _rest(probability, mode)
+    probability *= ((1.0 - chance) / rest)[..., None]
+    probability[..., mode] = chance
+    return Mixture(mixture.mean, mixture.covariance, probability)
+
+
+def agree(first: Mixture, first_mode: int, second: Mixture, second_mode: int, prior: Floats) -> Floats:
+    """Return the probability (N, V) of a mode of two filters after the measurements of both.
+
+    Each filter had given the mode the probability ``prior`` and has updated it by measurements of its own.
+    """
+    own, other = first.probability[..., first_mode], second.probability[..., second_mode]
+    in_mode = own * other / prior
+    in_others = _rest(first.probability, first_mode) * _rest(second.probability, second_mode) / (1.0 - prior)
+    return in_mode / (in_mode + in_others)
+
+
+def _rest(probability: Floats, mode: int) -> Floats:
+    return _sum(np.moveaxis(np.delete(probability, mode, axis=-1), -1, 0))
+
+
 def innovation_distance(models: ModelSet, mixture: Mixture, measurement: Floats) -> Floats:
     """Return the (N, V) squared Mahalanobis distance of measurements (N, V, p) from a predicted mixture.
 

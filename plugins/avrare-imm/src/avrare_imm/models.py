@@ -9,6 +9,9 @@ import numpy as np
 
 from avrare.protocols import Floats
 
+STOP, GO = 0.001, 0.002
+"""Probabilities that a vehicle that moves stands one step later, and the other way round."""
+
 
 @dataclass(frozen=True)
 class ModelSet:
@@ -47,7 +50,8 @@ def longitudinal_models(
 ) -> ModelSet:
     """Return models of (x, vx, ax) [m, m/s, m/s^2], measured in x, or in x and vx.
 
-    Constant velocity ignores and clears the acceleration; constant acceleration keeps it.
+    Constant velocity ignores and clears the acceleration; constant acceleration keeps it; standing clears
+    the velocity, too.
 
     Args:
         kinds: ``"cv"`` or ``"ca"`` for each mode.
@@ -59,6 +63,7 @@ def longitudinal_models(
     dynamics = {
         "cv": [[1.0, dt, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]],
         "ca": [[1.0, dt, dt**2 / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]],
+        "stand": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
     }
     gain = np.array([dt**2 / 2, dt, 1.0])
     m = len(kinds)
@@ -67,7 +72,7 @@ def longitudinal_models(
         offset=np.zeros((m, 3)),
         noise=np.broadcast_to(noise * np.outer(gain, gain), (m, 3, 3)),
         measurement_variance=np.array(variances, dtype=float),
-        transition=transition_matrix(m, stay),
+        transition=transition_matrix(m, stay, kinds.index("stand") if "stand" in kinds else None),
     )
 
 
@@ -80,10 +85,12 @@ def lateral_models(
     variance: float,
     stay: float,
     speed_variance: float | None = None,
+    stands: bool = False,
 ) -> ModelSet:
     """Return models of (y, vy) [m, m/s], measured in y, or in both: drivers who steer towards a lane centre.
 
-    Mode g * L + l has derivative gain g and lane l of L; its acceleration is kp (lane - y) - kd vy.
+    Mode g * L + l has derivative gain g and lane l of L; its acceleration is kp (lane - y) - kd vy. The last
+    mode may be that of a vehicle that stands, which does not move sideways either.
 
     Args:
         derivative_gains: kd [1/s].
@@ -94,26 +101,42 @@ def lateral_models(
         variance: Measurement variance of y [m^2].
         stay: Probability of keeping the mode for one step.
         speed_variance: Measurement variance of vy [(m/s)^2]; None: it is not measured.
+        stands: Whether there is a mode that stands.
     """
     kp = proportional_gain
     modes = [(kd, lane) for kd in derivative_gains for lane in lanes]
-    gain = np.array([dt**2 / 2, dt])
+    dynamics = [[[1.0, dt], [-dt * kp, 1.0 - dt * kd]] for kd, _ in modes]
+    offset = [[0.0, dt * kp * lane] for _, lane in modes]
+    if stands:
+        dynamics.append([[1.0, 0.0], [0.0, 0.0]])
+        offset.append([0.0, 0.0])
+    m, gain = len(offset), np.array([dt**2 / 2, dt])
     return ModelSet(
-        dynamics=np.array([[[1.0, dt], [-dt * kp, 1.0 - dt * kd]] for kd, _ in modes]),
-        offset=np.array([[0.0, dt * kp * lane] for _, lane in modes]),
-        noise=np.broadcast_to(noise * np.outer(gain, gain), (len(modes), 2, 2)),
+        dynamics=np.array(dynamics),
+        offset=np.array(offset),
+        noise=np.broadcast_to(noise * np.outer(gain, gain), (m, 2, 2)),
         measurement_variance=np.array([variance] if speed_variance is None else [variance, speed_variance]),
-        transition=transition_matrix(len(modes), stay),
+        transition=transition_matrix(m, stay, m - 1 if stands else None),
     )
 
 
-def transition_matrix(modes: int, stay: float) -> Floats:
-    """Return the (M, M) chain that stays with probability ``stay``, else jumps to another mode uniformly."""
-    if modes == 1:
-        return np.ones((1, 1))
-    matrix = np.full((modes, modes), (1.0 - stay) / (modes - 1))
-    np.fill_diagonal(matrix, stay)
-    return matrix
+def transition_matrix(modes: int, stay: float, standing: int | None = None) -> Floats:
+    """Return the (M, M) chain that stays with probability ``stay``, else jumps to another mode uniformly.
+
+    Args:
+        modes: M.
+        stay: Probability of keeping the mode for one step.
+        standing: Mode of a vehicle that stands, which begins and ends with ``STOP`` and ``GO``.
+    """
+    moving = modes if standing is None else modes - 1
+    matrix = np.full((moving, moving), (1.0 - stay) / max(moving - 1, 1))
+    np.fill_diagonal(matrix, stay if moving > 1 else 1.0)
+    if standing is None:
+        return matrix
+    matrix = np.insert((1.0 - STOP) * matrix, standing, STOP, axis=1)
+    row = np.full(modes, GO / max(moving, 1))
+    row[standing] = 1.0 - GO if moving else 1.0
+    return np.insert(matrix, standing, row, axis=0)
 
 
 def look_ahead(models: ModelSet, steps: int) -> Horizon:

@@ -16,6 +16,7 @@ from avrare.protocols import Bools, Floats, Tracker
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import (
     Mixture,
+    agree,
     choose,
     forecast,
     fuse,
@@ -23,10 +24,14 @@ from avrare_imm.imm import (
     mix,
     predict,
     same_modes,
+    set_probability,
     update,
 )
 from avrare_imm.life import Life, LifeRules
-from avrare_imm.models import Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
+from avrare_imm.models import STOP, Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
+
+_SURELY_MOVES = 2.0
+"""Speed from which a vehicle does not stand at the start of its track [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class ImmTrack:
 
     Attributes:
         longitudinal: Modes over (x, vx, ax), in the order of ``ImmConfig.longitudinal_models``.
-        lateral: Modes over (y, vy), gain by gain and within it lane by lane.
+        lateral: Modes over (y, vy), gain by gain and in it lane by lane; then the one that stands, if any.
         life: Which vehicles have a track; None: all, from start to end.
     """
 
@@ -56,7 +61,7 @@ class FusedTrack:
         vy: (N, V) speed across the road [m/s].
         longitudinal_covariance: (N, V, 3, 3) of (x, vx, ax).
         lateral_covariance: (N, V, 2, 2) of (y, vy).
-        lane_probabilities: (N, V, lanes) probability that the vehicle heads for each lane.
+        lane_probabilities: (N, V, lanes) probability that it heads for each lane; the rest: it stands.
         exists: (N, V) whether there is a track; the other fields mean nothing where there is none.
     """
 
@@ -83,6 +88,8 @@ class ImmTracker(Tracker):
         self.config = config
         self.lanes = np.array(scene.road.lane_centres)
         self._measures_across = config.lateral_speed != "none"
+        kinds = config.longitudinal_models
+        self._standing = kinds.index("stand") if "stand" in kinds else None
         self.longitudinal = longitudinal_models(
             config.longitudinal_models,
             scene.dt,
@@ -99,9 +106,11 @@ class ImmTracker(Tracker):
             config.lateral_variance,
             config.stay_probability,
             config.lateral_speed_variance if self._measures_across else None,
+            stands=self._standing is not None,
         )
-        lasting = config.start == "truth" and config.death is None
-        self._rules = None if lasting else LifeRules(*config.birth, config.death)
+        restart = None if config.gate is None else config.restart
+        lasting = config.start == "truth" and config.death is None and restart is None
+        self._rules = None if lasting else LifeRules(*config.birth, config.death, restart)
         self._horizons: dict[int, tuple[Horizon, Horizon]] = {}
 
     def start(self, world: Any) -> ImmTrack:
@@ -121,9 +130,15 @@ class ImmTracker(Tracker):
         A vehicle that is missed, or detected beyond the gate, is only predicted. The options say when a
         vehicle without a track gets one, and when a track ends.
         """
+        return self._updated(self._predicted(track), observation)
+
+    def _predicted(self, track: ImmTrack) -> ImmTrack:
+        """Return tracks one step later, before its detections."""
         longitudinal = self._predict(self.longitudinal, track.longitudinal)
         lateral = self._predict(self.lateral, track.lateral)
-        return self._updated(ImmTrack(longitudinal, lateral, track.life), observation)
+        if self._standing is not None:
+            lateral = set_probability(lateral, -1, longitudinal.probability[..., self._standing])
+        return ImmTrack(longitudinal, lateral, track.life)
 
     def _updated(self, predicted: ImmTrack, observation: Observation) -> ImmTrack:
         """Return predicted tracks after detections whose slots are those of the tracks."""
@@ -136,15 +151,26 @@ class ImmTracker(Tracker):
             accepted = accepted & ~(distance > self.config.gate**2)  # a NaN is an error, and stays one
         longitudinal = self._update(self.longitudinal, longitudinal, along, accepted)
         lateral = self._update(self.lateral, lateral, across, accepted)
+        if self._standing is not None:
+            prior = predicted.longitudinal.probability[..., self._standing]
+            stands = agree(longitudinal, self._standing, lateral, -1, prior)
+            longitudinal = set_probability(longitudinal, self._standing, stands)
+            lateral = set_probability(lateral, -1, stands)
         if self._rules is None or predicted.life is None:
             return ImmTrack(longitudinal, lateral)
         first = observation.detected & self._rules.absent(predicted.life)
-        life = self._rules.update(predicted.life, accepted | first)
-        if first.any():
-            seen = np.stack([observation.x, observation.speed_x, observation.y], axis=-1)
-            begun = self._begin(np.where(first[..., None], seen, 0.0))
-            longitudinal = choose(first, begun.longitudinal, longitudinal)
-            lateral = choose(first, begun.lateral, lateral)
+        rejected = observation.detected & ~accepted & ~first
+        again = self._rules.restarts(predicted.life, rejected)
+        life = self._rules.update(predicted.life, accepted | first | again, rejected)
+        begins = first | again
+        if begins.any():
+            speed = observation.speed_x
+            if self.config.velocity == "none":
+                speed = np.where(again, fuse(longitudinal)[0][..., 1], 0.0)
+            seen = np.stack([observation.x, speed, observation.y], axis=-1)
+            begun = self._begin(np.where(begins[..., None], seen, 0.0))
+            longitudinal = choose(begins, begun.longitudinal, longitudinal)
+            lateral = choose(begins, begun.lateral, lateral)
         return ImmTrack(longitudinal, lateral, life)
 
     def _measurements(self, predicted: ImmTrack, observation: Observation) -> tuple[Floats, Floats]:
@@ -190,7 +216,8 @@ class ImmTracker(Tracker):
         along, longitudinal_covariance = fuse(track.longitudinal)
         across, lateral_covariance = fuse(track.lateral)
         chance = track.lateral.probability
-        by_gain = chance.reshape(*chance.shape[:2], len(self.config.derivative_gains), len(self.lanes))
+        gains, lanes = len(self.config.derivative_gains), len(self.lanes)
+        by_gain = chance[..., : gains * lanes].reshape(*chance.shape[:2], gains, lanes)
         return FusedTrack(
             x=along[..., 0],
             vx=along[..., 1],
@@ -213,9 +240,8 @@ class ImmTracker(Tracker):
         """Return tracks from first detections: x, speed along the road and y, (N, V, 3)."""
         config = self.config
         x, speed, y = np.moveaxis(measured, -1, 0)
-        speed_variance = config.speed_variance
-        if config.velocity == "none":
-            speed, speed_variance = np.zeros_like(x), config.birth_speed_sd**2
+        measured_speed = config.velocity == "noisy"
+        speed_variance = config.speed_variance if measured_speed else config.birth_speed_sd**2
         along = np.stack([x, speed, np.zeros_like(x)], axis=-1)
         across = np.stack([y, np.zeros_like(y)], axis=-1)
         variances = (config.position_variance, speed_variance, config.initial_variance)
@@ -232,12 +258,14 @@ class ImmTracker(Tracker):
         """Return tracks at (x, vx, ax) (N, V, 3) and (y, vy) (N, V, 2), in all modes with these variances."""
         modes = len(self.longitudinal.offset)
         even = np.full((*along.shape[:2], modes), 1.0 / modes)
-        prior = self._lane_prior(across[..., 0])
-        return ImmTrack(
-            same_modes(along, longitudinal_variances, even),
-            same_modes(across, lateral_variances, prior),
-            life,
-        )
+        longitudinal = same_modes(along, longitudinal_variances, even)
+        lateral = same_modes(across, lateral_variances, self._lane_prior(across[..., 0]))
+        if self._standing is not None:
+            moves = along[..., 1] ** 2 > _SURELY_MOVES**2 * longitudinal_variances[1]
+            stands = np.where(moves, STOP, 1.0 / modes)
+            longitudinal = set_probability(longitudinal, self._standing, stands)
+            lateral = set_probability(lateral, -1, stands)
+        return ImmTrack(longitudinal, lateral, life)
 
     def _lane_prior(self, y: Floats) -> Floats:
         config = self.config
@@ -245,7 +273,10 @@ class ImmTracker(Tracker):
         weight = np.where(matches, config.lane_match_weight, config.lane_other_weight)
         gains = len(config.derivative_gains)
         total = gains * reduce(add, np.moveaxis(weight, -1, 0))
-        return np.tile(weight / total[..., None], gains)
+        prior = np.tile(weight / total[..., None], gains)
+        if self._standing is None:
+            return prior
+        return np.concatenate([prior, np.zeros((*y.shape, 1))], axis=-1)
 
 
 def build(config: ImmConfig, scene: Scene | None) -> ImmTracker:
