@@ -210,9 +210,12 @@ class Tracker(ABC):
         known_scene: Scene with a vehicle for each track, of a tracker that finds out itself which detection
             belongs to which track: the simulator's vehicles, then others. The controller is built for it.
             Default: None, observations say which vehicle they are of.
+        burn_in: Number of observations before the first step, the last of them at t = 0, with which a drive
+            begins (``avrare.stack.burn_in``). Default: 0.
     """
 
     known_scene: Scene | None = None
+    burn_in: int = 0
 
     @abstractmethod
     def start(self, world: Any) -> Any:

@@ -16,6 +16,7 @@ from avrare.protocols import Floats, PerceptionErrorModel, overrides
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
+from avrare.stack.burn_in import BurnIn
 from avrare.stack.closed_loop import ClosedLoop
 
 
@@ -45,13 +46,17 @@ def log_ratios(problem: Problem, others: list[PerceptionErrorModel], tapes: Floa
         request = replace(Request.replay(part, keep_carries=True), stop_early=True)
         outcome = problem.simulate(NoiseSource(0, problem.noise_size), request, scored=False)
         total[at : at + len(part)] = _sum_ratios(
-            model, others, part[..., loop.world_noise :], outcome.carries
+            model, others, part[..., loop.world_noise :], outcome.carries, loop.burn_in
         )
     return total
 
 
 def _sum_ratios(
-    model: PerceptionErrorModel, others: list[PerceptionErrorModel], tapes: Floats, carries: Any
+    model: PerceptionErrorModel,
+    others: list[PerceptionErrorModel],
+    tapes: Floats,
+    carries: Any,
+    burn_in: BurnIn | None,
 ) -> Floats:
     lasts = overrides(model, PerceptionErrorModel.follow)
     memories = [other.start(tapes[:, 0]) if lasts else None for other in others]
@@ -67,5 +72,12 @@ def _sum_ratios(
             for k, other in enumerate(others):
                 ratio, memories[k] = model.log_ratio(state.world, noise, memory, other, memories[k])
                 total[rows, k] += ratio
+        elif burn_in is not None:
+            memory = model.start(tapes[rows, 0]) if lasts else None
+            for world, noise in burn_in.worlds(state.world, tapes[rows, 0]):
+                for k, other in enumerate(others):
+                    ratio, memories[k] = model.log_ratio(world, noise, memory, other, memories[k])
+                    total[rows, k] += ratio
+                memory = model.follow(world, noise, memory)[1]
         before, rows_before = state.latent, rows
     return total

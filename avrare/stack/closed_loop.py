@@ -27,9 +27,11 @@ from avrare.protocols import (
     Tracker,
     adapt,
 )
+from avrare.stack.burn_in import BurnIn
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import check_features, flattened, plan_features, track_features, vehicle_features
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
+from avrare.stack.observing import observe
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class LoopState:
 
     Attributes:
         world: State of the simulator.
-        observation: Newest observation; None at the start and without perception.
+        observation: Newest observation; None at a start without burn-in, and without perception and tracker.
         track: State of the tracker, or None.
         memory: State of the controller, or None.
         latent: Memory of a persistent perception error model, or None.
@@ -57,7 +59,16 @@ class ClosedLoop(System):
     """System whose noise is that of drawn options, if any, the simulator's and the perception error model's.
 
     Each step: predict the others, act, advance the world, observe it, update the track. Nothing is
-    observed at t = 0. Without perception the tracker observes the true world.
+    observed at t = 0 and before, but by a tracker that burns in. Without perception the tracker observes the
+    true world.
+
+    Args:
+        simulator: The world.
+        perception: Perception error model, if there is one.
+        tracker: Tracker, if there is one.
+        controller: Controller, if there is one.
+        start: Draws of the simulator's options, if there are any.
+        burn_in: What the tracker observes before the start; None: what it asks for.
     """
 
     def __init__(
@@ -67,6 +78,7 @@ class ClosedLoop(System):
         tracker: Tracker | None = None,
         controller: Controller | None = None,
         start: DrawnStart | None = None,
+        burn_in: BurnIn | None = None,
     ) -> None:
         self.simulator = simulator = adapt(Simulator, simulator)
         self.start = start
@@ -75,6 +87,9 @@ class ClosedLoop(System):
         self.controller = None if controller is None else adapt(Controller, controller)
         self.dt, self.scene = simulator.dt, simulator.scene
         self.lacks, self.notes = simulator.lacks, dict(simulator.notes)
+        if burn_in is None and self.tracker is not None and self.tracker.burn_in:
+            burn_in = BurnIn(self.tracker, self.perception, self.tracker.burn_in, simulator.dt)
+        self.burn_in = burn_in
         self._drawn = start.size if start is not None else 0
         self.world_noise = self._drawn + simulator.noise_size
         names = start.noise_names if start is not None else ()
@@ -98,9 +113,13 @@ class ClosedLoop(System):
             world, drawn = self.start.reset(noise[:, :own])
         else:
             world = self.simulator.reset(noise[:, :own])
-        track = self.tracker.start(world) if self.tracker is not None else None
         memory = self.controller.start(len(noise)) if self.controller is not None else None
-        latent = self.perception.start(noise[:, own:]) if self.perception is not None else None
+        if self.burn_in is not None:
+            observation, track, latent = self.burn_in.run(world, noise[:, own:])
+            return LoopState(world, observation, track, memory, latent, drawn)
+        track = self.tracker.start(world) if self.tracker is not None else None
+        first = noise[:, own : self.noise_size]
+        latent = self.perception.start(first) if self.perception is not None else None
         return LoopState(world, None, track, memory, latent, drawn)
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
@@ -108,10 +127,10 @@ class ClosedLoop(System):
         action, memory = self.act(state)
         own = self.world_noise
         world = self.simulator.step(state.world, action, noise[:, self._drawn : own])
-        observation, latent = self._observe(world, noise[:, own:], state.latent)
-        track = state.track
-        if self.tracker is not None and observation is not None:
-            track = self.tracker.update(track, observation)
+        observation, latent, track = None, None, state.track
+        if self.perception is not None or self.tracker is not None:
+            observation, latent = observe(self.perception, world, noise[:, own:], state.latent)
+            track = self.tracker.update(track, observation) if self.tracker is not None else None
         return LoopState(world, observation, track, memory, latent, state.drawn)
 
     def predict(self, state: LoopState) -> Prediction | None:
@@ -163,16 +182,6 @@ class ClosedLoop(System):
         found += [tracked, planned]
         return np.concatenate([part for part in found if part is not None], axis=1)
 
-    def _observe(self, world: Any, noise: Floats, latent: Any) -> tuple[Observation | None, Any]:
-        if self.perception is not None:
-            return self.perception.follow(world, noise, latent)
-        if self.tracker is None:
-            return None, None
-        others = world.others
-        detected = np.ones(others.x.shape, dtype=bool)
-        along, across = (others.speed * part(others.heading) for part in (np.cos, np.sin))
-        return Observation(detected, others.x, others.y, along, across, others.heading), None
-
 
 def _declared(part: Any, state: Any) -> Floats | None:
     declared = part.features(state) if state is not None else None
@@ -222,7 +231,12 @@ class WeightedLoop(SystemWrapper):
         self._drawn = target
         if law is not None and not law.from_target:
             self._drawn = ClosedLoop(
-                target.simulator, self._density, target.tracker, target.controller, target.start
+                target.simulator,
+                self._density,
+                target.tracker,
+                target.controller,
+                target.start,
+                target.burn_in,
             )
         own = target.world_noise
         self.noise_size = max(target.noise_size, own + (proposal.noise_size if proposal is not None else 0))
@@ -240,7 +254,7 @@ class WeightedLoop(SystemWrapper):
 
     def initial(self, noise: Floats) -> WeightedLoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""
-        return WeightedLoopState(self._drawn.initial(self._own(noise)), np.zeros(len(noise)))
+        return WeightedLoopState(self._drawn.initial(noise), np.zeros(len(noise)))
 
     def step(self, state: WeightedLoopState, noise: Floats) -> WeightedLoopState:
         """Return the state one step later."""

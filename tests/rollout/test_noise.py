@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.rollout.noise import NoiseSource, philox
+from avrare.base.philox import philox
+from avrare.rollout.noise import NoiseSource
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [

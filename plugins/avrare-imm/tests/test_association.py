@@ -14,7 +14,7 @@ from avrare_imm.config import ImmConfig
 from avrare_imm.tracker import build
 from tracked_cars import scene, world
 
-OPTIONS = {"association": "hungarian", "gate": 4.0, "death": 3}
+OPTIONS = {"start": "truth", "association": "hungarian", "gate": 4.0, "death": 3}
 
 
 def test_the_assignment_is_scipys():
@@ -118,7 +118,7 @@ def test_too_many_false_detections_do_not_disturb_the_tracks_there_are():
 
 
 def test_nothing_is_known_at_an_empty_start():
-    tracker = build(ImmConfig(**OPTIONS, start="empty"), scene(2))
+    tracker = build(ImmConfig(**OPTIONS | {"start": "empty"}), scene(2))
     track = tracker.start(cars(ahead(0)))
     assert not tracker.estimate(track).exists.any()
     for t in (1, 2):
@@ -145,7 +145,7 @@ def test_a_detection_at_no_place_stays_an_error_and_no_other_is_given_twice():
 
 def test_a_row_does_not_depend_on_its_neighbours():
     rng = np.random.default_rng(3)
-    tracker, n = build(ImmConfig(**OPTIONS, start="empty", birth=(1, 1)), scene(3)), 30
+    tracker, n = build(ImmConfig(**OPTIONS | {"start": "empty", "birth": (1, 1)}), scene(3)), 30
     x = rng.uniform(0, 15, (n, 3))
     start = world(x, np.zeros_like(x), np.zeros_like(x), np.full_like(x, 5.0), np.zeros_like(x))
     track = tracker.start(start)
@@ -172,7 +172,7 @@ def test_reported_headings_measure_the_speed_across():
     places = [[10.0 + 2.0 * t, 1.75 + 0.1 * t] for t in range(6)]
     found = {}
     for kind in ("none", "velocity", "heading"):
-        tracker = build(ImmConfig(lateral_speed=kind, lateral_speed_variance=0.01), scene(1))
+        tracker = build(ImmConfig(start="truth", lateral_speed=kind, lateral_speed_variance=0.01), scene(1))
         track = tracker.start(cars(places[:1]))
         for place in places[1:]:
             one = seen([place])

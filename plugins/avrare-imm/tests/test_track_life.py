@@ -64,7 +64,7 @@ def test_a_track_that_starts_from_the_truth_may_end(pattern, expected):
 
 
 def test_without_options_tracks_have_no_life():
-    track = build(ImmConfig(), scene(2)).start(truth(3, 2))
+    track = build(ImmConfig(start="truth"), scene(2)).start(truth(3, 2))
     assert track.life is None
 
 
@@ -136,7 +136,7 @@ def test_the_gate_widens_while_a_vehicle_is_missed():
 def test_the_gate_reads_the_measured_speed_too():
     seen, x = np.ones((1, 3), bool), 7 + 2.0 * np.arange(4)
     for velocity, expected in (("noisy", 0), ("none", 1)):
-        config = ImmConfig(gate=4.0, death=1, velocity=velocity)
+        config = ImmConfig(start="truth", gate=4.0, death=1, velocity=velocity)
         tracker = build(config, scene(1))
         track = tracker.start(truth(1))
         report = Observation(seen[:, :1], x[None, 1:2], np.full((1, 1), 1.75), np.full((1, 1), 30.0))
@@ -171,7 +171,7 @@ def test_innovation_distance_counts_the_spread_of_the_modes():
 
 
 def test_a_gate_does_not_hide_a_nan():
-    tracker = build(ImmConfig(gate=3.0), scene(1))
+    tracker = build(ImmConfig(start="truth", gate=3.0), scene(1))
     broken = Observation(np.ones((1, 1), bool), *[np.full((1, 1), np.nan)] * 3)
     after = tracker.update(tracker.start(truth(1)), broken)
     assert np.isnan(tracker.predict(after, 2).x).all()

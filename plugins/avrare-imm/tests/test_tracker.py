@@ -20,7 +20,7 @@ from tracked_cars import lane_change, noisy, scene, world
 def test_start_knows_the_world_and_the_lane():
     zero = np.zeros((2, 3))
     y = np.array([[1.75, 5.25, 1.75 + 0.06], [-1.75, 3.5, 1.75 - 0.04]])
-    tracker = build(ImmConfig(), scene(3))
+    tracker = build(ImmConfig(start="truth"), scene(3))
     track = tracker.start(world(zero + 7, y, zero + 0.1, zero + 20, zero - 2))
     now = tracker.estimate(track)
     np.testing.assert_allclose(now.x, 7)
@@ -44,7 +44,7 @@ def test_follows_a_lane_change_better_than_raw_measurements():
     n = 40
     x, y, vx = lane_change(n)
     zero = np.zeros((n, 1))
-    tracker = build(ImmConfig(), scene(1))
+    tracker = build(ImmConfig(start="truth"), scene(1))
     track = tracker.start(world(x[0], y[0], zero, vx[0], zero + 2))
     errors, raw, lanes = [], [], []
     for k in range(1, len(x)):
@@ -67,7 +67,7 @@ def test_prediction_starts_at_the_estimate_and_heads_for_the_lane():
     rng = np.random.default_rng(10)
     x, y, vx = lane_change(20)
     zero = np.zeros((20, 1))
-    tracker = build(ImmConfig(), scene(1))
+    tracker = build(ImmConfig(start="truth"), scene(1))
     track = tracker.start(world(x[0], y[0], zero, vx[0], zero + 2))
     for k in range(1, 21):  # half a second into the lane change
         track = tracker.update(track, noisy(rng, x[k], y[k], vx[k]))
@@ -86,7 +86,7 @@ def test_rows_alone_equal_rows_of_a_batch_from_start_to_prediction():
     n, v = 13, 3
     arguments = [rng.normal(m, s, (n, v)) for m, s in ((30, 9), (2, 3), (0, 0.1), (15, 3), (0, 1))]
     arguments[1][:, 0] = 1.75
-    tracker = build(ImmConfig(), scene(v))
+    tracker = build(ImmConfig(start="truth"), scene(v))
     whole = tracker.start(world(*arguments))
     alone = [tracker.start(world(*(a[i : i + 1] for a in arguments))) for i in range(n)]
     for _ in range(6):
@@ -106,7 +106,7 @@ def test_rows_alone_equal_rows_of_a_batch_from_start_to_prediction():
 
 @pytest.mark.parametrize("shape", [(4, 0), (0, 2)])
 def test_no_vehicles_to_track(shape):
-    tracker = build(ImmConfig(), scene(shape[1]))
+    tracker = build(ImmConfig(start="truth"), scene(shape[1]))
     nothing = np.zeros(shape)
     track = tracker.start(world(*[nothing] * 5))
     track = tracker.update(track, Observation(nothing > 0, nothing, nothing, nothing))
@@ -115,7 +115,7 @@ def test_no_vehicles_to_track(shape):
 
 
 def test_one_model_is_a_plain_kalman_filter():
-    config = ImmConfig(longitudinal_models=("ca",), derivative_gains=(4.0,))
+    config = ImmConfig(start="truth", longitudinal_models=("ca",), derivative_gains=(4.0,))
     one_lane = Road((0.0,), 3.5)
     base = scene(1)
     tracker = build(config, Scene(**{**vars(base), "road": one_lane}))

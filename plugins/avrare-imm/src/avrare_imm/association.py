@@ -44,11 +44,11 @@ class AssociatingTracker(ImmTracker):
         self._life_rules = LifeRules(*config.birth, config.death)
 
     def start(self, world: Any) -> ImmTrack:
-        """Return the tracks at t = 0: at the vehicles or none, by option, and the spare ones absent."""
+        """Return the tracks before any observation: at the vehicles or none, by option; no spare ones."""
         others, spare = world.others, self.config.spare_tracks
         padded = {name: np.pad(getattr(others, name), ((0, 0), (0, spare))) for name in _STATE}
         track = super().start(SimpleNamespace(others=SimpleNamespace(**padded)))
-        if track.life is None or self.config.start == "empty":
+        if track.life is None or self.config.start != "truth":
             return track
         real = np.arange(len(self.known_scene.names)) < others.x.shape[1]
         life = replace(

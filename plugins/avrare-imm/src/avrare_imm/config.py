@@ -88,9 +88,13 @@ class ImmConfig(BaseModel):
     spare_tracks: Annotated[int, Field(ge=0, le=20)] = Field(
         4, description="hungarian: tracks that may exist beyond the number of vehicles [-]"
     )
-    start: Literal["truth", "empty"] = Field(
-        "truth",
-        description="Tracks at t = 0: the true world, or none, so that vehicles must be detected first",
+    start: Literal["burn_in", "empty", "truth"] = Field(
+        "burn_in",
+        description="Tracks at t = 0: from detections before it (burn_in); none, so that vehicles must be "
+        "detected first (empty); or the true world (truth)",
+    )
+    burn_in: Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)] = Field(
+        3.0, description="Time before t = 0 that the tracker has observed, with start: burn_in [s]"
     )
     birth: tuple[Steps, Steps] = Field(
         (2, 3), description="(m, n): a vehicle without a track gets one after m detections within n steps"

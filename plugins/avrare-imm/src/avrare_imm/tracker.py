@@ -82,10 +82,14 @@ class ImmTracker(Tracker):
     Args:
         config: Options.
         scene: Provides the step and the lane centres.
+
+    Attributes:
+        burn_in: Observations before and at t = 0 (``avrare.stack.burn_in``).
     """
 
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
         self.config = config
+        self.burn_in = max(round(config.burn_in / scene.dt), 1) if config.start == "burn_in" else 0
         self.lanes = np.array(scene.road.lane_centres)
         self._measures_across = config.lateral_speed != "none"
         kinds = config.longitudinal_models
@@ -114,10 +118,10 @@ class ImmTracker(Tracker):
         self._horizons: dict[int, tuple[Horizon, Horizon]] = {}
 
     def start(self, world: Any) -> ImmTrack:
-        """Return the track at t = 0: every mode at the true state of ``world.others``, or none, by option."""
+        """Return the track before any observation: at the true world, or none, by option."""
         others = world.others
         variance = self.config.initial_variance
-        if self._rules is not None and self.config.start == "empty":
+        if self._rules is not None and self.config.start != "truth":
             return replace(self._begin(np.zeros((*others.x.shape, 3))), life=self._rules.none(others.x.shape))
         along = np.stack([others.x, others.speed * np.cos(others.heading), others.acceleration], axis=-1)
         across = np.stack([others.y, others.speed * np.sin(others.heading)], axis=-1)
