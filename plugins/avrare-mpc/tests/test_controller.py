@@ -40,7 +40,10 @@ def test_action_is_the_first_input_and_the_plan_starts_here(quiet):
 
 
 def test_rows_do_not_depend_on_their_neighbours(lane_change):
-    controller, noise = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene), noise_of(5, 8)
+    controller, noise = (
+        build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene),
+        noise_of(5, 8),
+    )
     together = lane_change.drive(controller, noise, samples=8)
     assert size(together.memory) == 5
     for row in (0, 3):
@@ -50,7 +53,7 @@ def test_rows_do_not_depend_on_their_neighbours(lane_change):
 
 
 def test_a_copied_particle_continues_identically(lane_change):
-    controller = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene)
+    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
     memory, ego, prediction = lane_change.drive(controller, noise_of(3, 6), samples=6).inputs[-1]
     index = np.array([2, 0, 2])
     action, later = controller.act(memory, ego, prediction)
@@ -61,7 +64,7 @@ def test_a_copied_particle_continues_identically(lane_change):
 
 @pytest.mark.parametrize("backend", ["casadi", "riccati"])
 def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
-    scene, config = lane_change.scene, MpcConfig(backend=backend, search="follow")
+    scene, config = lane_change.scene, MpcConfig(backend=backend, search="follow", stops=False)
     without = dataclasses.replace(
         scene,
         names=scene.names[1:],
@@ -86,7 +89,7 @@ def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
 
 
 def test_a_prediction_that_is_not_a_number_is_a_failed_search(lane_change):
-    controller = build(MpcConfig(backend="riccati", search="follow"), lane_change.scene)
+    controller = build(MpcConfig(backend="riccati", search="follow", stops=False), lane_change.scene)
     ego = Vehicles(*(np.array([value]) for value in (17.149, 1.75, 0.0, 21.6, 0.0)))
     seen = lane_change.predict(0, np.zeros((1, 3, 3)))
     seen.x[:, 0] = np.nan
@@ -94,7 +97,7 @@ def test_a_prediction_that_is_not_a_number_is_a_failed_search(lane_change):
 
 
 def test_noisy_rollouts_are_finite_and_inside_the_bounds(lane_change):
-    controller = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene)
+    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
     drive = lane_change.drive(controller, noise_of(3, 25), samples=25)
     assert np.isfinite(drive.states).all()
     assert np.abs(drive.actions[..., 0]).max() <= 11.5 + 1e-6
@@ -168,7 +171,9 @@ def test_absurd_states_give_finite_actions_and_are_counted(quiet):
 
 
 def test_ipopt_alone_completes_a_rollout(lane_change):
-    controller = build(MpcConfig(backend="casadi", search="follow", solver="ipopt"), lane_change.scene)
+    controller = build(
+        MpcConfig(backend="casadi", search="follow", stops=False, solver="ipopt"), lane_change.scene
+    )
     drive = lane_change.drive(controller, np.zeros((1, 5, 3, 3)), samples=6)
     assert controller.counts(drive.memory) == {"solves": 8, "solver_retries": 0, "fallback_solves": 0}
 
@@ -176,7 +181,7 @@ def test_ipopt_alone_completes_a_rollout(lane_change):
 def test_on_an_empty_road_the_ego_drives_straight(lane_change, quiet):
     nobody = np.zeros(0)
     scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
-    controller = build(MpcConfig(backend="casadi", search="follow"), scene)
+    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), scene)
     _, ego, _ = quiet[1].inputs[0]
     action, memory = controller.act(controller.start(1), ego, Prediction(*np.zeros((2, 1, 0, 21))))
     assert memory.solved[0]

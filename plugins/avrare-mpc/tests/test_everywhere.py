@@ -22,7 +22,9 @@ def steps(lane_change):
     """Return what later steps of noisy drives were given, all in one batch."""
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(4).standard_normal((6, SAMPLES - 1, 3, 3))
     inputs = lane_change.drive(
-        build(MpcConfig(backend="casadi", search="follow"), lane_change.scene), noise, samples=SAMPLES
+        build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene),
+        noise,
+        samples=SAMPLES,
     ).inputs
     return tuple(concatenate([step[i] for step in inputs[1:]]) for i in range(3))
 

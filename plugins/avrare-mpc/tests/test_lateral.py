@@ -20,7 +20,7 @@ BACKENDS = [
 
 
 def bounded(**options):
-    return MpcConfig(lateral_acceleration_max=LIMIT, search="follow", **options)
+    return MpcConfig(lateral_acceleration_max=LIMIT, search="follow", stops=False, **options)
 
 
 def first_situations(lane_change, n=6):
@@ -57,7 +57,7 @@ def test_both_backends_find_the_same_plan_at_the_bound(lane_change):
 def test_the_driven_lateral_acceleration_keeps_the_bound(lane_change, backend):
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(2).standard_normal((1, 11, 3, 3))
     free = lane_change.drive(
-        build(MpcConfig(backend=backend, search="follow"), lane_change.scene), noise, samples=12
+        build(MpcConfig(backend=backend, search="follow", stops=False), lane_change.scene), noise, samples=12
     )
     drive = lane_change.drive(build(bounded(backend=backend), lane_change.scene), noise, samples=12)
     driven = [np.abs(each.states[:, :-1, 2] * each.actions[..., 1]).max(axis=1) for each in (free, drive)]

@@ -16,7 +16,7 @@ from avrare_mpc.plan import cheapest, shift, start_of
 from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.solver import RiccatiSolver
 
-CASADI, RICCATI = ({"backend": name, "search": "follow"} for name in ("casadi", "riccati"))
+CASADI, RICCATI = ({"backend": name, "search": "follow", "stops": False} for name in ("casadi", "riccati"))
 
 
 def noise_of(n, samples, seed=5):
@@ -31,7 +31,7 @@ def fast(lane_change):
 @pytest.fixture(scope="module")
 def situations(lane_change):
     """Return inputs of ``act`` from noisy drives of the casadi backend, one row each, and its actions."""
-    controller = build(MpcConfig(backend="casadi", search="follow"), lane_change.scene)
+    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
     drive = lane_change.drive(controller, noise_of(4, 13), samples=13)
     given = tuple(concatenate([step[i] for step in drive.inputs]) for i in range(3))
     return given, controller.act(*given)

@@ -21,7 +21,9 @@ def programmes(lane_change):
     """Return arguments of ``solve``: every later step of noisy drives."""
     noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(8).standard_normal((24, 30, 3, 3))
     drive = lane_change.drive(
-        build(MpcConfig(backend="riccati", search="follow"), lane_change.scene), noise, samples=31
+        build(MpcConfig(backend="riccati", search="follow", stops=False), lane_change.scene),
+        noise,
+        samples=31,
     )
     memory, ego, prediction = (concatenate([step[i] for step in drive.inputs[1:]]) for i in range(3))
     start = start_of(ego)

@@ -122,6 +122,16 @@ class MpcConfig(PlannerConfig):
     end_braking: Positive = Field(
         default=5.0, description="Deceleration before the end of the ego's lane, with lane_ends [m/s^2]."
     )
+    stops: bool = Field(
+        default=True,
+        description="Whether the ego brakes in time to stop behind a vehicle that its plan does not pass, "
+        "however far ahead the tracker knows of it; without it a plan may find a collision cheaper.",
+    )
+    stop_braking: Positive = Field(
+        default=5.0,
+        description="Deceleration for which the ego keeps its distance, with stops; up to acceleration_max "
+        "where that is too late [m/s^2].",
+    )
     bend_acceleration: Positive | None = Field(
         default=None,
         description="Lateral acceleration that no bend is to demand, for which the ego slows down ahead of "

@@ -18,6 +18,7 @@ from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
+from avrare_mpc.stopping import stopping_speed
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
@@ -28,7 +29,8 @@ class MpcController(Controller):
     A plan is searched from the last one, shifted by one step; the first plan from each of the initial guesses
     (``avrare_mpc.plan.initial_guesses``), where the cheapest result counts. A failed search is counted, never
     raised: the particle follows its old plan and, once that has ended, brakes straight ahead. The turn
-    rate of an old plan is clipped to ``lateral_acceleration_max`` at the current speed.
+    rate of an old plan is clipped to ``lateral_acceleration_max`` at the current speed. Where a plan does not
+    pass a vehicle, bends too sharply or ends with its lane, the ego brakes more than planned.
 
     Args:
         config: Options.
@@ -79,10 +81,10 @@ class MpcController(Controller):
         Raises:
             UsageError: There is no prediction, or it is too short.
         """
-        others = self._predicted(prediction)
+        vehicles = others = self._predicted(prediction)
         line, wheelbase = self._scene.road.line, self._config.wheelbase
         if line is not None:
-            others = beside_ego(line, ego, others[0]), others[1]
+            vehicles = others = beside_ego(line, ego, others[0]), others[1]
         if len(self._gaps.edges):
             others = self._gaps.extend(others, ego, self._scene.road)
         if line is not None and wheelbase is not None:
@@ -109,10 +111,13 @@ class MpcController(Controller):
         action = self._action(solved, inputs[:, 0], ego.speed)
         if line is not None:
             action = replace(action, yaw_rate=self._turn_with_road(action.yaw_rate, ego, line))
-        return replace(action, acceleration=self._slow_down(action.acceleration, ego, states)), later
+        slower = self._slow_down(action.acceleration, ego, states, vehicles)
+        return replace(action, acceleration=slower), later
 
-    def _slow_down(self, acceleration: Floats, ego: Vehicles, states: Floats) -> Floats:
-        # Bends and ends of lanes beyond the horizon need more time than the plan has.
+    def _slow_down(
+        self, acceleration: Floats, ego: Vehicles, states: Floats, vehicles: tuple[Floats, Floats]
+    ) -> Floats:
+        # Bends, ends of lanes and vehicles in the way may need more time than the plan has.
         limits, dt = [], self._scene.dt
         ahead = replace(ego, x=ego.x + dt * ego.speed)
         if self._bend_speed is not None:
@@ -121,9 +126,12 @@ class MpcController(Controller):
             goal = states[:, -1, 1]
             braking = min(self._config.end_braking, self._config.acceleration_max)
             limits.append(self._gaps.speed_limit(ahead, goal, self._scene, braking))
+        if self._config.stops:
+            braking = min(self._config.stop_braking, self._config.acceleration_max)
+            limits.append(stopping_speed(states, vehicles, self._scene, braking))
         for limit in limits:
             needed = np.maximum((limit - ego.speed) / dt, -self._config.acceleration_max)
-            acceleration = np.minimum(acceleration, needed)
+            acceleration = np.fmin(acceleration, needed)  # a speed that is NaN needs nothing
         return acceleration
 
     def _turn_with_road(self, turn_rate: Floats, ego: Vehicles, line: ReferenceLine) -> Floats:

@@ -1,0 +1,50 @@
+"""Stopping: the speed from which the ego can always stop behind what its plan does not pass.
+
+A plan has a price for every clearance that it lacks, and ends after a few seconds. For a road that it cannot
+pass both are too little: braking is dearer than the price, and the stopping distance longer than the plan. So
+the speed is bounded from outside: behind a vehicle in its way the ego can brake at a constant rate, and that
+vehicle too, until both stand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avrare.driving import Scene
+from avrare.protocols import Bools, Floats
+
+ROOM = 1.0
+"""Distance from a vehicle in the way at which the ego stands [m]."""
+_BESIDE = 0.3
+"""Room to the side of the ego in which a vehicle is in its way [m]."""
+
+
+def stopping_speed(states: Floats, others: tuple[Floats, Floats], scene: Scene, braking: float) -> Floats:
+    """Return the speed (N,) from which the ego can stop one step later, inf where nothing is in its way.
+
+    Args:
+        states: (N, H + 1, 4) x, y, speed, heading of its plan, which begins now.
+        others: Predicted x and y, each (N, V, H + 1) [m].
+        scene: Sizes of the vehicles and the step.
+        braking: Deceleration of the ego and of those in front [m/s^2].
+    """
+    x, y = others
+    if not x.shape[1]:
+        return np.full(len(states), np.inf)
+    lengths, widths = (np.asarray(sizes)[None, :, None] for sizes in (scene.lengths, scene.widths))
+    rear = x - 0.5 * (lengths + scene.ego_length) - ROOM
+    aside = np.maximum(np.abs(states[:, None, :, 1] - y), np.abs(states[:, None, :, 1] - y[:, :, :1]))
+    overlaps = aside < 0.5 * (widths + scene.ego_width) + _BESIDE  # both now and then
+    ahead = x[:, :, 0] > states[:, :1, 0]
+    in_way = ahead & _at_passing(overlaps, states[:, None, :, 0] >= rear)
+    speed = np.maximum(x[:, :, 1] - x[:, :, 0], 0.0) / scene.dt
+    gap = rear[:, :, 1] - (states[:, 0, 0] + scene.dt * states[:, 0, 2])[:, None]
+    limit = np.sqrt(2.0 * braking * np.maximum(gap, 0.0) + speed**2)
+    return np.asarray(np.where(in_way, limit, np.inf).min(axis=1))
+
+
+def _at_passing(holds: Bools, passes: Bools) -> Bools:
+    """Return (N, V) what holds (N, V, H + 1) at the first node that passes, at the last where none does."""
+    last = holds.shape[2] - 1
+    node = np.where(passes.any(axis=2), passes.argmax(axis=2), last)
+    return np.take_along_axis(holds, node[:, :, None], axis=2)[:, :, 0]
