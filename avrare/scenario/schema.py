@@ -21,6 +21,7 @@ from avrare.base import version
 from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
+from avrare.scenario.aeb import Aeb
 from avrare.scenario.draws import Draws
 from avrare.scenario.exposure import Exposure
 from avrare.scenario.validation import error_with_hint
@@ -214,6 +215,7 @@ class Document(_Model):
     perception: dict[str, Any] | None = Field(None, description="perception error model")
     tracker: dict[str, Any] | None = Field(None, description="tracker and predictor")
     controller: dict[str, Any] | None = Field(None, description="controller (planner) under test")
+    aeb: Aeb | None = Field(None, description="automatic emergency braking beside the controller")
     specifications: dict[Slug, dict[str, Any]] = Field(
         min_length=1,
         max_length=1000,
@@ -299,6 +301,7 @@ class Scenario:
     perception: Block | None = None
     tracker: Block | None = None
     controller: Block | None = None
+    aeb: Aeb | None = None
     thresholds: tuple[Threshold, ...] = ()
     exposure: Exposure | None = None
     regression: Regression | None = None
@@ -339,6 +342,8 @@ class Scenario:
         """Scenario as plain data with all defaults; loading it gives an equal scenario."""
         plain: dict[str, Any] = {"name": self.name, "description": self.description, "steps": self.steps}
         plain |= {key: part.resolved for key in PARTS if (part := getattr(self, key))}
+        if self.aeb is not None:
+            plain["aeb"] = self.aeb.model_dump()
         plain["estimator"] = {**plain["estimator"], "specifications": list(self.estimated)}
         plain["specifications"] = {
             name: part.resolved if isinstance(part, Block) else part.model_dump()

@@ -37,6 +37,7 @@ from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.array_checks import check_signals
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart
+from avrare.stack.emergency_braking import add_emergency_braking
 from avrare.stack.noise_names import check_noise
 from avrare.stack.unlabelled import check_labels
 
@@ -101,6 +102,9 @@ def _build_parts(
     if scenario.controller is not None:
         with _located(scenario, "controller"):
             controller = build_block(scenario.controller, scene, Controller)
+    if scenario.aeb is not None:
+        with _located(scenario, "aeb"):
+            controller = add_emergency_braking(controller, scenario.aeb, scene)
     return perception, tracker, controller
 
 
