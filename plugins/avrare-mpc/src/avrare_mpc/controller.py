@@ -18,7 +18,7 @@ from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
-from avrare_mpc.stopping import stopping_speed
+from avrare_mpc.stopping import stopping_acceleration
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
@@ -126,12 +126,13 @@ class MpcController(Controller):
             goal = states[:, -1, 1]
             braking = min(self._config.end_braking, self._config.acceleration_max)
             limits.append(self._gaps.speed_limit(ahead, goal, self._scene, braking))
-        if self._config.stops:
-            braking = min(self._config.stop_braking, self._config.acceleration_max)
-            limits.append(stopping_speed(states, vehicles, self._scene, braking))
         for limit in limits:
             needed = np.maximum((limit - ego.speed) / dt, -self._config.acceleration_max)
             acceleration = np.fmin(acceleration, needed)  # a speed that is NaN needs nothing
+        if self._config.stops:
+            braking = min(self._config.stop_braking, self._config.acceleration_max)
+            needed = stopping_acceleration(states, vehicles, self._scene, braking)
+            acceleration = np.fmin(acceleration, np.maximum(needed, -self._config.acceleration_max))
         return acceleration
 
     def _turn_with_road(self, turn_rate: Floats, ego: Vehicles, line: ReferenceLine) -> Floats:

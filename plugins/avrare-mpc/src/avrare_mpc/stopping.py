@@ -1,9 +1,9 @@
-"""Stopping: the speed from which the ego can always stop behind what its plan does not pass.
+"""Stopping: the acceleration with which the ego can always stop behind what its plan does not pass.
 
 A plan has a price for every clearance that it lacks, and ends after a few seconds. For a road that it cannot
 pass both are too little: braking is dearer than the price, and the stopping distance longer than the plan. So
-the speed is bounded from outside: behind a vehicle in its way the ego can brake at a constant rate, and that
-vehicle too, until both stand.
+the acceleration is bounded from outside: behind a vehicle in its way the ego can brake at a constant rate
+until both stand, if that vehicle does the same. Where it is too late for that, it brakes as much as it needs.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ _BESIDE = 0.3
 """Room to the side of the ego in which a vehicle is in its way [m]."""
 
 
-def stopping_speed(states: Floats, others: tuple[Floats, Floats], scene: Scene, braking: float) -> Floats:
-    """Return the speed (N,) from which the ego can stop one step later, inf where nothing is in its way.
+def stopping_acceleration(
+    states: Floats, others: tuple[Floats, Floats], scene: Scene, braking: float
+) -> Floats:
+    """Return the greatest acceleration (N,) of the next step, inf where nothing is in the ego's way.
 
     Args:
         states: (N, H + 1, 4) x, y, speed, heading of its plan, which begins now.
@@ -33,14 +35,22 @@ def stopping_speed(states: Floats, others: tuple[Floats, Floats], scene: Scene, 
         return np.full(len(states), np.inf)
     lengths, widths = (np.asarray(sizes)[None, :, None] for sizes in (scene.lengths, scene.widths))
     rear = x - 0.5 * (lengths + scene.ego_length) - ROOM
-    aside = np.maximum(np.abs(states[:, None, :, 1] - y), np.abs(states[:, None, :, 1] - y[:, :, :1]))
-    overlaps = aside < 0.5 * (widths + scene.ego_width) + _BESIDE  # both now and then
+    offsets = states[:, None, :, 1]
+    aside = np.maximum(np.abs(offsets - y), np.abs(offsets - y[:, :, :1]))  # now and then
+    overlaps = aside < 0.5 * (widths + scene.ego_width) + _BESIDE
     ahead = x[:, :, 0] > states[:, :1, 0]
     in_way = ahead & _at_passing(overlaps, states[:, None, :, 0] >= rear)
-    speed = np.maximum(x[:, :, 1] - x[:, :, 0], 0.0) / scene.dt
-    gap = rear[:, :, 1] - (states[:, 0, 0] + scene.dt * states[:, 0, 2])[:, None]
-    limit = np.sqrt(2.0 * braking * np.maximum(gap, 0.0) + speed**2)
-    return np.asarray(np.where(in_way, limit, np.inf).min(axis=1))
+
+    speed = states[:, :1, 2]
+    others_speed = np.maximum(x[:, :, 1] - x[:, :, 0], 0.0) / scene.dt
+    others_way = others_speed**2 / (2.0 * braking)
+    gap = np.maximum(rear[:, :, 0] - states[:, :1, 0], 0.0)
+    next_gap = np.maximum(rear[:, :, 1] - states[:, :1, 0] - scene.dt * speed, 0.0)
+    limit = np.sqrt(2.0 * braking * (next_gap + others_way))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(speed > 0.0, speed**2 / (2.0 * (gap + others_way)), 0.0)
+    bound = np.maximum((limit - speed) / scene.dt, -np.maximum(needed, braking))
+    return np.asarray(np.where(in_way, bound, np.inf).min(axis=1))
 
 
 def _at_passing(holds: Bools, passes: Bools) -> Bools:
