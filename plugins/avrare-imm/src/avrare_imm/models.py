@@ -11,6 +11,8 @@ from avrare.protocols import Floats
 
 STOP, GO = 0.001, 0.002
 """Probabilities that a vehicle that moves stands one step later, and the other way round."""
+_STANDING_NOISE = 0.05
+"""Variance of a step of what stands, over that of a measurement: a new one weighs 0.2, as errors last."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +68,12 @@ def longitudinal_models(
         "stand": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
     }
     gain = np.array([dt**2 / 2, dt, 1.0])
-    m = len(kinds)
+    m, moving = len(kinds), noise * np.outer(gain, gain)
+    standing = np.diag([_STANDING_NOISE * variances[0], 0.0, 0.0])
     return ModelSet(
         dynamics=np.array([dynamics[kind] for kind in kinds]),
         offset=np.zeros((m, 3)),
-        noise=np.broadcast_to(noise * np.outer(gain, gain), (m, 3, 3)),
+        noise=np.array([standing if kind == "stand" else moving for kind in kinds]),
         measurement_variance=np.array(variances, dtype=float),
         transition=transition_matrix(m, stay, kinds.index("stand") if "stand" in kinds else None),
     )
@@ -107,14 +110,17 @@ def lateral_models(
     modes = [(kd, lane) for kd in derivative_gains for lane in lanes]
     dynamics = [[[1.0, dt], [-dt * kp, 1.0 - dt * kd]] for kd, _ in modes]
     offset = [[0.0, dt * kp * lane] for _, lane in modes]
+    gain = np.array([dt**2 / 2, dt])
+    noises = [noise * np.outer(gain, gain)] * len(modes)
     if stands:
         dynamics.append([[1.0, 0.0], [0.0, 0.0]])
         offset.append([0.0, 0.0])
-    m, gain = len(offset), np.array([dt**2 / 2, dt])
+        noises.append(np.diag([_STANDING_NOISE * variance, 0.0]))
+    m = len(offset)
     return ModelSet(
         dynamics=np.array(dynamics),
         offset=np.array(offset),
-        noise=np.broadcast_to(noise * np.outer(gain, gain), (m, 2, 2)),
+        noise=np.array(noises),
         measurement_variance=np.array([variance] if speed_variance is None else [variance, speed_variance]),
         transition=transition_matrix(m, stay, m - 1 if stands else None),
     )
