@@ -195,10 +195,9 @@ class PerceptionErrorModel(ABC):
     ) -> tuple[Floats, Any]:
         """Return (N,) log density ratio of ``other`` for the observation from ``noise``, and its memory.
 
-        It is NaN where ``other`` may observe what this model cannot: no weights of rollouts under this model
-        make up for that. ``memory`` is that before the step, and ``other_memory`` that of the tape on which
-        ``other`` would have observed the same; both are None where errors do not last. Called after each step
-        of failures that are reweighed for a nearby model. Without it they are run again.
+        It is NaN where ``other`` may observe what this model cannot. ``memory`` is that before the step, and
+        ``other_memory`` that of the tape on which ``other`` would have observed the same; both are None where
+        errors do not last. Called where failures are reweighed for a nearby model, else they are run again.
         """
         raise NotImplementedError
 
@@ -207,11 +206,9 @@ class Tracker(ABC):
     """Tracker: estimates the others' states and predicts them.
 
     Attributes:
-        known_scene: Scene with a vehicle for each track, of a tracker that finds out itself which detection
-            belongs to which track: the simulator's vehicles, then others. The controller is built for it.
-            Default: None, observations say which vehicle they are of.
-        burn_in: Number of observations before the first step, the last of them at t = 0, with which a drive
-            begins (``avrare.stack.burn_in``). Default: 0.
+        known_scene: Scene for the controller, of a tracker that finds out itself which detection is of which
+            track: the simulator's vehicles, then others. Default: None, observations say it.
+        burn_in: Number of observations up to t = 0 with which a drive begins. Default: 0.
     """
 
     known_scene: Scene | None = None

@@ -7,6 +7,7 @@ import pytest
 
 from avrare.base import batch
 from avrare.driving import Vehicles
+from avrare.protocols import PerceptionErrorModel
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.observation_ratios import log_ratios
 from avrare.scenario.load import load
@@ -69,7 +70,7 @@ def test_perfect_noise_sees_the_truth_all_the_time():
 
 
 def test_the_numbers_of_a_channel_are_standard_normal_and_its_own():
-    class Model:
+    class Model(PerceptionErrorModel):
         noise_size = 2
 
         def observe(self, world, noise):

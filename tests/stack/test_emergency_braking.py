@@ -7,6 +7,7 @@ import pytest
 
 from avrare.base.errors import ScenarioError
 from avrare.driving import Action, Prediction, Road, Scene, Vehicles
+from avrare.protocols import Controller
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.aeb import Aeb
 from avrare.scenario.load import load
@@ -16,7 +17,7 @@ DT, LENGTH, WIDTH = 0.1, 4.0, 2.0
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "lane_change.yaml"
 
 
-class Coasting:
+class Coasting(Controller):
     """Controller that does nothing, or accelerates and turns."""
 
     horizon = 5
