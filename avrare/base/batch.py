@@ -94,6 +94,15 @@ def concatenate(states: Sequence[State]) -> State:
     return map_leaves(lambda *leaves: np.concatenate(leaves), *states)  # type: ignore[no-any-return]
 
 
+def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
+    """Return a batch with the particles of ``first`` where ``rows`` (N,) is True, of ``second`` elsewhere."""
+
+    def pick(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+        return np.where(rows.reshape(-1, *[1] * (other.ndim - 1)), one, other)
+
+    return map_leaves(pick, first, second)  # type: ignore[no-any-return]
+
+
 def separated(state: State) -> State:
     """Return a copy in which no two leaves are the same array."""
     return _map(np.copy, None, [[state]])[0]  # type: ignore[no-any-return]

@@ -137,6 +137,10 @@ class SystemWrapper(System):
         """Return the rows (N,) of the other system that have broken down."""
         return self.system.faults(self.unwrap(state))
 
+    def ended(self, state: Any) -> Bools | None:
+        """Return the rows (N,) of the other system of which no later sample counts."""
+        return self.system.ended(self.unwrap(state))
+
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
         """Return the counters of the other system."""
         return self.system.counts(self.unwrap(state))

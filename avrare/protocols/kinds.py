@@ -2,9 +2,8 @@
 
 All parts work on N particles at once (leading axis N) and are deterministic: every random choice is a
 transform of the standard normal numbers handed to them. A state, world, track or memory is a value: a
-dataclass or dict of arrays with leading axis N that no method changes; it is copied with its particle.
-
-A class without the base class works too, if it has the members without a default: ``adapt`` adds the others.
+dataclass or dict of arrays with leading axis N that no method changes. A class without the base class works
+too, if it has the members without a default: ``adapt`` adds the others.
 """
 
 from __future__ import annotations
@@ -43,6 +42,10 @@ class _Dynamics(ABC):  # shared by systems and simulators
 
     def faults(self, state: Any) -> Bools | None:
         """Return (N,) True for rows that have broken down; called after every step. Default: None, no row."""
+        return None
+
+    def ended(self, state: Any) -> Bools | None:
+        """Return (N,) True for rows of which no later sample counts. Default: None, no row."""
         return None
 
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
@@ -86,10 +89,7 @@ class System(_Dynamics):
         """Return arrays (N, ...) by name, which formulas read; called at t = 0 and after each step."""
 
     def under(self, law: Any) -> System:
-        """Return the system that draws from the law of a request; it has ``log_weights``.
-
-        Default: raises a ``UsageError``.
-        """
+        """Return the system, with ``log_weights``, that draws from a law. Default: a ``UsageError``."""
         raise UsageError(
             f"{type(self).__name__} cannot draw from another law",
             "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
@@ -100,10 +100,7 @@ class System(_Dynamics):
         return self
 
     def log_weights(self, state: Any) -> Floats | None:
-        """Return (N,) log p/q along each row so far: p is the law that is meant, q the one drawn from.
-
-        Called at each sample. Default: None, they are the same.
-        """
+        """Return (N,) log p/q at each sample: p is meant, q is drawn from. Default: None, the same."""
         return None
 
 
@@ -114,9 +111,8 @@ class Simulator(_Dynamics):
 
     Attributes:
         dt: Time of a step [s].
-        noise_size: Number of standard normal numbers of the start, and of each step.
         junction: Scene of an intersection for specifications, in place of a road. Default: None.
-        noise_names, perfect_noise, scene, lacks, notes: As of a ``System``.
+        noise_size, noise_names, perfect_noise, scene, lacks, notes: As of a ``System``.
     """
 
     dt: float
@@ -178,6 +174,10 @@ class PerceptionErrorModel(ABC):
         Default: ``observe``, and the memory as it is. With its own, errors last; it has no ``log_prob``.
         """
         return self.observe(world, noise), memory
+
+    def locate(self, ego: Any, memory: Any) -> Any:
+        """Return the ego as the planner believes it; called before each step. Default: as it is."""
+        return ego
 
     def features(self, memory: Any) -> Floats | None:
         """Return (N, F) numbers as ``System.features`` does. Default: None."""

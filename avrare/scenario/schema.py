@@ -24,6 +24,7 @@ from avrare.plugin.registry import default_registry
 from avrare.scenario.aeb import Aeb
 from avrare.scenario.draws import Draws
 from avrare.scenario.exposure import Exposure
+from avrare.scenario.timing import Actuators, Timing
 from avrare.scenario.validation import error_with_hint
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")
@@ -216,6 +217,8 @@ class Document(_Model):
     tracker: dict[str, Any] | None = Field(None, description="tracker and predictor")
     controller: dict[str, Any] | None = Field(None, description="controller (planner) under test")
     aeb: Aeb | None = Field(None, description="automatic emergency braking beside the controller")
+    timing: Timing | None = Field(None, description="latencies, periods and losses of the stack")
+    actuators: Actuators | None = Field(None, description="lag and limits between controller and plant")
     specifications: dict[Slug, dict[str, Any]] = Field(
         min_length=1,
         max_length=1000,
@@ -302,6 +305,8 @@ class Scenario:
     tracker: Block | None = None
     controller: Block | None = None
     aeb: Aeb | None = None
+    timing: Timing | None = None
+    actuators: Actuators | None = None
     thresholds: tuple[Threshold, ...] = ()
     exposure: Exposure | None = None
     regression: Regression | None = None
@@ -342,8 +347,9 @@ class Scenario:
         """Scenario as plain data with all defaults; loading it gives an equal scenario."""
         plain: dict[str, Any] = {"name": self.name, "description": self.description, "steps": self.steps}
         plain |= {key: part.resolved for key in PARTS if (part := getattr(self, key))}
-        if self.aeb is not None:
-            plain["aeb"] = self.aeb.model_dump()
+        for key in ("aeb", "timing", "actuators"):
+            if (block := getattr(self, key)) is not None:
+                plain[key] = block.model_dump()
         plain["estimator"] = {**plain["estimator"], "specifications": list(self.estimated)}
         plain["specifications"] = {
             name: part.resolved if isinstance(part, Block) else part.model_dump()

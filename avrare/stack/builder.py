@@ -32,13 +32,16 @@ from avrare.protocols import (
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block, Formula, Scenario
 from avrare.scenario.specification_checks import reach_warnings
+from avrare.scenario.timing import Actuators, Timing
 from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
 from avrare.stack.array_checks import check_signals
+from avrare.stack.clock import Clock
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart
 from avrare.stack.emergency_braking import add_emergency_braking
 from avrare.stack.noise_names import check_noise
+from avrare.stack.timed_parts import Parts, time_parts
 from avrare.stack.unlabelled import check_labels
 
 PartT = TypeVar("PartT")
@@ -75,37 +78,42 @@ def build_stack(scenario: Scenario) -> Stack:
     with _located(scenario, "steps"):
         simulator.check_steps(scenario.steps)
     scene = simulator.scene
-    perception, tracker, controller = _build_parts(scenario, scene)
+    with _located(scenario, "timing"):
+        clock = Clock.of(scenario.timing or Timing(), simulator.dt)
+    parts = _build_parts(scenario, scene, clock)
     specifications, judged = {}, scene or simulator.junction
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, judged, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
-    return Stack(ClosedLoop(simulator, perception, tracker, controller, start), scene, specifications)
+    return Stack(ClosedLoop(simulator, *parts, start), scene, specifications)
 
 
-def _build_parts(
-    scenario: Scenario, scene: Scene | None
-) -> tuple[PerceptionErrorModel | None, Tracker | None, Controller | None]:
-    perception, tracker, controller = None, None, None
+def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts:
+    perception, tracker, controller, known = None, None, None, scene
     if scenario.perception is not None:
         with _located(scenario, "perception"):
-            perception = build_block(scenario.perception, scene, PerceptionErrorModel)
+            perception = build_block(
+                scenario.perception, clock.paced(scene, clock.sensor), PerceptionErrorModel
+            )
             check_noise(perception)
     if scenario.tracker is not None:
         with _located(scenario, "tracker"):
-            tracker = build_block(scenario.tracker, scene, Tracker)
+            tracker = build_block(scenario.tracker, clock.paced(scene, clock.tracker), Tracker)
             if perception is not None:
                 check_labels(perception, tracker)
-            scene = tracker.known_scene or scene
+            known = tracker.known_scene or scene
     if scenario.controller is not None:
         with _located(scenario, "controller"):
-            controller = build_block(scenario.controller, scene, Controller)
+            paced = clock.paced(known, clock.planner)
+            controller = build_block(scenario.controller, paced, Controller)
     if scenario.aeb is not None:
         with _located(scenario, "aeb"):
-            controller = add_emergency_braking(controller, scenario.aeb, scene)
-    return perception, tracker, controller
+            controller = add_emergency_braking(controller, scenario.aeb, clock.paced(known, clock.planner))
+    timing, actuators = scenario.timing or Timing(), scenario.actuators or Actuators()
+    with _located(scenario, "timing"):
+        return time_parts(timing, actuators, clock, scene, Parts(perception, tracker, controller))
 
 
 def _build_simulator(block: Block) -> Simulator:

@@ -32,6 +32,7 @@ from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import check_features, flattened, plan_features, track_features, vehicle_features
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 from avrare.stack.observing import observe
+from avrare.stack.timed_controller import TimedController
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,11 @@ class ClosedLoop(System):
             names += find_noise_names(self.perception, "noise of perception:")
             perfect.append(find_perfect_noise(self.perception))
             self.notes |= self.perception.notes
+        self._seen = slice(self.world_noise, len(names))
+        self._timed = controller if isinstance(controller, TimedController) else None
+        if self._timed is not None:
+            names += self._timed.noise_names
+            perfect.append(np.zeros(len(self._timed.noise_names)))
         self.noise_names, self.perfect_noise = names, np.concatenate(perfect)
         self.noise_size = len(names)
 
@@ -118,18 +124,16 @@ class ClosedLoop(System):
             observation, track, latent = self.burn_in.run(world, noise[:, own:])
             return LoopState(world, observation, track, memory, latent, drawn)
         track = self.tracker.start(world) if self.tracker is not None else None
-        first = noise[:, own : self.noise_size]
-        latent = self.perception.start(first) if self.perception is not None else None
+        latent = self.perception.start(noise[:, self._seen]) if self.perception is not None else None
         return LoopState(world, None, track, memory, latent, drawn)
 
     def step(self, state: LoopState, noise: Floats) -> LoopState:
         """Return the state one step later."""
-        action, memory = self.act(state)
-        own = self.world_noise
-        world = self.simulator.step(state.world, action, noise[:, self._drawn : own])
+        action, memory = self.act(state, noise)
+        world = self.simulator.step(state.world, action, noise[:, self._drawn : self.world_noise])
         observation, latent, track = None, None, state.track
         if self.perception is not None or self.tracker is not None:
-            observation, latent = observe(self.perception, world, noise[:, own:], state.latent)
+            observation, latent = observe(self.perception, world, noise[:, self._seen], state.latent)
             track = self.tracker.update(track, observation) if self.tracker is not None else None
         return LoopState(world, observation, track, memory, latent, state.drawn)
 
@@ -139,11 +143,16 @@ class ClosedLoop(System):
             return None
         return self.tracker.predict(state.track, self.controller.horizon)
 
-    def act(self, state: LoopState) -> tuple[Any, Any]:
+    def act(self, state: LoopState, noise: Floats | None = None) -> tuple[Any, Any]:
         """Return the action of the next step and the controller's memory after it, None without one."""
         if self.controller is None:
             return None, None
-        return self.controller.act(state.memory, state.world.ego, self.predict(state))
+        ego = state.world.ego
+        if self.perception is not None:
+            ego = self.perception.locate(ego, state.latent)
+        if self._timed is not None and noise is not None:
+            return self._timed.act(state.memory, ego, self.predict(state), noise[:, self._seen.stop :])
+        return self.controller.act(state.memory, ego, self.predict(state))
 
     def signals(self, state: LoopState) -> Signals:
         """Return the simulator's signals, and what was drawn."""
@@ -159,6 +168,10 @@ class ClosedLoop(System):
             broken = np.zeros(len(next(iter(self.signals(state).values()))), dtype=bool)
         broken = np.asarray(broken, dtype=bool)
         return broken if state.drawn is None else broken | state.drawn.refused
+
+    def ended(self, state: LoopState) -> Bools | None:
+        """Return (N,) rows whose drive the simulator has ended; None: it ends none."""
+        return self.simulator.ended(state.world)
 
     def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
         """Return counters (N,) of draws, simulator and controller, such as solver fallbacks."""

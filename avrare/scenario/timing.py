@@ -1,0 +1,67 @@
+"""Times of a stack (latencies, periods, losses), and the actuators between planner and plant."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+_Seconds = Annotated[float, Field(ge=0.0, le=10.0)]
+_Period = Annotated[float, Field(gt=0.0, le=10.0)]
+_Share = Annotated[float, Field(ge=0.0, le=0.5)]
+_Positive = Annotated[float, Field(gt=0.0)]
+
+
+class Timing(BaseModel):
+    """Times at which the parts of a stack work, and how late their answers are."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    sensor_period: _Period | None = Field(
+        default=None, description="time between frames, which perception is built with; default: the step [s]"
+    )
+    tracker_period: _Period | None = Field(
+        default=None, description="time between updates of the tracker, likewise; default: sensor_period [s]"
+    )
+    planner_period: _Period | None = Field(
+        default=None,
+        description="time between plans and of a step of a plan; default: the simulator's step [s]",
+    )
+    perception_latency: _Seconds = Field(
+        default=0.0,
+        description="time from a frame to its detections, which the next update of the tracker reads [s]",
+    )
+    perception_jitter: _Seconds = Field(
+        default=0.0,
+        description="half of the frames are later, by a half-normal time of this standard deviation [s]",
+    )
+    lost_frames: _Share = Field(default=0.0, description="share of frames that never arrive [-]")
+    planning_latency: _Seconds = Field(
+        default=0.0, description="time from the start of a plan to its command [s]"
+    )
+    missed_cycles: _Share = Field(
+        default=0.0, description="share of planning cycles that give no command: the last one stays [-]"
+    )
+    actuation_delay: _Seconds = Field(
+        default=0.0, description="time from a command to the actuators' answer [s]"
+    )
+    compensated: bool = Field(
+        default=False,
+        description="the planner knows all latencies, and plans from where the vehicles will be; detections "
+        "that are late by jitter are moved on at their speed",
+    )
+
+
+class Actuators(BaseModel):
+    """Way of a driving planner's commands to the plant, after the delays of ``Timing``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    acceleration_lag: _Seconds = Field(
+        default=0.0, description="time constant of the acceleration, first order [s]"
+    )
+    turn_lag: _Seconds = Field(default=0.0, description="time constant of the yaw rate, first order [s]")
+    jerk_max: _Positive | None = Field(default=None, description="bound of the acceleration's change [m/s^3]")
+    power_max: _Positive | None = Field(
+        default=None, description="power over mass, which bounds the acceleration at a speed [W/kg]"
+    )
