@@ -167,8 +167,8 @@ class _Simulation:
 
     def _advance(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
         sample, alive = self._guard(self._step, carry.system, self.noise(rows, t), rows)
-        monitors = carry.monitors if alive.all() else batch.take(carry.monitors, alive)
-        return self._observe(sample, alive, monitors, rows, t)
+        before = carry if alive.all() else batch.take(carry, alive)
+        return self._observe(sample, alive, before.monitors, rows, t, before)
 
     def _join(
         self, carry: Carry | None, rows: Integers, newcomers: Carry, joining: Integers, t: int
@@ -225,7 +225,13 @@ class _Simulation:
         return (batch.concatenate(good) if good else None), np.concatenate([alive for _, alive in parts])
 
     def _observe(
-        self, sample: Sample | None, alive: Bools, monitors: tuple[Any, ...], rows: Integers, t: int
+        self,
+        sample: Sample | None,
+        alive: Bools,
+        monitors: tuple[Any, ...],
+        rows: Integers,
+        t: int,
+        before: Carry | None = None,
     ) -> tuple[Carry | None, Integers]:
         if not alive.all():
             self._drop(rows[~alive], t)
@@ -237,6 +243,10 @@ class _Simulation:
             spec.update(monitor, signals) for spec, monitor in zip(self.specifications, monitors, strict=True)
         ]
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
+        if before is not None:
+            ended = self.system.ended(before.system)
+            if ended is not None and ended.any():  # what was judged before stays
+                carry = batch.choose(ended, replace(before, system=state), carry)
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
         if unknown.any():
             text = "the formula has no value: log or sqrt of a negative number, infinity - infinity, or 0/0"
@@ -275,6 +285,9 @@ class _Simulation:
         if not (self.request.stop_early or self.request.stop_failed):
             return carry, rows
         decided = np.all([state.decided for state in carry.monitors], axis=0)
+        ended = self.system.ended(carry.system)
+        if ended is not None:
+            decided |= ended
         if self.request.stop_failed:
             decided &= carry.verdicts[0].violated
         if not decided.any():

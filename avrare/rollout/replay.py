@@ -23,7 +23,9 @@ _ROW_STEPS = 4000
 class ReplayedRollout:
     """Rollout of one noise tape, judged by the first specification."""
 
-    signals: dict[str, NDArray[Any]]  # (T, ...): T is steps + 1, or less where the rollout broke down
+    signals: dict[
+        str, NDArray[Any]
+    ]  # (T, ...): T is steps + 1, or less where the rollout broke down or ended
     states: tuple[Any, ...]  # T states of the system, one particle each
     robustness: float  # of the samples before the error, if any
     violated: bool
@@ -51,8 +53,15 @@ def replay_tapes(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
 
 def _replay_batch(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
     outcome = problem.replay(tapes, keep_carries=True)
-    carried = [(rows, carry.system) for _, rows, carry in outcome.carries]
-    samples = [(rows, problem.system.signals(state), state) for rows, state in carried]
+    over = np.zeros(len(tapes), dtype=bool)
+    samples: list[tuple[Integers, Signals, Any]] = []
+    for _, rows, carry in outcome.carries:
+        going = ~over[rows]
+        rows, state = rows[going], batch.take(carry.system, going)
+        ended = problem.system.ended(state)
+        if ended is not None:
+            over[rows] = ended
+        samples.append((rows, problem.system.signals(state), state))
     return [_extract_row(outcome, samples, row) for row in range(len(tapes))]
 
 

@@ -75,7 +75,7 @@ class DriveCharts:
         continuations = self.rollout.continuations
         if continuations is None:
             return None
-        at = continuations.steps >= 0
+        at = (continuations.steps >= 0) & (continuations.steps < len(self.times))
         steps, values = continuations.steps[at], continuations.robustness[at]
         chart = self._start(
             "Robustness if the noise ended here",

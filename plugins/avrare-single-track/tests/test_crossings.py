@@ -39,7 +39,9 @@ def simulate(tmp_path):
         )  # a scene needs another car; this one has no priority over the ego
         path.write_text(crossroads([*cars, behind], **more), encoding="utf-8")
         body = {"length": LENGTH, "width": 1.8, "wheelbase": 2.7}
-        return RecordedScene(RecordedConfig(file=path, without=(1,), ego=body, route=route(cars[0])))
+        way = route(cars[0])
+        config = RecordedConfig(file=path, without=(1,), ego=body, route=way, after_impact="go_on")
+        return RecordedScene(config)
 
     return simulate
 

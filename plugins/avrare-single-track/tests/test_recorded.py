@@ -47,7 +47,8 @@ def test_the_ego_starts_where_car_1_was_and_the_others_are_where_they_were(write
 
 
 def test_it_drives_until_the_recording_ends(write):
-    sim = RecordedScene(RecordedConfig(file=write("bend"), ego={"friction": 1.0, "length": 4.0}))
+    body = {"friction": 1.0, "length": 4.0}
+    sim = RecordedScene(RecordedConfig(file=write("bend"), ego=body, after_impact="go_on"))
     assert sim.scene.ego_length == 4.0
     world = sim.reset(np.zeros((2, 0)))
     for step in range(1, 42):

@@ -68,7 +68,8 @@ def test_vehicles_of_highd_are_handed_to_drivers(tmp_path):
     highd = write_highd(tmp_path, rows, {1: 2, 2: 2})
     sim = RecordedScene(RecordedConfig(file=highd, vehicle=2, dt=0.1, drivers={"vehicles": (1,)}))
     assert sim.noise_names == ("acceleration of v1",)
-    replayed = roll(RecordedScene(RecordedConfig(file=highd, vehicle=2, dt=0.1)), 43)
+    passing = RecordedConfig(file=highd, vehicle=2, dt=0.1, after_impact="go_on")
+    replayed = roll(RecordedScene(passing), 43)
     driven = roll(sim, 43)
     k = sim.scene.names.index("v1")
     assert replayed.others.x[0, k] > replayed.ego.x[0]  # 10 m/s faster, it drives through the ego

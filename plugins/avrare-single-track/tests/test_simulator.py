@@ -27,7 +27,8 @@ VEHICLES = [
 def simulator(vehicles=VEHICLES):
     ego = {"x": 0.0, "y": 1.75, "speed": 20.0}
     road = {"access_ramp": [0]}
-    return build(SingleTrackConfig.model_validate({"ego": ego, "road": road, "vehicles": vehicles}))
+    options = {"ego": ego, "road": road, "vehicles": vehicles, "after_impact": "go_on"}
+    return build(SingleTrackConfig.model_validate(options))
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Any, Generic, Self, TypeVar
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -16,6 +16,11 @@ _Lane = Annotated[int, Field(ge=0)]
 _Station = Annotated[float, Field(gt=-1e5, lt=1e5)]
 """x on a road; lanes without an end have theirs beyond (``avrare.driving.lanes.ENDLESS``) [m]."""
 _Number = TypeVar("_Number", bound=float)
+AfterImpact = Literal["end", "go_on"]
+AFTER_IMPACT = (
+    "what follows where the ego touches a vehicle: the drive ends, and later samples count for nothing; or "
+    "it goes on through the vehicle, with contacts between two samples unseen"
+)
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
 
@@ -260,6 +265,7 @@ class SingleTrackConfig(Options):
         description="factor on the errors of perception and on the odds of a miss; 1: as the perception "
         "error model was fitted",
     )
+    after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
 
     @model_validator(mode="after")
     def _distinct_names(self) -> Self:

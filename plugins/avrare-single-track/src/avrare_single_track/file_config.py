@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from avrare.base.errors import did_you_mean
 from avrare.plugin import Drawable
 from avrare.scenario.fingerprint import is_file
-from avrare_single_track.config import EgoConfig, FollowingConfig, Options
+from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig, Options
 
 _TRACKS = "_tracks.csv"
 _KINDS = "tracksMeta", "recordingMeta"
@@ -101,6 +101,8 @@ class RecordedConfig(BaseModel):
         default=None, description="recorded vehicles that react; default: all repeat what was recorded"
     )
 
+    after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
+
     @property
     def used_files(self) -> dict[str, Path]:
         """Files that lie beside the recording and complete it, which count in the fingerprint."""
@@ -155,6 +157,8 @@ class OpenScenarioConfig(Options):
     weather: Drawable | None = Field(
         default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
     )
+
+    after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
 
     @property
     def used_files(self) -> dict[str, Path]:

@@ -46,7 +46,7 @@ class RecordedScene(SingleTrack):
         self._path = path = str(config.file)
         found = read_scene(config)
         ego = _check_ego(path, {**found.body, **config.ego})
-        super().__init__(SingleTrackConfig(dt=found.dt, ego=ego))
+        super().__init__(SingleTrackConfig(dt=found.dt, ego=ego, after_impact=config.after_impact))
         self.last, self.lights = found.last, found.lights
         self.traffic = ReplayedTraffic([track.fill_gaps(found.dt) for track in found.others], found.last + 1)
         self.scene = Scene(

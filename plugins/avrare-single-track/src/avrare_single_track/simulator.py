@@ -19,6 +19,7 @@ from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
+from avrare_single_track.impact import end_at_impact
 from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
 from avrare_single_track.reactive_traffic import DriverMemory, ReactiveTraffic
@@ -39,6 +40,7 @@ class TrackWorld(World):
         friction: (N,) drawn friction coefficient; None: that of the options.
         plans: Place among the plans of the scripted vehicles, where they are drawn.
         drivers: Memory of the drivers that react, if there are any.
+        ended: (N,) the ego has touched a vehicle, which ended the drive; None: it goes on.
     """
 
     jerk: Floats
@@ -46,6 +48,7 @@ class TrackWorld(World):
     friction: Floats | None = None
     plans: Mixture | None = None
     drivers: DriverMemory | None = None
+    ended: Bools | None = None
 
 
 class SingleTrack(Simulator):
@@ -104,6 +107,7 @@ class SingleTrack(Simulator):
             np.zeros_like(step),
             drivers=self.reactive.start(others, noise) if self.noise_size else None,
             weather=weather,
+            ended=None if self.config.after_impact == "go_on" else np.zeros(n, dtype=np.bool_),
         )
 
     def drawing(self, laws: Mapping[str, Any]) -> SingleTrack:
@@ -135,7 +139,7 @@ class SingleTrack(Simulator):
         return self.drawn_traffic.at(step, plans)
 
     def step(self, world: TrackWorld, action: Action | None, noise: Floats) -> TrackWorld:
-        """Return the world one ``dt`` later.
+        """Return the world one ``dt`` later; one that an impact has ended does not change.
 
         Raises:
             UsageError: There is no controller.
@@ -150,7 +154,7 @@ class SingleTrack(Simulator):
             ego = to_road(road.line, ego)
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
-        return replace(
+        moved = replace(
             world,
             step=world.step + 1,
             ego=ego,
@@ -159,6 +163,11 @@ class SingleTrack(Simulator):
             slips=world.slips + slips,
             **self._move_others(world, noise),
         )
+        return moved if world.ended is None else end_at_impact(self.scene, world, moved)
+
+    def ended(self, world: TrackWorld) -> Bools:
+        """Return (N,) the drives that an impact has ended."""
+        return np.zeros(len(world.step), dtype=np.bool_) if world.ended is None else world.ended
 
     def _move_others(self, world: TrackWorld, noise: Floats) -> dict[str, Any]:
         # What changes in a world within a step, besides the ego.

@@ -49,7 +49,8 @@ class OpenScenario(SingleTrack):
         self.options = config
         self.file = file = read_file(config)
         *others, ego = file.bodies
-        super().__init__(SingleTrackConfig(dt=config.dt, ego=_build_ego(config, file, ego)))
+        own = _build_ego(config, file, ego)
+        super().__init__(SingleTrackConfig(dt=config.dt, ego=own, after_impact=config.after_impact))
         self.acted = ActedTraffic(file, config.dt)
         driven = {action.actor for action in file.story.actions}
         speeds = file.parameters.table({}, 1)[0, list(file.story.speeds)]

@@ -1,0 +1,94 @@
+"""First contact of the ego with other vehicles between two samples, whose poses change linearly."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.driving.frames import to_plane
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.driving.values import Bools, Floats, Scene, Vehicles
+
+_STEP_METRES = 0.02
+"""Least relative motion between two looks: a contact that is shorter may be missed."""
+_TOP_SPEED = 150.0
+"""Relative speed beyond which a vehicle has appeared or vanished [m/s]."""
+
+
+def interpolate(before: Vehicles, after: Vehicles, share: Floats) -> Vehicles:
+    """Return vehicles at a share of the way between two samples; accelerations are those after it."""
+    turn = np.remainder(after.heading - before.heading + np.pi, 2.0 * np.pi) - np.pi
+    x, y, speed = (
+        getattr(before, name) + share * (getattr(after, name) - getattr(before, name))
+        for name in ("x", "y", "speed")
+    )
+    return Vehicles(x, y, before.heading + share * turn, speed, after.acceleration)
+
+
+def find_contacts(
+    scene: Scene, before: tuple[Vehicles, Vehicles], after: tuple[Vehicles, Vehicles]
+) -> Floats:
+    """Return (N, V) the share of the step at which the ego first touches each vehicle; inf: it does not.
+
+    Args:
+        scene: Road and sizes.
+        before: Ego (N,) and others (N, V) at one sample.
+        after: The same at the next sample.
+    """
+    pairs = [(_columns(ego, others.x.shape), others) for ego, others in (before, after)]
+    motion, near = _bound_motion(scene, *pairs)
+    shares = np.full(motion.shape, np.inf)
+    rows = np.nonzero(near)
+    if not rows[0].size:
+        return shares
+    (ego, others), (later_ego, later_others) = (
+        (_select(one, rows), _select(other, rows)) for one, other in pairs
+    )
+    lengths, widths = scene.lengths[rows[1]], scene.widths[rows[1]]
+    bound, found = np.maximum(motion[rows], 1e-9), np.full(len(rows[0]), np.inf)
+    at, looking = np.zeros(len(bound)), np.ones(len(bound), dtype=bool)
+    while looking.any():
+        boxes = (
+            _rectangle(scene, interpolate(ego, later_ego, at), scene.ego_length, scene.ego_width),
+            _rectangle(scene, interpolate(others, later_others, at), lengths, widths),
+        )
+        distance = signed_distance(*boxes)
+        touching = looking & (distance <= 0.0)
+        found[touching] = at[touching]
+        looking &= ~touching & (at < 1.0)
+        # No point of one box comes nearer to the other than by the bound of their relative motion.
+        at = np.minimum(at + np.maximum(distance, _STEP_METRES) / bound, 1.0)
+    shares[rows] = found
+    return shares
+
+
+def _bound_motion(
+    scene: Scene, before: tuple[Vehicles, Vehicles], after: tuple[Vehicles, Vehicles]
+) -> tuple[Floats, Bools]:
+    """Return (N, V) how far a point of one box moves against the other, and whether they could touch."""
+    (ego, others), (later_ego, later_others) = (
+        (to_plane(scene.road, one), to_plane(scene.road, other)) for one, other in (before, after)
+    )
+    reaches = 0.5 * np.hypot(scene.ego_length, scene.ego_width), 0.5 * np.hypot(scene.lengths, scene.widths)
+    apart = np.hypot(others.x - ego.x, others.y - ego.y) - reaches[0] - reaches[1]
+    ways = (later_others.x - later_ego.x - others.x + ego.x, later_others.y - later_ego.y - others.y + ego.y)
+    motion = np.hypot(*ways)
+    for one, later, reach in ((ego, later_ego, reaches[0]), (others, later_others, reaches[1])):
+        motion = motion + reach * np.abs(
+            np.remainder(later.heading - one.heading + np.pi, 2.0 * np.pi) - np.pi
+        )
+    near = (apart <= motion) & (motion <= _TOP_SPEED * scene.dt + reaches[0])
+    return np.asarray(motion), np.asarray(near)
+
+
+def _columns(ego: Vehicles, shape: tuple[int, ...]) -> Vehicles:
+    return Vehicles(*(np.broadcast_to(values[:, None], shape) for values in vars(ego).values()))
+
+
+def _select(vehicles: Vehicles, rows: tuple[NDArray[np.int64], ...]) -> Vehicles:
+    return Vehicles(*(values[rows] for values in vars(vehicles).values()))
+
+
+def _rectangle(scene: Scene, vehicles: Vehicles, length: Floats | float, width: Floats | float) -> Rectangle:
+    flat = to_plane(scene.road, vehicles)
+    return Rectangle(flat.x, flat.y, flat.heading, np.asarray(length), np.asarray(width))
