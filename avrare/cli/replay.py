@@ -40,10 +40,13 @@ def execute(args: argparse.Namespace) -> int:
         return int(ExitCode.ROLLOUT_ERRORS)
     if found.rollout.outcome == "passes":
         return int(ExitCode.FAIL)
+    problem = scenario.problem(failure.specification)
+    first = find_first_violation(problem, found.rollout)
+    if first.severity is not None:
+        say(f"the {first.severity.describe()}")
     if args.lost:
-        problem = scenario.problem(failure.specification)
-        first = find_first_violation(problem, found.rollout).sample
-        say(continue_without_noise(problem, failure.noise).describe(first if first >= 0 else None))
+        sample = first.sample if first.sample >= 0 else None
+        say(continue_without_noise(problem, failure.noise).describe(sample))
     if args.shrink:
         _shrink(args, scenario, failure)
     elif args.write_blob is not None:

@@ -34,6 +34,7 @@ class StoredKind(_Stored):
     representative: int
     text: _Text
     warnings: list[_Text]
+    severity: _Text = ""
     decisive: _Text = ""
     lost: _Text = ""
 

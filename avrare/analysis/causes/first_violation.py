@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from avrare.analysis.failures.severity import Severity, measure_severity
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.errors import AvrareError
 from avrare.results.recordings.recording import Recording
@@ -15,12 +16,14 @@ from avrare.rollout.replay import ReplayedRollout
 class FirstViolation:
     """First violation: ``sample`` is -1, and ``key`` empty, where nothing is known of it.
 
-    ``key`` is the comparison that decides, with the names of the vehicles, without numbers of samples.
+    ``key`` is the comparison that decides, with the names of the vehicles, without numbers of samples, and
+    the ego's part in an impact. ``severity`` is None where there are no vehicles on lanes.
     """
 
     sample: int
     key: str
     vehicles: tuple[str, ...] = ()
+    severity: Severity | None = None
 
 
 UNKNOWN = FirstViolation(-1, "")
@@ -40,4 +43,7 @@ def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstVio
         return UNKNOWN
     vehicles = tuple(decisive.vehicles.values())
     text = decisive.formula or problem.names[0]
-    return FirstViolation(decisive.sample, text, vehicles)
+    severity = measure_severity(found)
+    if severity is not None and severity.impact is not None:
+        text = f"{text} (ego {severity.impact.role})"
+    return FirstViolation(decisive.sample, text, vehicles, severity)

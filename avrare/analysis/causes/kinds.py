@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from avrare.analysis.causes.clusters import find_clusters
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.first_violation import FirstViolation, find_first_violation
+from avrare.analysis.failures.severity import describe_severities
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share, format_estimate
 from avrare.base.records import Answer, Records
@@ -62,6 +63,7 @@ class Kind:
         representative: Index of the most typical one: the medoid.
         time: Median time of the first violation [s] (steps where there is no time); NaN where it is unknown.
         warnings: Reasons to doubt it.
+        severity: How severe its failures are, in words; empty without vehicles on lanes.
         decisive: What is left of the most typical failure's noise, in words; empty if it was not shrunk.
         lost: When that drive was lost, in words, likewise.
     """
@@ -75,6 +77,7 @@ class Kind:
     representative: int
     time: float
     warnings: tuple[str, ...] = ()
+    severity: str = ""
     decisive: str = ""
     lost: str = ""
 
@@ -114,6 +117,7 @@ class Kinds(Answer, Sequence[Kind]):
                 "representative": kind.representative,
                 "text": kind.text,
                 "warnings": kind.warnings,
+                "severity": kind.severity,
                 "decisive": kind.decisive,
                 "lost": kind.lost,
             }
@@ -135,7 +139,8 @@ def _describe(number: int, kind: Kind) -> list[str]:
     part = format_estimate(kind.probability, kind.interval)
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
-    told = [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
+    told = [f"   {kind.severity}"] if kind.severity else []
+    told += [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
     told += [f"   {kind.lost}"] if kind.lost else []
     return [line, *told, *(f"   warning: {text}" for text in kind.warnings)]
 
@@ -174,7 +179,7 @@ def _make_features(
 ) -> Floats:
     # (F, D): each signal in units of its own spread over failures and time, then the cause, as if each
     # were one more signal.
-    tables = np.stack([tabulate_signals(rollout.signals)[1] for rollout in rollouts])
+    tables = np.stack([_tabulate(rollout, problem.steps + 1) for rollout in rollouts])
     finite = np.isfinite(tables)
     top = np.abs(np.where(finite, tables, 0.0)).max(axis=(0, 1), initial=0.0)
     tables = np.where(finite, tables, np.where(np.isnan(tables), 0.0, np.sign(tables) * top))
@@ -185,6 +190,12 @@ def _make_features(
     which = np.array([[cause.key == text for text in texts] for cause in causes], dtype=float)
     when = np.array([cause.sample for cause in causes], dtype=float)[:, None] / max(problem.steps, 1)
     return np.concatenate([signals, which, when], axis=1)
+
+
+def _tabulate(rollout: ReplayedRollout, samples: int) -> Floats:
+    # Signals (samples, K); those of a drive that has ended stay what they were.
+    table = tabulate_signals(rollout.signals)[1]
+    return np.pad(table, ((0, samples - len(table)), (0, 0)), mode="edge")
 
 
 def _compute_components(features: Floats) -> Floats:
@@ -270,6 +281,7 @@ def _make_kind(
         medoid,
         time,
         tuple(warnings),
+        describe_severities([found for k in rows.tolist() if (found := causes[k].severity) is not None]),
     )
 
 

@@ -25,6 +25,8 @@ from avrare.scenario.fingerprint import comparable, digests
 from avrare.scenario.schema import Scenario
 
 _PARTS = ("simulator", "perception", "tracker", "controller")
+_BETWEEN = ("timing", "actuators")
+"""Blocks between the parts, which count where they are given."""
 _MAX_VALUES = 20_000
 """Largest number of signal values stored; beyond it only the checksums are."""
 
@@ -69,6 +71,7 @@ def compute_fingerprints(scenario: Scenario, specification: str) -> dict[str, st
     """Return 8 hexadecimal digits for each part that a rollout of one specification depends on."""
     resolved, files = comparable(scenario), digests(scenario)
     plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in _PARTS}}
+    plain |= {name: resolved[name] for name in _BETWEEN if name in resolved}
     plain["specification"] = resolved["specifications"][specification]
     for name in (*_PARTS, "specification"):
         path = f"specifications.{specification}" if name == "specification" else name

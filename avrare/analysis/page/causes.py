@@ -75,6 +75,7 @@ def _build_kinds(name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRoll
 
 def _build_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) -> Kind:
     sentences = (
+        f"{_capitalise(kind.severity)}." if kind.severity else "",
         f"It needs only this: {kind.decisive}." if kind.decisive else "",
         f"{_capitalise(kind.lost)}." if kind.lost else "",
     )

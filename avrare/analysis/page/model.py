@@ -193,6 +193,7 @@ class Player:
         anchor: Name to link to; empty for a rollout that is no failure.
         problem: Reason why it cannot be shown; the other fields are then empty.
         sentence: What the monitor says.
+        severity: How severe it is.
         lost: When it was lost.
         difference: How its replay differs from what is stored.
         drawn: Values drawn at the start, by name.
@@ -215,6 +216,7 @@ class Player:
     anchor: str
     problem: str = ""
     sentence: str = ""
+    severity: str = ""
     lost: str = ""
     difference: str = ""
     drawn: tuple[tuple[str, str], ...] = ()

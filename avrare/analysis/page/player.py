@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from avrare.analysis.failures.severity import measure_severity
 from avrare.analysis.monitor.monitoring import MonitoringResult, list_vehicle_names, select_inputs, summarise
 from avrare.analysis.page.drive_charts import DriveCharts, make_time_axis
 from avrare.analysis.page.model import Player, Strip, Strips
@@ -55,6 +56,7 @@ def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | Non
         _describe_rollout(stored),
         anchor,
         sentence=typeset_minus(summarise(result)),
+        severity=_describe_severity(result),
         lost=_describe_lost(rollout),
         difference=_describe_difference(stored, result),
         drawn=_list_drawn(result),
@@ -76,6 +78,11 @@ def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | Non
 def name_rollout(specification: str, index: int) -> str:
     """Return the anchor of a stored failure in the report."""
     return f"failure-{specification}-{index}"
+
+
+def _describe_severity(result: MonitoringResult) -> str:
+    severity = measure_severity(result)
+    return "" if severity is None else f"The {severity.describe()}."
 
 
 def _describe_lost(rollout: MonitoredRollout) -> str:
