@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare.driving import Road
 from avrare.driving.values import GREEN, YELLOW
 from avrare.driving.values import RED as RED_LIGHT
 from avrare.results.recordings.commonroad import open_commonroad
@@ -166,12 +165,3 @@ def test_lights_are_read_from_the_first_sample_on(tmp_path):
     road, lights = drives_of.add_rules(drives_of.find_road(own)[0], own, [], 10, 6)
     assert len(road.light_lines) == 1
     assert lights["light_0"].tolist() == [RED_LIGHT] * 3 + [GREEN] * 3
-
-
-def test_a_road_of_the_callers_has_no_intersections(tmp_path):
-    path = tmp_path / "scene.xml"
-    path.write_text(crossroads([EGO, drives(EAST, "straight", 40.0)], signs=PRIORITY, **RED), "utf-8")
-    own = Road((0.0,), 3.5)
-    found = open_commonroad(str(path), own).recording("1")
-    assert found.scene.road == own
-    assert "light_0" not in found.signals

@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from avrare.analysis.monitor.batch import Question, monitor_files
+from avrare.analysis.monitor.drive import monitor
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
@@ -162,12 +164,27 @@ class TestMistakes:
         with pytest.raises(UsageError, match="in no lane at any time"):
             drives(text).recording("1")
 
-    def test_lanes_of_the_callers_own_in_other_coordinates(self, tmp_path):
+    def test_a_road_of_the_callers_where_the_ego_is_on_no_lanelet(self, tmp_path):
         path = tmp_path / "s.xml"
-        path.write_text(bend(1.5), encoding="utf-8")
+        path.write_text(scene(BEND, carriageway(BEND, 1), [car(BEND, 1, 20.0, -9.0, 20.0)]), encoding="utf-8")
         with pytest.raises(UsageError, match="in no lane at any time") as caught:
-            open_commonroad(str(path), Road((1.75, 5.25), 3.5)).recording("1")
+            open_commonroad(str(path), Road((900.0,), 3.5)).recording("1")
         assert "different coordinates" in caught.value.hint
+
+
+def test_other_lanes_than_those_of_the_file_are_refused(tmp_path):
+    path, road = tmp_path / "s.xml", Road((-1.75, 1.75, 5.25), 3.5)
+    path.write_text(bend(1.5), encoding="utf-8")
+    with pytest.raises(UsageError, match="it has lanes of its own") as caught:
+        monitor(path, rule="R_G1", ego="1", road=road)
+    assert caught.value.hint == "leave out --lanes"
+    own = monitor(path, rule="R_G1", ego="1")
+    assert own.recording.scene.road.line is not None
+    found = monitor_files([str(path)], Question(("R_G1",), road=road, required=True))
+    assert not found.scores
+    assert "it has lanes of its own" in found.refusals[0].reason
+    spared = monitor_files([str(path)], Question(("R_G1",), road=road))
+    assert {score.robustness for score in spared.scores} >= {own.robustness}
 
 
 @pytest.mark.parametrize("line", [STRAIGHT, BEND])

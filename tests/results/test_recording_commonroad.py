@@ -50,8 +50,8 @@ def test_the_ego_must_be_a_moving_obstacle(sample):
         assert caught.value.hint == "choose the ego; there are: 13, 15"
 
 
-def test_a_road_of_the_callers_own(sample):
-    assert read_commonroad(sample, "13", ROAD).scene.road is ROAD
+def test_the_lanes_of_the_file_come_before_a_road_of_the_callers(sample):
+    assert read_commonroad(sample, "13", ROAD).scene.road == read_commonroad(sample, "13").scene.road
 
 
 def test_files_that_are_not_commonroad_scenarios(tmp_path):

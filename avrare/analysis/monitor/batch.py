@@ -26,7 +26,7 @@ from avrare.base.number_format import format_robustness
 from avrare.base.records import Answer, Records
 from avrare.driving import Road
 from avrare.protocols import Specification
-from avrare.results.recordings.drives import Drives, list_recordings, open_drives
+from avrare.results.recordings.drives import Drives, check_lanes, list_recordings, open_drives
 from avrare.results.recordings.recording import Recording
 from avrare.scenario.load import load
 from avrare.scenario.overrides import as_settings
@@ -45,7 +45,8 @@ class Question:
     Attributes:
         rules: Names of the rules.
         settings: ``KEY=VALUE`` options of the rules.
-        road: The caller's road, or None.
+        road: Road of recordings without lanes, or None.
+        required: Refuse recordings with other lanes than ``road``.
         network: CommonRoad file with the lanelets of recordings without lanes, or None.
         ego: The only ego; None: every vehicle.
     """
@@ -53,6 +54,7 @@ class Question:
     rules: tuple[str, ...]
     settings: tuple[str, ...] = ()
     road: Road | None = None
+    required: bool = False
     network: str | None = None
     ego: str | None = None
 
@@ -215,8 +217,8 @@ def monitor_all(
         rules: Traffic rules of a plugin: ``["R_G1", "R_I2"]``, or a single one.
         overrides: Options of the rules, as for ``--set``.
         ego: The only ego; None: every vehicle in turn.
-        scenario: Scenario file whose simulator provides the road.
-        road: Lanes of the recordings; they come before those of the scenario.
+        scenario: Scenario file whose simulator provides the road of recordings without lanes.
+        road: Lanes of recordings without any; they come before those of the scenario.
         network: CommonRoad file with the lanes of recordings in the format of inD.
         workers: Number of processes; changes no number.
         safe: As for ``avrare.load``.
@@ -227,11 +229,12 @@ def monitor_all(
     names = (rules,) if isinstance(rules, str) else tuple(dict.fromkeys(rules))
     if not names:
         raise UsageError("many drives need a rule", "name one, such as R_G1")
+    required = road is not None
     if road is None and scenario is not None:
         with safe_mode(safe):
             road = find_road(load(scenario))
     files = list_recordings(Path(path)) if Path(path).is_dir() else [Path(path)]
-    question = Question(names, tuple(as_settings(overrides)), road, network, ego)
+    question = Question(names, tuple(as_settings(overrides)), road, required, network, ego)
     return monitor_files([str(file) for file in files], question, workers)
 
 
@@ -294,6 +297,7 @@ def score_drives(question: Question, work: Work) -> tuple[list[DriveScore], list
     for ego in egos:
         try:
             recording = _open(file, question).recording(ego)
+            check_lanes(recording, question.road if question.required else None)
             scores += [_score(file, ego, rule, question.settings, recording) for rule in question.rules]
         except AvrareError as error:
             refusals.append(Refusal(file, ego, str(error)))

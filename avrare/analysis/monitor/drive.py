@@ -15,7 +15,7 @@ from avrare.logic.syntax import nodes
 from avrare.protocols import Simulator, Specification
 from avrare.results.recordings.commonroad import read_commonroad
 from avrare.results.recordings.csv_recording import read_csv
-from avrare.results.recordings.drives import open_drives
+from avrare.results.recordings.drives import check_lanes, open_drives
 from avrare.results.recordings.drone_recording import is_drone_recording
 from avrare.results.recordings.recording import Recording
 from avrare.results.recordings.replayed_failure import replay_run_failure
@@ -52,8 +52,8 @@ def monitor(
         specification: Specification of the scenario or of the run.
         overrides: Options of the rule, as for ``--set``.
         ego: Vehicle under test; None: the one that a CSV file calls ego.
-        scenario: Scenario file whose simulator provides the road.
-        road: Lanes of the recording; they come before those of the scenario.
+        scenario: Scenario file whose simulator provides the road of a recording without lanes.
+        road: Lanes of a recording without any; they come before those of the scenario.
         network: CommonRoad file with the lanes of a recording in the format of inD.
         failure: Index of a run's failure; None: its least robust one.
         safe: As for ``avrare.load``.
@@ -68,9 +68,9 @@ def monitor(
     question.require_one("rule", "stl", "specification")
     with safe_mode(safe):
         definition = None if scenario is None else load(scenario)
-    if road is None and definition is not None:
-        road = find_road(definition)
-    recording = _read(os.fspath(source), ego, road, network)
+    other = find_road(definition) if road is None and definition is not None else road
+    recording = _read(os.fspath(source), ego, other, network)
+    check_lanes(recording, road)
     return _judge(question, recording, definition)
 
 

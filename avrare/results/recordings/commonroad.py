@@ -34,8 +34,8 @@ def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Rec
     """Read the obstacles of a scenario as vehicles, one of them as the ego.
 
     The lanes are those of the lanelets: all of them where they are straight and parallel, else those along
-    the ego's way, in whose frame the vehicles then are; or ``road``, in the frame of the file. Rules apply
-    to the obstacle with the id ``ego``. Accelerations are differences of speed.
+    the ego's way, in whose frame the vehicles then are; or where these cannot be read ``road``, in the frame
+    of the file. Rules apply to the obstacle with the id ``ego``. Accelerations are differences of speed.
     """
     return open_commonroad(path, road).recording(ego)
 

@@ -34,7 +34,7 @@ def open_drives(path: str, road: Road | None = None, network: str | None = None)
 
     Args:
         path: The file.
-        road: The caller's road, which comes first.
+        road: Road of drives without lanes that can be read.
         network: CommonRoad file whose lanelets, signs and lights are those of a recording without lanes.
     """
     if path.lower().endswith((".xml", SUFFIX)):
@@ -42,6 +42,12 @@ def open_drives(path: str, road: Road | None = None, network: str | None = None)
     if is_drone_recording(Path(path)):
         return open_drone_recording(path, road, read_network(network) if network is not None else None)
     return open_csv(path, road)
+
+
+def check_lanes(recording: Recording, road: Road | None) -> None:
+    """Raise the ``UsageError`` of lanes that were given for a drive with lanes of its own."""
+    if road is not None and recording.scene is not None and recording.scene.road is not road:
+        raise UsageError(f"{recording.source}: it has lanes of its own", "leave out --lanes")
 
 
 def list_recordings(folder: Path) -> Sequence[Path]:

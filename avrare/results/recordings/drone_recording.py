@@ -46,7 +46,7 @@ def open_drone_recording(
 
     Args:
         path: The file ``NN_tracks.csv``.
-        road: The caller's road, if any.
+        road: Road of a recording that has no lanes itself, if any.
         network: Of a recording that has no lanes itself, and the step of its light cycles [s].
 
     Raises:
@@ -71,7 +71,7 @@ def open_drone_recording(
     if not 0.0 < rate < np.inf:
         raise UsageError(f"{meta[1]}: the frameRate is {rate:g}", "it must be a number above 0 [1/s]")
     if wanted is _HIGHD:
-        return _read_highd(path, table, about, recording[0], 1.0 / rate, road)
+        return _read_highd(path, table, about, recording[0], 1.0 / rate)
     obstacles = _read_plane(table)
     names, (lanes, step) = tuple(obstacles), network or (None, None)
     lanelets = () if lanes is None else tuple(lanes.lanelets)
@@ -95,14 +95,12 @@ class CarriagewayDrives:
         dt: Step [s].
         tracks: Vehicles by name.
         carriageways: Name -> carriageway and its road.
-        road: The caller's road, which comes first; None: that of the recording.
     """
 
     path: str
     dt: float
     tracks: Mapping[str, _Track]
     carriageways: Mapping[str, tuple[int, Road]]
-    road: Road | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,8 +130,7 @@ class CarriagewayDrives:
         ]
         tracks = {name: _place(name, self.tracks[name], first, samples) for name in present}
         others = [track for name, track in tracks.items() if name != ego]
-        chosen = self.road if self.road is not None else road
-        return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, chosen)
+        return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
 
 
 def _place(name: str, one: _Track, first: int, samples: int) -> VehicleTrack:
@@ -151,7 +148,6 @@ def _read_highd(
     about: list[dict[str, str]],
     recording: dict[str, str],
     dt: float,
-    road: Road | None,
 ) -> CarriagewayDrives:
     roads = {
         1: _carriageway(path, recording.get("upperLaneMarkings", ""), 1.0),
@@ -176,7 +172,7 @@ def _read_highd(
         frames = table["frame"][rows].astype(np.int64)
         tracks[str(number)] = _Track(float(np.median(long)), float(np.median(wide)), frames, states)
         carriageways[str(number)] = side, roads[side]
-    return CarriagewayDrives(path, dt, tracks, carriageways, road)
+    return CarriagewayDrives(path, dt, tracks, carriageways)
 
 
 def _carriageway(path: str, markings: str, turn: float) -> Road:

@@ -33,7 +33,7 @@ class PlaneDrives:
         obstacles: Obstacles by name, in the plane.
         names: The moving ones.
         lanelets: The network.
-        road: The caller's own road, which comes first; None: that of the network.
+        road: Road for an ego on no lanelets that can be read; None: there is none.
         network: The network with its signs and intersections; None: they are unknown.
         light_step: Step of its light cycles, which begin with the recording [s]; None: ``dt``.
     """
@@ -82,7 +82,7 @@ class PlaneDrives:
             first: Step of the first sample.
             samples: Number of samples.
         """
-        if self.road is not None or not self._has_right_of_way:
+        if road is self.road or not self._has_right_of_way:
             return road, {}
         names = self._find_route(own)
         road = add_crossings(road, self.network, names, [self._routes[name] for name in others])
@@ -92,11 +92,14 @@ class PlaneDrives:
 
     def find_road(self, ego: Obstacle) -> tuple[Road, float]:
         """Return the road of an ego, and the angle by which the plane is turned where it has no line."""
-        if self.road is not None:
+        try:
+            if self._straight is not None:
+                return self._straight
+            return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
+        except UsageError:
+            if self.road is None:
+                raise
             return self.road, 0.0
-        if self._straight is not None:
-            return self._straight
-        return find_lanelet_road(self.path, self.lanelets, ego.states[:2].T, ego.states[2]), 0.0
 
     def lead(self, own: Obstacle, route: Sequence[int]) -> Obstacle:
         """Return a vehicle that also drives along the lanelets ``route``; UsageError if they are no way."""
