@@ -10,7 +10,7 @@ from highway_env.envs.highway_env import HighwayEnv
 from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import ConnectedLaneMergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
-from highway_env.road.lane import StraightLane
+from highway_env.road.lane import CircularLane, StraightLane
 from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Obstacle
 from numpy.typing import NDArray
@@ -48,6 +48,8 @@ def _along_x(lane: Any) -> bool:
     return type(lane) is StraightLane and lane.direction.tolist() == [1.0, 0.0]
 
 
+RING_RADIUS, START_SPEED = 20.0, 16.0
+"""Radius of the roundabout's inner lane [m], and mean speed of its drivers at the start [m/s]."""
 LANE_WIDTH = 4.0
 """Width of every lane of highway-env [m]."""
 
@@ -89,7 +91,23 @@ class Intersection(IntersectionEnv):  # type: ignore[misc]
 
 
 class Roundabout(Steered, RoundaboutEnv):  # type: ignore[misc]
-    """Roundabout scene with continuous actions; a rollout is over on any of its exits."""
+    """Roundabout scene with continuous actions; a rollout is over on any of its exits.
+
+    The other drivers keep to the lateral acceleration ``bend_acceleration`` of its configuration, if any.
+    """
+
+    def _make_road(self) -> None:
+        super()._make_road()
+        limit = self.config["bend_acceleration"]
+        for lane in self.road.network.lanes_list() if limit is not None else ():
+            radius = lane.radius if isinstance(lane, CircularLane) else RING_RADIUS
+            lane.speed_limit = float(np.sqrt(limit * radius))
+
+    def _make_vehicles(self) -> None:
+        super()._make_vehicles()
+        limit = self.config["bend_acceleration"]
+        for driver in self.road.vehicles[1:] if limit is not None else ():
+            driver.speed *= np.sqrt(limit * RING_RADIUS) / START_SPEED
 
     def has_arrived(self, vehicle: Any) -> bool:
         """Return whether a vehicle has left the roundabout."""
@@ -154,7 +172,8 @@ def _intersection(config: HighwayEnvConfig) -> Setting:
 
 
 def _roundabout(config: HighwayEnvConfig) -> Setting:
-    return Setting(Roundabout, _options("MoodyDriver"), 4, 0, None, None)
+    options = _options("MoodyDriver", bend_acceleration=config.traffic.bend_acceleration)
+    return Setting(Roundabout, options, 4, 0, None, None)
 
 
 def scene_of(road: Road, dt: float, objects: list[Any]) -> Scene:
