@@ -69,6 +69,9 @@ class Ghosts(BaseModel):
     motion: Literal["road", "ego"] = Field(
         default="road", description="they stand on the road, or move with the ego"
     )
+    weather: Annotated[float, Field(ge=0, le=4)] = Field(
+        default=0.0, description="power of the simulator's weather that multiplies new ones; 0: none"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -100,6 +103,42 @@ class HeadingErrors(BaseModel):
     )
 
 
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class CommonErrors(BaseModel):
+    """Error of place that all detections share, as of a calibration."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sd: tuple[_Deviation, _Deviation] = Field(description="standard deviations along and across the road [m]")
+    time: _Positive | None = Field(
+        default=None, description="time constant [s]; null: it stays for the whole rollout"
+    )
+
+
+class PoseErrors(BaseModel):
+    """Error of the ego's own pose, which moves all detections with it and what the planner believes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sd: tuple[_Deviation, _Deviation] = Field(description="standard deviations along and across the road [m]")
+    heading_sd: _Deviation = Field(default=0.0, description="standard deviation of the heading [rad]")
+    time: _Positive | None = Field(
+        default=None, description="time constant [s]; null: it stays for the whole rollout"
+    )
+
+
+class Blackouts(BaseModel):
+    """Times at which the sensor sees nothing, ghosts included."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rate: Annotated[float, Field(gt=0, le=1)] = Field(description="blackouts in a second of sight [1/s]")
+    duration: _Positive = Field(description="mean duration of one [s]")
+
+
 class _AnyPemConfig(BaseModel):
     """Options of all models."""
 
@@ -118,6 +157,9 @@ class _AnyPemConfig(BaseModel):
     heading: HeadingErrors | None = Field(
         None, description="errors of the reported headings; null: no heading is reported"
     )
+    common: CommonErrors | None = Field(None, description="an error common to all detections; null: none")
+    pose: PoseErrors | None = Field(None, description="errors of the ego's own pose; null: it is known")
+    blackouts: Blackouts | None = Field(None, description="times without any detection; null: none")
 
 
 class _PemConfig(_AnyPemConfig):
@@ -190,6 +232,12 @@ class ParametricPemConfig(_PemConfig):
 
     detection_plateau: float = Field(0.986, ge=0, le=1, description="detection probability at no range")
     detection_range: float = Field(51.6, description="range at which detection falls to half [m]")
+    weather_range: float = Field(
+        0.0,
+        ge=0,
+        le=4,
+        description="power of the simulator's weather that divides the range; 0: weather leaves it",
+    )
     detection_width: float = Field(7.6, gt=0, description="width of the fall: logistic scale [m]")
     full_visibility: float = Field(
         0.4, gt=0, le=1, description="fraction in view above which occlusion no longer matters"

@@ -45,6 +45,7 @@ class GhostLaw:
         width: Standard deviation of the normal law around each of them [m].
         near: Share of the ghosts that appear around a vehicle.
         near_sd: (2,) standard deviations of their places, along and across it [m].
+        weather: Power of the world's weather that multiplies the probability of a new one.
     """
 
     rate: float
@@ -58,6 +59,7 @@ class GhostLaw:
     width: float
     near: float
     near_sd: Floats
+    weather: float = 0.0
 
     @property
     def share(self) -> float:
@@ -189,7 +191,7 @@ class GhostPem:
         else:
             observation, inner = self.vehicles.observe(world, first), None
         memory = _anchored(memory, world)
-        new, gone = self._events(parts)
+        new, gone = self._events(parts, self._share(world))
         forward, left, *at = _locate(world, *self.ghosts.place(parts), self.ghosts.host(parts, self.count))
         later = GhostMemory(
             vehicles=inner,
@@ -214,17 +216,17 @@ class GhostPem:
         Raises:
             UsageError: The laws of the ghosts' places differ, or the model of the vehicles has no ratio.
         """
-        if not self.ghosts.same_places(other.ghosts):
+        if not self.ghosts.same_places(other.ghosts) or self.ghosts.weather:
             raise UsageError(
                 "no density ratio is known for the places of ghosts",
-                "of `ghosts`, vary rate and persistence only",
+                "of `ghosts` without weather, vary rate and persistence only",
             )
         check_ratio(self.vehicles, "log_ratio")
         first, parts = self._split(noise)
         ratio, inner = self.vehicles.log_ratio(
             world, first, memory.vehicles, other.vehicles, other_memory.vehicles
         )
-        new, gone = self._events(parts)
+        new, gone = self._events(parts, self.ghosts.share)
         own, others = (_log_chances(law) for law in (self.ghosts, other.ghosts))
         with np.errstate(invalid="ignore"):  # what cannot happen under either law
             change = others - own
@@ -245,9 +247,16 @@ class GhostPem:
         own = int(self.vehicles.noise_size)
         return noise[:, :own], noise[:, own:].reshape(len(noise), self.ghosts.slots, NOISE_PER_GHOST)
 
-    def _events(self, parts: Floats) -> tuple[Bools, Bools]:
+    def _share(self, world: World) -> Any:
+        """Return the probability that a renewed slot holds a ghost, in the world's weather."""
+        law = self.ghosts
+        if not law.weather or world.weather is None:
+            return law.share
+        return np.minimum(law.share * world.weather[:, None] ** law.weather, 1.0)
+
+    def _events(self, parts: Floats, share: Any) -> tuple[Bools, Bools]:
         """Return which slots get a new ghost, and which are emptied."""
-        renew, share = 1.0 - self.ghosts.stay, self.ghosts.share
+        renew = 1.0 - self.ghosts.stay
         new = normal.cdf(parts[..., 0]) < renew * share
         return new, ~new & (normal.cdf(-parts[..., 0]) <= renew * (1.0 - share))
 
@@ -298,6 +307,7 @@ def with_ghosts(model: Any, ghosts: Ghosts | MeasuredGhosts | None, scene: Scene
         width=width,
         near=options.near if scene.names else 0.0,
         near_sd=np.array(options.near_sd),
+        weather=options.weather,
     )
     return GhostPem(model, law, len(scene.names))
 

@@ -27,6 +27,7 @@ from avrare_gp_pem.runtime.observation_model import (
 )
 from avrare_gp_pem.runtime.persistence import with_persistence
 from avrare_gp_pem.runtime.scaled_law import scale_law, shift_noise
+from avrare_gp_pem.runtime.shared_errors import with_shared_errors
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.variant import MAX_EXPONENT, FittedPem, Variant
 from avrare_gp_pem.runtime.visibility import category, relative, visibility
@@ -130,7 +131,8 @@ def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any
     """Return a model with errors of motion, persistence and ghosts, as far as they are wanted."""
     full = with_motion_errors(model, config.speed_y_sd, heading)
     full = with_persistence(full, persistence, model.scene)
-    return with_ghosts(full, ghosts, model.scene, config.speed_sd)
+    full = with_ghosts(full, ghosts, model.scene, config.speed_sd)
+    return with_shared_errors(full, config, model.scene)
 
 
 def _member(fitted: FittedPem, config: GpPemConfig) -> FittedPem:
@@ -182,7 +184,10 @@ class ParametricPem(LawPem):
     def law(self, world: World) -> ObservationLaw:
         """Return the distribution of the observation of ``world``."""
         config, distance = self.config, relative(world_in_plane(self.scene.road, world)).range
-        steepness = (distance - config.detection_range) / config.detection_width
+        reach = np.asarray(config.detection_range)
+        if config.weather_range and world.weather is not None:
+            reach = reach / world.weather[:, None] ** config.weather_range
+        steepness = (distance - reach) / config.detection_width
         in_range = config.detection_plateau / (1 + np.exp(np.minimum(steepness, MAX_EXPONENT)))
         seen = visibility(world, self.scene, config.rays)
         detect = in_range * np.minimum(1.0, seen / config.full_visibility)
