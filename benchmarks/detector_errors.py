@@ -20,6 +20,7 @@ import numpy as np
 from lane_change_levels import drive_many
 
 from avrare.driving import World
+from avrare.protocols.adapter import Adapted
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint
@@ -58,6 +59,8 @@ class ScaledPem(LawPem):
 
 def scaled(model: Any, scene: Any, **factors: float) -> Any:
     """Scale a perception error model, whether its errors persist or not."""
+    if isinstance(model, Adapted):
+        model = model.part
     if isinstance(model, PersistentPem):
         return dataclasses.replace(model, memoryless=ScaledPem(model.memoryless, scene, **factors))
     return ScaledPem(model, scene, **factors)
