@@ -253,7 +253,7 @@ def test_more_runs_than_chains_have_addresses_for_are_refused():
 
 
 def test_several_runs_climb_each_by_its_own_route():
-    found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=8000, pilot=600)
+    found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=30_000, pilot=600)
     assert len(found.diagnostics["climb"]) == 3
     assert len({one["level"] for one in found.diagnostics["climb"]}) == 3
     chains = sum(one["rollouts"] for one in found.diagnostics["climb"])

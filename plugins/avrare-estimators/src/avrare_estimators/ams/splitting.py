@@ -39,6 +39,8 @@ _LEAST_PARTICLES = 50
 """Particles below which the error of a single run is not known."""
 _LEARNING_PARTS = 6
 """The run to learn a score from takes at most one part in so many of a budget."""
+_PILOT_SHARE = 0.25
+"""Share of a budget that a pilot or a run to learn from takes at most."""
 _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
@@ -193,6 +195,8 @@ class Splitting(Estimator):
         spent = learning.spent if learning is not None else None
         most = self._most_runs(plan, int(pilot is not None), growth, spent)
         first, goal = self.config.runs, self.config.relative_error
+        if pilot and plan.budget is not None:
+            most = max(1, int(most / self._excess(plan, pilot)))
         if pilot and goal:
             first = pilot.first_look(goal, first, most)
         looks = Looks.until(goal, first, most)
@@ -201,6 +205,14 @@ class Splitting(Estimator):
         return AmsState.begin(
             plan, runs, particles, growth=growth, looks=looks, pilot=pilot, learning=learning
         )
+
+    def _excess(self, plan: Plan, pilot: Pilot) -> float:
+        """Return the cost of the pilot over that of a run down to ``_NOMINAL``, at least 1."""
+        assert plan.budget is not None
+        if plan.budget.kind == "steps":
+            nominal = _STEPS_OF_RUN * self.config.particles * plan.steps
+            return max(1.0, pilot.cost / nominal)
+        return max(1.0, pilot.rollouts / (_ROLLOUTS_OF_RUN * self.config.particles))
 
     def demand(self, plan: Plan, carry: int) -> Demand:
         """Return the memory of the runs that advance together, and of as many carries as fit beside them.
@@ -293,7 +305,8 @@ class Splitting(Estimator):
         state.active[:] &= ~level.reached & eligible.any(axis=1) & (state.weight >= self.config.floor)
         if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo
             state.active[:] = False
-        if (table := state.table) and table.full:
+        # The estimate is unbiased wherever the levels end: here, where the next one would exceed the budget.
+        if ((table := state.table) and table.full) or self._exceeds_budget(state, level.discarded):
             state.active[:] = False
         # 3. Discard all at or below the level; discarded failures and errors count with the present weight.
         discarded = level.discarded & state.active[:, None]
@@ -306,6 +319,16 @@ class Splitting(Estimator):
         # 5. Replace each discarded particle by a branch of a survivor.
         survivors = int((~level.discarded)[state.active].sum())
         return replace(state, pending=self._branch(state, discarded, eligible, level.score)), survivors
+
+    def _exceeds_budget(self, state: AmsState, discarded: Bools) -> bool:
+        """Return whether branches in place of the discarded would exceed these runs' share of the budget."""
+        plan, tally = state.plan, state.tally
+        if plan.budget is None or plan.budget.kind == "seconds":
+            return False
+        share = _PILOT_SHARE if state.looks is None else min(1.0, state.done / state.looks.runs[-1])
+        spent = tally.steps if plan.budget.kind == "steps" else tally.rollouts
+        branches = int(discarded[state.active].sum()) if plan.budget.kind == "rollouts" else 0
+        return spent + branches > share * plan.budget.amount
 
     def _discard(self, state: AmsState) -> int:
         if state.learns:

@@ -40,6 +40,8 @@ _MIN_PILOT_CHAINS = 5
 _LEAST_CHAINS = 10
 """Chains below which the error of a single run is not known."""
 _MOST_CHAINS = 1_000_000
+_PILOT_SHARE = 0.5
+"""Share of a budget that pilots take at most."""
 _TAPES, _SAMPLE = 4.0, 400
 """Tapes of each sample of a run at its peak (old, new and the chains'), and other bytes."""
 
@@ -130,7 +132,23 @@ class NestedLevels(Estimator):
         return summarise(self.name, self.kernel, state, self.notes, self.config.grows)
 
     def _pilot(self, plan: Plan, runs: int) -> LevelPass:
-        return LevelPass.begin(plan, self._shape(runs, second=False), self.kernel, None)
+        shape = self._shape(runs, second=False)
+        share = _PILOT_SHARE if self.config.second_pass else 1.0
+        most = self._most_levels(plan, shape, share * self._share_of_budget(plan, runs))
+        return LevelPass.begin(plan, shape, self.kernel, None, most)
+
+    def _share_of_budget(self, plan: Plan, runs: int, growth: int = 1) -> float:
+        """Return the rollouts of the budget that so many runs may take."""
+        if plan.budget is None:
+            return math.inf
+        unit = max(plan.steps, 1) if plan.budget.kind == "steps" else 1
+        return plan.budget.amount / unit * min(1.0, runs / self._most_runs(plan, growth))
+
+    def _most_levels(self, plan: Plan, shape: PassShape, rollouts: float) -> float:
+        """Return the levels that a pass of so many rollouts may have, whatever it finds there."""
+        if math.isinf(rollouts):
+            return math.inf
+        return max(1, int((rollouts / shape.runs - shape.samples) / (shape.moves * self.kernel.rollouts)))
 
     def _begin_counting(self, state: EssState) -> EssState:
         """Follow the levels of the pilot; the first one also decides how many runs, and how large."""
@@ -139,7 +157,9 @@ class NestedLevels(Estimator):
             state = self._plan_runs(state)
         growth = state.found.growth if state.found else 1
         shape = self._shape(pilot.shape.runs, second=True, growth=growth)
-        second = LevelPass.begin(pilot.plan, shape, self.kernel, pilot.levels)
+        left = self._share_of_budget(pilot.plan, shape.runs, growth) - (spent - state.pilot)
+        most = self._most_levels(pilot.plan, shape, left)
+        second = LevelPass.begin(pilot.plan, shape, self.kernel, pilot.levels, most)
         return replace(state, counting=True, level_pass=second, pilot=spent)
 
     def _plan_runs(self, state: EssState) -> EssState:
@@ -211,7 +231,7 @@ class NestedLevels(Estimator):
         shares = math.ceil(math.log(probability) / math.log(self.config.level_probability))
         passes = (False, True) if self.config.second_pass else (False,)
         shapes = [self._shape(1, second, growth if second else 1) for second in passes]
-        moves = sum(shape.chains * (shape.length - 1) * (shape.skip + 1) for shape in shapes)
+        moves = sum(shape.moves for shape in shapes)
         fresh = sum(shape.samples for shape in shapes)
         return fresh + math.ceil((shares - 1) * moves * self.kernel.rollouts)
 

@@ -53,14 +53,15 @@ class ClimbPilot:
     level_pass: LevelPass
 
     @staticmethod
-    def begin(plan: Plan, lessons: Lessons, entry: Entry, chains: int, run: int) -> ClimbPilot:
-        """Begin at rows of the lessons above the entry level."""
+    def begin(plan: Plan, lessons: Lessons, entry: Entry, chains: int, run: int, rollouts: int) -> ClimbPilot:
+        """Begin at rows of the lessons above the entry level; at most so many rollouts follow."""
         shape = _shape(1, chains, _PILOT_STAGE + run * _STAGES_OF_RUN)
         rows = np.flatnonzero(lessons.key > entry.level)
         chosen = rows[resample(lessons.weights[rows], shape.samples, 0.5)]
         share = np.array([entry.probability])
         points = points_of(lessons.samples, chosen)
-        began = LevelPass.begin_from(plan, shape, PcnKernel(), points, share, first=entry.level)
+        most = rollouts // shape.moves
+        began = LevelPass.begin_from(plan, shape, PcnKernel(), points, share, first=entry.level, most=most)
         return ClimbPilot(entry, began)
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.base.number_format import format_probability
 from avrare.estimation.result.note import Note
@@ -24,10 +25,19 @@ from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot
 from avrare_estimators.importance.entry import Entry, best_entry
 from avrare_estimators.importance.learned_sampling import LearnedSampling, LearnedState
-from avrare_estimators.importance.route import FEWEST_CHAINS, PILOT_CHAINS, GroupSize, Route, chain_bytes
+from avrare_estimators.importance.route import (
+    FEWEST_CHAINS,
+    LEAST_GROUPS,
+    PILOT_CHAINS,
+    GroupSize,
+    Route,
+    chain_bytes,
+)
 
 _ROLLOUTS_OF_CHAIN = 100
 """Affordable rollouts for each chain of a pilot: it takes a tenth of them at a level."""
+_PILOT_SHARE = 4
+"""The pilot takes at most 1 / 4 of the affordable rollouts."""
 _CLIMBED = (
     "Rollouts are sampled up to a level that a share of {} of them reaches, and Markov chains climb from "
     "there to failure."
@@ -81,6 +91,13 @@ class ClimbingSampling(LearnedSampling):
         route = self.file.routes.get(state.plan.names[0]) if self.file is not None else None
         if route is None:
             return super()._begin_final(state, mixture)
+        size = self._size(state, route)
+        if not self._affords(state, size):
+            needed = math.ceil(LEAST_GROUPS * size.cost / (1.0 - self.config.check))
+            raise UsageError(
+                f"{state.rollouts} rollouts do not pay for {LEAST_GROUPS} groups of {size.chains} chains",
+                f"raise them to {needed}",
+            )
         return self._begin_groups(replace(state, route=route), route)
 
     def estimate(self, state: SamplingState) -> list[Result]:
@@ -113,7 +130,8 @@ class ClimbingSampling(LearnedSampling):
             ready = self._learnt(state) or self._has_learnt_enough(state)
             chains = min(PILOT_CHAINS, self._affordable(state) // _ROLLOUTS_OF_CHAIN)
             if entry is not None and ready and FEWEST_CHAINS <= chains <= self._most_chains(state):
-                task = ClimbPilot.begin(state.plan, state.lessons, entry, chains, state.run)
+                most = self._affordable(state) // _PILOT_SHARE
+                task = ClimbPilot.begin(state.plan, state.lessons, entry, chains, state.run, most)
                 return replace(state, task=task)
         return super()._after_stage(state)
 
@@ -158,13 +176,18 @@ class ClimbingSampling(LearnedSampling):
         state = replace(
             state, route=route, pilot_rollouts=rollouts, pilots=state.pilots + rollouts, task=None
         )
-        if not pilot.pays(self.config.target_share):
+        if not pilot.pays(self.config.target_share) or not self._affords(state, self._size(state, route)):
             return super()._after_stage(state)
         return self._begin_groups(state, route)
 
+    def _size(self, state: ClimbingState, route: Route) -> GroupSize:
+        return route.sized(self.config.relative_error, self._affordable(state), self._most_chains(state))
+
+    def _affords(self, state: ClimbingState, size: GroupSize) -> bool:
+        return LEAST_GROUPS * size.cost <= self._affordable(state)
+
     def _begin_groups(self, state: ClimbingState, route: Route) -> LearnedState:
-        goal, affordable = self.config.relative_error, self._affordable(state)
-        size = route.sized(goal, affordable, self._most_chains(state))
+        goal, affordable, size = self.config.relative_error, self._affordable(state), self._size(state, route)
         looks = Looks.until(goal, size.first, max(size.first, affordable // size.cost))
         return self._begin_batch(replace(state, size=size, looks=looks), route, size)
 

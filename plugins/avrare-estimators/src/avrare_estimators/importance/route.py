@@ -89,7 +89,7 @@ class Route:
         if goal is not None:
             total = min(total, (variance / rows + self.chance) / goal**2 / 2.0)
         size = int(min(max(total / LEAST_GROUPS, FEWEST_CHAINS), _MOST_CHAINS, most))
-        first = max(LEAST_GROUPS, math.ceil(total / size))
+        first = max(LEAST_GROUPS, int(total / size))
         return GroupSize(max(4, round(rows * size)), size, first, len(self.levels))
 
     def schedule(self, groups: int) -> tuple[LevelRecord, ...]:

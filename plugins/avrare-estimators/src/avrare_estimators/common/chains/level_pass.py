@@ -12,6 +12,7 @@ means, off by about (1 + variance of the weights) / N.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any
@@ -61,6 +62,11 @@ class PassShape:
     def samples(self) -> int:
         """N, samples of a run at a level."""
         return self.chains * self.length
+
+    @property
+    def moves(self) -> int:
+        """Steps of all chains of a run at a level."""
+        return self.chains * (self.length - 1) * (self.skip + 1)
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,7 @@ class LevelPass:
         samples: Samples of this level so far, (A C) each.
         fresh: (R N, steps + 1, noise_size) the first tapes, while they are asked for.
         first: First level of a pilot, where it is given.
+        most: Largest number of levels: a run that comes so far ends with its share of failures.
     """
 
     plan: Plan
@@ -135,10 +142,15 @@ class LevelPass:
     samples: tuple[Points, ...] = ()
     fresh: Floats | None = None
     first: float | None = None
+    most: float = math.inf
 
     @staticmethod
     def begin(
-        plan: Plan, shape: PassShape, kernel: Kernel, schedule: tuple[LevelRecord, ...] | None
+        plan: Plan,
+        shape: PassShape,
+        kernel: Kernel,
+        schedule: tuple[LevelRecord, ...] | None,
+        most: float = math.inf,
     ) -> LevelPass:
         """Draw the first tapes (step 1 of ``_next_level``)."""
         zeros = np.zeros(shape.runs, dtype=np.int64)
@@ -156,6 +168,7 @@ class LevelPass:
             rollouts=zeros,
             errors=zeros,
             fresh=draw.tapes(),
+            most=most,
         )
 
     def without_tapes(self) -> LevelPass:
@@ -196,6 +209,7 @@ class LevelPass:
         share: Floats,
         schedule: tuple[LevelRecord, ...] | None = None,
         first: float | None = None,
+        most: float = math.inf,
     ) -> LevelPass:
         """Begin at given points (R N), which lie above levels of probability ``share`` (R,).
 
@@ -207,6 +221,7 @@ class LevelPass:
             share: Probabilities; a run with 0 has ended.
             schedule: Levels and kernels to follow; None for a pilot.
             first: First level of a pilot; None: it finds its own.
+            most: Largest number of levels.
         """
         zeros = np.zeros(shape.runs, dtype=np.int64)
         return LevelPass(
@@ -222,6 +237,7 @@ class LevelPass:
             errors=zeros,
             population=points,
             first=first,
+            most=most,
         )._next_level()
 
     @property
@@ -336,14 +352,14 @@ class LevelPass:
 
     def _level(self, population: Points) -> tuple[Floats, Bools]:
         done = len(self.levels)
+        if done >= self.most or (self.schedule is not None and done == len(self.schedule)):
+            return np.full(self.shape.runs, np.nan), np.zeros(self.shape.runs, dtype=bool)
         if self.schedule is None and not done and self.first is not None:
             return np.full(self.shape.runs, self.first), self.active
         if self.schedule is None:
             key = population.key.reshape(self.shape.runs, -1)
             level, more = next_levels(key, self.shape.survivors)
             return level, more & self.active
-        if done == len(self.schedule):
-            return np.full(self.shape.runs, np.nan), np.zeros(self.shape.runs, dtype=bool)
         record = self.schedule[done]
         return record.level, record.passed & self.active
 
@@ -382,7 +398,7 @@ class LevelPass:
         steps = self.steps + 1
         samples = (*self.samples, move.state) if steps % (shape.skip + 1) == 0 else self.samples
         after = replace(self, tuning=tuning, steps=steps, samples=samples)
-        if steps == (shape.length - 1) * (shape.skip + 1):
+        if steps * shape.chains == shape.moves:
             return after._level_done()
         return after._begin_step(move.state, move.level)
 
