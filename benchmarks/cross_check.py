@@ -20,7 +20,7 @@ from benchmarks.studies.untuned_problems import Untuned, untuned_problems
 
 EASY = ("plain_walk", "plain_ou", "unequal")
 HARD = ("units_100", "units_rare", "flat_outlier", "late", "hidden_scale")
-_DISAGREE = "estimators_disagree"
+_DISAGREE = "contradicted"
 
 
 def main(seeds: int) -> None:

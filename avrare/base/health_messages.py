@@ -10,8 +10,8 @@ from collections.abc import Mapping
 MESSAGES = {
     "errors": "{errors} of {rollouts} rollouts ended in an error, more than {allowed:.1%} allowed: {message}",
     "flat_part": "`{part}` is kept by the same margin in every rollout tried: nothing shows how near its "
-    "failures are, and they could be as likely as {bound:.2g}; more first rollouts lower this bound, a score "
-    "function that rises on the way there finds them",
+    "failures are, and they could be as likely as {bound:.2g}; use more first rollouts, which lower this "
+    "bound, or a score function that rises on the way there",
     "outliers": "failures that begin with {what} {when} have a probability of at least {low:.2g}, and the "
     "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or "
     "importance sampling with a learned proposal",
@@ -24,12 +24,8 @@ MESSAGES = {
     "the last digits",
     "all_failed": "every rollout failed: the scenario cannot show how rare failures are",
     "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
-    "pilot_disagrees": "{failures} of {rows} rollouts of the pilot failed, a probability of {counted}, but "
-    "the estimate's interval was {interval}: it misses failures, and is widened to hold those of the pilot; "
-    "use mc",
-    "estimators_disagree": "{estimator} gives {own}, but its cross-check by {other} gives {others}: at "
-    "least one of them misses failures, and neither can be trusted; repeat both with more particles or "
-    "chains, or with another score",
+    "contradicted": "{reason}: at least one of them misses failures, and the interval is opened to what the "
+    "rollouts drawn from the target allow; use mc, or repeat both with more rollouts or another score",
     "model_unknown": "a member of the ensemble met no failure: its part of the interval is a rough one; use "
     "more rollouts",
 }

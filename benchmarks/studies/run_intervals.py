@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from avrare.estimation.result import intervals
-from avrare.estimation.result.result import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Floats
 from avrare_estimators.ams.summary import relative_variance
 

@@ -83,17 +83,17 @@ def test_a_check_that_would_not_notice_a_factor_of_ten_says_nothing(estimate):
     )
 
 
-@pytest.mark.parametrize("suppress", [(), ("estimators_disagree",)])
+@pytest.mark.parametrize("suppress", [(), ("contradicted",)])
 def test_disagreement_is_a_health_warning_with_both_numbers(estimate, suppress):
     wrong = splitting(estimate, 1e-6, 0.2)
     result = add_cross_check(problem(), wrong, CrossCheck(), Settings(1, suppress=suppress), execute)
     found = result.cross_check
     assert (found.estimator, found.outcome) == ("ess", "disagree")
     assert 1e-4 < found.result.probability < 4e-3  # about 8e-4
-    assert ("estimators_disagree" in result.health) == (not suppress)
+    assert ("contradicted" in result.health) == (not suppress)
     if not suppress:
-        assert "ams gives 1.0e-06" in result.health["estimators_disagree"]
-        assert f"by ess gives {found.result.probability:.1e}" in result.health["estimators_disagree"]
+        assert "ams gives 1.0e-06" in result.health["contradicted"]
+        assert f"by ess gives {found.result.probability:.1e}" in result.health["contradicted"]
 
 
 def test_the_cost_is_a_share_of_the_estimate_s(estimate):
@@ -109,7 +109,7 @@ def test_too_small_a_share_runs_nothing_and_says_so():
     found = result.cross_check
     assert (found.outcome, found.result) == ("inconclusive", None)
     assert "15 % of the cost pays for only" in {note.kind: note.text for note in result.notes}["cross_check"]
-    assert "estimators_disagree" not in result.health
+    assert "contradicted" not in result.health
 
 
 @pytest.mark.parametrize(

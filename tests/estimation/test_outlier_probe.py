@@ -60,19 +60,17 @@ def found(case, upper, seed=0):
     return probe_outliers(case, 0, upper, seed, 0.95)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_rare_start_is_found_and_named(seed):
-    outliers = found(problem(Starts), RARE / 4.0, seed)
-    assert (outliers.noise, outliers.step) == ("place", 0)
-    assert RARE / 4.0 < outliers.low < RARE
+def test_a_rare_start_is_found_and_named():
+    outliers = [found(problem(Starts), RARE / 4.0, seed) for seed in range(20)]
+    assert {(one.noise, one.step) for one in outliers} == {("place", 0)}
+    assert sum(RARE / 4.0 < one.low < RARE for one in outliers) >= 18  # each with probability .975
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_an_outlier_of_any_later_step_is_found(seed):
+def test_an_outlier_of_any_later_step_is_found():
     rare = STEPS * NormalDist().cdf(-LATER)
-    outliers = found(problem(Jumps), rare / 4.0, seed)
-    assert (outliers.noise, outliers.step) == ("idle", None)
-    assert rare / 4.0 < outliers.low < rare
+    outliers = [found(problem(Jumps), rare / 4.0, seed) for seed in range(20)]
+    assert {(one.noise, one.step) for one in outliers} == {("idle", None)}
+    assert sum(rare / 4.0 < one.low < rare for one in outliers) >= 18
 
 
 def test_what_an_estimate_knows_is_no_doubt():
@@ -98,15 +96,15 @@ def test_no_bit_depends_on_the_chunk():
     assert found(case, RARE / 4.0) == found(other, RARE / 4.0)
 
 
-def split(seed, runs=20, **options):
+def split(seed, runs=40, **options):
     case = problem(Starts, bound=4.5)
     return avrare.estimate(case, "ams", seed=seed, runs=runs, particles=20, discard=2, grow=False, **options)
 
 
 def test_an_estimate_that_missed_a_start_is_warned_of():
     results = [split(seed) for seed in range(6)]
-    missed = [result for result in results if result.interval[1] < RARE / 2.0]
-    assert len(missed) >= 3
+    missed = [result for result in results if result.probability < RARE / 4.0]
+    assert len(missed) >= 2
     assert all("outliers" in result.health for result in missed)
     seed = results.index(missed[0])
     assert "outliers" not in split(seed, suppress=("outliers",)).health
@@ -114,7 +112,7 @@ def test_an_estimate_that_missed_a_start_is_warned_of():
 
 def test_small_estimates_are_not_probed():
     case = problem(Starts)
-    assert probe_cost(case) == 5 * 12 + 96
+    assert probe_cost(case) == 3 * 5 * 12 + 96
     result = split(0, runs=2)
     assert result.rollouts < 20 * probe_cost(case)
     assert "outliers" not in result.health
@@ -191,6 +189,6 @@ def test_an_estimate_that_missed_two_coins_is_warned_of():
     results = [
         avrare.estimate(task, "ams", seed=seed, runs=100, particles=50, grow=False) for seed in range(3)
     ]
-    missed = [result for result in results if result.interval[1] < BOTH / 2.0]
+    missed = [result for result in results if result.probability < BOTH / 2.0]
     assert missed
     assert all("numbers of `rain` and `dirt`" in result.health["outliers"] for result in missed)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 
-from avrare.estimation.result import health
+from avrare.estimation.result import health, intervals
 from avrare.estimation.result.confidence_distributions import (
     Binomial,
     ConfidenceDistribution,
     LogNormal,
     derive_distribution,
 )
+from avrare.estimation.result.doubts import DOUBTS
 from avrare.estimation.result.intervals import cox
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Failures, Result
@@ -38,9 +40,9 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
 
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
-    together, stands alone. The warnings of all batches count: a later batch that has none may just have
-    missed the tail. So does a cross-check that disagrees. Errors are counted over all batches. Other notes
-    are the newest batch's, but for that on its goal.
+    together, stands alone. The warnings of all batches count, and so do the intervals that they opened: a
+    later batch that has none may just have missed the tail. So does a cross-check that disagrees. Errors are
+    counted over all batches. Other notes are the newest batch's, but for that on its goal.
     """
     newest = batches[-1]
     if len(batches) == 1:
@@ -72,6 +74,12 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
             "interval_at": pooled.distribution.interval_at,
             "run_probabilities": np.concatenate([batch.run_probabilities for batch in batches]),
         }
+    doubted = [batch.interval_at for batch in batches if DOUBTS.intersection(batch.health)]
+    changes["interval_at"] = reduce(
+        lambda one, other: partial(intervals.hull, one, other),
+        doubted,
+        changes.get("interval_at", newest.interval_at),
+    )
     return replace(newest, health=warnings, **changes)
 
 

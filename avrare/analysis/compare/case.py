@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene
 from avrare.estimation.plan.settings import DEFAULT_MAX_ERROR_RATE
-from avrare.estimation.result.result import Interval, Result
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario, open_problem
 from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import fingerprint

@@ -12,7 +12,8 @@ import numpy as np
 from avrare.analysis.compare.case import GroundTruth
 from avrare.base.special_functions import t_factor
 from avrare.estimation.result import intervals
-from avrare.estimation.result.result import Interval, Result
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 
 MIN_REPETITIONS = 2

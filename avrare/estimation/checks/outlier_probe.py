@@ -26,8 +26,8 @@ _FIRST, _SECOND = 5, 96
 """Rollouts of each tail at first, and of all together that are looked at again."""
 _MOST_TAILS = 8
 """Tails that are looked at again."""
-DEPTH = 5.0
-"""Probability of a tail over the estimate's upper end."""
+DEPTHS = (5.0, 20.0, 100.0)
+"""Probabilities of a tail over the estimate's upper end: a fault that seldom fails shows in a large tail."""
 LARGEST_TAIL = 0.05
 _RUN = 2**31 + 2**30
 """Address of the probe's noise, far from the runs that count."""
@@ -50,7 +50,7 @@ class Outliers:
 
 def probe_cost(problem: Problem) -> int:
     """Return the most rollouts of a probe."""
-    return _FIRST * len(_tails(problem)) + _SECOND
+    return len(DEPTHS) * _FIRST * len(_tails(problem)) + _SECOND
 
 
 def probe_outliers(
@@ -58,10 +58,10 @@ def probe_outliers(
 ) -> Outliers | None:
     """Return failures by one outlier whose probability lies above ``upper``; None where there are none.
 
-    A tail is a channel, a side, and the first step or one of the later ones; it has the probability
-    ``DEPTH * upper`` (the chance that a number lies so far out, at any of its steps). With h failures in n
+    A tail is a channel, a side, and the first step or one of the later ones; it has one of the probabilities
+    ``DEPTHS * upper`` (the chance that a number lies so far out, at any of its steps). With h failures in n
     rollouts that begin with such a number, about h / n of that probability is failure. Tails are chosen by
-    the first rollouts, and judged by fresh ones.
+    the first rollouts, each at one depth, and judged by fresh ones.
 
     Args:
         problem: The problem.
@@ -70,23 +70,29 @@ def probe_outliers(
         seed: Seed of the estimate.
         confidence: Level of the interval.
     """
-    tails = _tails(problem)
-    size = min(DEPTH * upper, LARGEST_TAIL)
-    # 1. A few rollouts of each tail.
-    repeated = np.repeat(tails, _FIRST, axis=0)
-    first = find_failures(problem, column, repeated, partial(_tapes, problem, size, seed, 0))
-    hits = first.reshape(len(tails), _FIRST).sum(axis=1)
-    worst = np.argsort(-hits, kind="stable")[:_MOST_TAILS]
-    worst = worst[hits[worst] > 0]
+    tails, sizes = _tails(problem), np.minimum(np.multiply(DEPTHS, upper), LARGEST_TAIL)
+    # 1. A few rollouts of each tail at each depth.
+    pairs = np.repeat(np.stack(np.divmod(np.arange(len(tails) * len(sizes)), len(sizes))), _FIRST, axis=1)
+    draw = partial(_tapes, problem, seed)
+    first = find_failures(problem, column, tails[pairs[0]], partial(draw, 0, sizes[pairs[1]]))
+    hits = first.reshape(len(tails), len(sizes), _FIRST).sum(axis=2)
+    promise = hits**3 * sizes  # a large tail with a lucky hit is judged poorly
+    deepest = promise.argmax(axis=1)
+    worst = np.argsort(-promise.max(axis=1), kind="stable")[:_MOST_TAILS]
+    worst = worst[hits[worst].any(axis=1)]
     if not len(worst):
         return None
-    # 2. More of those that failed; only these count.
-    again = np.repeat(tails[worst], _SECOND // len(worst), axis=0)
-    second = find_failures(problem, column, again, partial(_tapes, problem, size, seed, 1))
-    low = intervals.clopper_pearson(int(second.sum()), len(second), confidence)[0] * size * len(worst)
+    # 2. More of those that failed, each at its depth; only these count.
+    each = _SECOND // len(worst)
+    again, size = np.repeat(tails[worst], each, axis=0), np.repeat(sizes[deepest[worst]], each)
+    second = find_failures(problem, column, again, partial(draw, 1, size))
+    hits, level = second.reshape(len(worst), each).sum(axis=1), 1.0 - (1.0 - confidence) / len(worst)
+    shares = [intervals.clopper_pearson(count, each, level)[0] for count in hits.tolist()]
+    lows = np.multiply(shares, sizes[deepest[worst]])
+    low = float(lows.sum())
     if low <= upper:
         return None
-    late, channel, _ = tails[worst[second.reshape(len(worst), -1).sum(axis=1).argmax()]]
+    late, channel, _ = tails[worst[lows.argmax()]]
     return Outliers(find_noise_names(problem.system)[channel], None if late else 0, low)
 
 
@@ -117,14 +123,14 @@ def find_failures(
     return np.concatenate(found)
 
 
-def _tapes(problem: Problem, size: float, seed: int, stage: int, rows: Integers, tails: Integers) -> Floats:
-    """Return tapes (M, T + 1, C) that have one number from the tails (M, 3)."""
+def _tapes(problem: Problem, seed: int, stage: int, sizes: Floats, rows: Integers, tails: Integers) -> Floats:
+    """Return tapes (M, T + 1, C) with one number from the tails (M, 3), of probabilities ``sizes[rows]``."""
     noise = NoiseSource(seed, problem.noise_size, _RUN)
     tape = noise.normals(0, stage, rows[:, None], np.arange(problem.steps + 1))
     uniform = noise.choices(np.zeros_like(rows), np.full(len(rows), stage), rows, 2)
     late, channel, side = tails.T
     step = np.where(late, 1 + (uniform[:, 0] * problem.steps).astype(np.int64), 0)
-    share = uniform[:, 1] * size / np.where(late, max(problem.steps, 1), 1)
+    share = uniform[:, 1] * sizes[rows] / np.where(late, max(problem.steps, 1), 1)
     quantile = NormalDist().inv_cdf
     tape[np.arange(len(rows)), step, channel] = side * np.array([-quantile(u) for u in share.tolist()])
     return tape

@@ -13,7 +13,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from avrare.estimation.checks.outlier_probe import DEPTH, LARGEST_TAIL, Outliers, find_failures
+from avrare.estimation.checks.outlier_probe import DEPTHS, LARGEST_TAIL, Outliers, find_failures
 from avrare.estimation.result import intervals
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
@@ -58,7 +58,7 @@ def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confiden
     """
     if problem.noise_size < 2:
         return None
-    size, tries = min(DEPTH * upper, LARGEST_TAIL), _count_tries(problem.noise_size)
+    size, tries = min(DEPTHS[0] * upper, LARGEST_TAIL), _count_tries(problem.noise_size)
     for step in _steps(problem):
         draw = _Tails(problem, seed, step, math.sqrt(size))
         # 1. Rollouts with many extreme numbers.

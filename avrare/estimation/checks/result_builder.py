@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.checks.outlier_probe import probe_cost, probe_outliers
 from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import health
+from avrare.estimation.result.doubts import open_interval
 from avrare.estimation.result.note import describe_blind_bound, describe_counts
 from avrare.estimation.result.result import Result, Worst
 from avrare.logic.syntax.nodes import bounded_span
@@ -89,15 +91,33 @@ def examine(
     complete = []
     for column, result in enumerate(results):
         found = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
+        found |= contradict(result)
+        least_upper = 0.0
         if result.blind_bound is not None and result.blind_bound > _FAR_OFF * result.interval[1]:
             flat = _flat_part(executor, column, result)
-            found |= flat or _outliers(executor, problem, column, result, seed)
+            outliers, least_upper = ({}, 0.0) if flat else _outliers(executor, problem, column, result, seed)
+            found |= flat | outliers
         if again and "not_deterministic" not in found:
             found |= _reproduction(executor, result, column, again[column], rounds="rounding" in found)
         kept = {name: text for name, text in found.items() if name not in suppress}
         notes = (*result.notes, *describe_blind_bound(result.blind_bound), *describe_counts(result.counts))
+        result = open_interval(result, found, least_upper)
         complete.append(replace(result, health=kept, notes=notes))
     return complete
+
+
+def contradict(result: Result) -> dict[str, str]:
+    """Return the warning that rollouts of the target, which see every failure, contradict a result."""
+    fresh = result.fresh
+    if fresh is None or not (fresh.rows and result.probability):
+        return {}
+    counted, interval = fresh.interval(result.confidence), result.interval
+    if interval[0] <= counted[1] and counted[0] <= interval[1]:
+        return {}
+    counts = f"{fresh.failures} of {fresh.rows} rollouts of the target failed"
+    estimate = f"{format_probability(result.probability)} ({format_interval(interval)})"
+    reason = f"{counts}, a probability of {format_interval(counted)}, but the estimate is {estimate}"
+    return health.warn("contradicted", reason=reason)
 
 
 def _horizon(problem: Problem, column: int) -> dict[str, str]:
@@ -115,9 +135,11 @@ def _flat_part(executor: Executor, column: int, result: Result) -> dict[str, str
     return health.warn("flat_part", part=parts[0], bound=result.blind_bound) if parts else {}
 
 
-def _outliers(executor: Executor, problem: Problem, column: int, result: Result, seed: int) -> dict[str, str]:
+def _outliers(
+    executor: Executor, problem: Problem, column: int, result: Result, seed: int
+) -> tuple[dict[str, str], float]:
     if overrides(problem.system, System.log_weights):
-        return {}  # rollouts with weights are of another law than the one that is meant
+        return {}, 0.0  # rollouts with weights are of another law than the one that is meant
     upper, cost = result.interval[1], 0
     for probe, most, numbers in (
         (probe_outliers, probe_cost, "one number of `{}` far in its tail"),
@@ -129,8 +151,9 @@ def _outliers(executor: Executor, problem: Problem, column: int, result: Result,
         found = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
         if found is not None:
             what, when = numbers.format(found.noise), _WHEN[found.step]
-            return health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
-    return {}
+            warning = health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
+            return warning, upper + found.low
+    return {}, 0.0
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from avrare.base.late_import import late_import
-from avrare.base.number_format import format_interval
 from avrare.estimation.checks.result_builder import add_counts
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import (
@@ -31,7 +29,6 @@ from avrare.estimation.monte_carlo.stopping_rules import AtFailures, Stopping
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused
 from avrare.estimation.plan.settings import Settings
-from avrare.estimation.result import health, intervals
 from avrare.estimation.result.confidence_distributions import (
     Binomial,
     InverseBinomial,
@@ -211,7 +208,7 @@ class _Work:
             attempt = self._learn if role.gives_up else self._try
             result = attempt(self._build(component, role), problem, evidence, spent)
             if result is not None:
-                return self.add_choice(self._against_pilot(result, evidence), reason, spent)
+                return self.add_choice(result, reason, spent)
         # 4. Nothing pays.
         tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
         (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
@@ -255,26 +252,6 @@ class _Work:
         except Refused as error:
             spent.append(_Attempt(estimator.name, error.message))
             return None
-
-    def _against_pilot(self, result: Result, evidence: FreshRows) -> Result:
-        """Widen an interval that the pilot's failures contradict: no score or proposal hides any from it.
-
-        Only a pilot with more failures than the interval allows does: one with few has led here.
-        """
-        counted = evidence.interval(result.confidence)
-        if counted[0] <= result.interval[1]:
-            return result
-        found = dict(result.health)
-        if "pilot_disagrees" not in self.settings.suppress:
-            found |= health.warn(
-                "pilot_disagrees",
-                failures=evidence.failures,
-                rows=evidence.rows,
-                counted=format_interval(counted),
-                interval=format_interval(result.interval),
-            )
-        widened = partial(intervals.hull, result.interval_at, evidence.interval)
-        return replace(result, interval_at=widened, health=found)
 
     def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:
         given, budget = self.config, self.settings.budget

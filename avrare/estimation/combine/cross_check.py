@@ -23,6 +23,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import health
+from avrare.estimation.result.doubts import open_interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Result
 from avrare.plugin.component import Component
@@ -99,16 +100,17 @@ def add_cross_check(
     outcome, noticed = compare(result, second)
     cross_check = CrossCheckResult(second.estimator, outcome, check.share, noticed, second.without_tapes())
     checked = _add(result, cross_check, _describe(second, outcome, noticed, check.share))
-    if outcome != "disagree" or "estimators_disagree" in settings.suppress:
+    if outcome != "disagree":
         return checked
-    warning = health.warn(
-        "estimators_disagree",
-        estimator=result.estimator,
-        own=format_estimate(result.probability, result.interval),
-        other=second.estimator,
-        others=format_estimate(second.probability, second.interval),
+    estimates = [
+        f"{each.estimator} gives {format_estimate(each.probability, each.interval)}" for each in (result, second)
+    ]
+    reason = f"{estimates[0]}, but its cross-check by {estimates[1]}"
+    warning = health.warn("contradicted", reason=reason)
+    shown = {} if "contradicted" in settings.suppress else warning
+    return replace(
+        open_interval(checked, warning, least_upper=second.interval[1]), health=result.health | shown
     )
-    return replace(checked, health=result.health | warning)
 
 
 def _choose(

@@ -14,6 +14,7 @@ import numpy as np
 
 from avrare.estimation.combine.model_share import ModelShare
 from avrare.estimation.result import health
+from avrare.estimation.result.doubts import DOUBTS
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
@@ -108,9 +109,12 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
     share = _share(result, size, known, fresh)
     errors = max(_error_share(one) for one in (result, *fresh.values()))
 
+    doubted = [one for one in (result, *fresh.values()) if DOUBTS.intersection(one.health)]
+
     def interval_at(confidence: float) -> Interval:
         low, high = share.interval(confidence)
-        return low, min(1.0, high + errors)
+        ends = [(low, min(1.0, high + errors)), *(one.interval_at(confidence) for one in doubted)]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
     runs = list(fresh.values())
     mean = float(share.probabilities.mean())

@@ -17,7 +17,8 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import beta_cdf
 from avrare.estimation.result import intervals
-from avrare.estimation.result.result import Interval, Result
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 
 
 class ConfidenceDistribution(Protocol):

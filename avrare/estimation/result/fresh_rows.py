@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from avrare.estimation.result import intervals
-from avrare.estimation.result.result import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare.rollout.request import Rollouts
 
 NEAR = 1.5

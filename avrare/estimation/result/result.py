@@ -19,13 +19,13 @@ from avrare.base.number_format import format_estimate
 from avrare.base.plot import Plot
 from avrare.base.records import Records
 from avrare.base.renderers import render
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import AnyEstimator
 from avrare.rollout.problem import Problem
 from avrare.rollout.trace import Trace, trace_tape
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -146,6 +146,7 @@ class Result:
         artifacts: What the estimator leaves in the run folder: JSON data by the name of the file.
         blind_bound: Upper bound, at ``confidence``, for failures that the score or proposal does not lead to;
             None where every rollout was drawn from the target, as in Monte Carlo.
+        fresh: Counts of the rollouts drawn from the target, where that is not all of the estimate.
         cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
@@ -176,6 +177,7 @@ class Result:
     diagnostics: dict[str, Any] = field(default_factory=dict)
     artifacts: dict[str, Any] = field(default_factory=dict)
     blind_bound: float | None = None
+    fresh: FreshRows | None = None
     cross_check: CrossCheckResult | None = None
     seconds: float = 0.0
     relation: str = "violated"

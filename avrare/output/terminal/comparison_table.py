@@ -15,7 +15,7 @@ from avrare.analysis.compare.repetition_statistics import (
 )
 from avrare.base.number_format import format_amount, format_narrow
 from avrare.base.visible_text import escape_markdown, spell_line
-from avrare.estimation.result.result import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare.output.terminal.console import make_table
 
 

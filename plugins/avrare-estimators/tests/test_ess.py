@@ -55,11 +55,11 @@ def test_lipschitz_with_a_true_bound(id):
 @pytest.mark.parametrize("second_pass", [True, False])
 def test_a_false_bound_is_detected(second_pass):
     options = {"runs": 3, "second_pass": second_pass, **SMALL}
-    assert "lipschitz_exceeded" not in estimate("a_beta_-2", kernel=LIPSCHITZ, **options).health
+    assert "heuristic_kernel" not in estimate("a_beta_-2", kernel=LIPSCHITZ, **options).health
     too_low = {"name": "lipschitz", "bound": 0.7}
     found = re.match(
         r"(\d+) of (\d+) pairs .* by up to (1|0\.9\d+) per unit",
-        estimate("a_beta_-2", kernel=too_low, **options).health["lipschitz_exceeded"],
+        estimate("a_beta_-2", kernel=too_low, **options).health["heuristic_kernel"],
     )
     assert found is not None
     assert 0.05 < int(found[1]) / int(found[2]) < 0.9

@@ -12,7 +12,8 @@ from avrare.base import batch
 from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
-from avrare.estimation.result.result import Failures, Interval, Result, Worst
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.ams.config import AmsConfig
@@ -65,6 +66,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         failures=_failures(state, ended),
         worst=_worst(state, ended),
         robustness=state.first,
+        fresh=fresh,
         blind_bound=looks.interval(ended.runs, fresh.interval)(plan.confidence)[1],
         relation="violated" if config.variant == "unbiased" else "robustness <= 0",
         diagnostics={

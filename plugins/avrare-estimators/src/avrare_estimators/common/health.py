@@ -56,9 +56,16 @@ def check_weights(mean: float, error: float, effective: float, largest: float) -
     """
     found: dict[str, str] = {}
     if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
-        found |= warn("weight_mean", mean=mean, error=error)
+        reason = f"the mean weight is {mean:.3g} +- {error:.2g} instead of 1"
+        found |= warn("weight_degenerate", reason=reason)
     if effective == 0.0:
         return found | warn("no_failures")
     if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
-        found |= warn("weight_degenerate", effective=effective, largest=largest)
+        found |= warn("weight_degenerate", reason=describe_uneven(effective, largest))
     return found
+
+
+def describe_uneven(effective: float, largest: float) -> str:
+    """Return the reason to doubt weights of which few count."""
+    few = f"the effective number of failures is {effective:.1f}"
+    return f"{few}, the largest weight has a share of {largest:.0%}"

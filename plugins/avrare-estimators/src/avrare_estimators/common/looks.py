@@ -18,8 +18,8 @@ from functools import partial
 from typing import Any, Literal
 
 from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
-from avrare.estimation.result.result import Interval
 from avrare_estimators.common import health
 
 LEAST_RUNS = 10

@@ -12,7 +12,8 @@ import numpy as np
 from avrare.estimation.checks.result_builder import build_result
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
-from avrare.estimation.result.result import Failures, Interval, Result
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures, Result
 from avrare.protocols import Floats
 from avrare_estimators.common import health
 from avrare_estimators.common.chains.kernel import Kernel
@@ -54,6 +55,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, st
         failures=_scaled(state.failures, probability),
         worst=state.worst,
         robustness=state.first,
+        fresh=fresh,
         blind_bound=looks.interval(len(values), fresh.interval)(plan.confidence)[1],
         diagnostics={
             "kernel": kernel.name,

@@ -15,8 +15,9 @@ from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
-from avrare.estimation.result.result import Failures, Interval, Result, Worst, spread
+from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
@@ -26,8 +27,6 @@ from avrare_estimators.common.lessons.coverage import find_differing
 from avrare_estimators.common.lessons.stored_proposal import FILE
 from avrare_estimators.common.lessons.words import Cause, NoiseNames, describe_tapes
 from avrare_estimators.common.looks import Looks
-from avrare_estimators.common.samples.agreement import find_doubts
-from avrare_estimators.common.samples.result import DISTRUST, for_any_weights, is_even
 from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learning import Learning
@@ -166,11 +165,7 @@ def summarise(
     )
     warnings = _health(plan, plain, values, contributions, roots, tally)
     if mean > 0.0 and not plain:
-        own = interval_at(plan.confidence)
-        warnings |= find_doubts(mean, own, 0.0, fresh, [], plan.confidence)
         warnings |= _disagreement(learning, mean, relative)
-    if DISTRUST & warnings.keys() and mean > 0.0 and fresh.rows:
-        interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
     causes = _find_causes(learned, counted, names)
     diagnostics = _diagnostics(counted, learned, learning, causes) | looks.diagnostics(math.sqrt(relative))
     notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
@@ -185,6 +180,7 @@ def summarise(
         failures=_failures(plan, counted, mean, plain, tally),
         worst=_worst(plan, counted),
         robustness=first,
+        fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
         notes=(*notes, *(cause.note for cause in causes)),
         diagnostics=diagnostics,
@@ -261,7 +257,7 @@ def _health(
     found |= health.check_runs(values.tolist(), extinct, roots.tolist())
     effective, largest = effective_size(contributions), float(contributions.max() / contributions.sum())
     if effective < health.LEAST_EFFECTIVE or largest > health.LARGEST_SHARE:
-        found |= health.warn("weight_degenerate", effective=effective, largest=largest)
+        found |= health.warn("weight_degenerate", reason=health.describe_uneven(effective, largest))
     return found
 
 
@@ -269,7 +265,7 @@ def _disagreement(learning: Learning | None, mean: float, relative: float) -> di
     if learning is None:
         return {}
     differing = find_differing(learning.lessons.samples, mean, relative)
-    return health.warn("stages_disagree", stages=differing) if differing else {}
+    return health.warn("contradicted", reason=f"stages estimate {differing}") if differing else {}
 
 
 def _curve(counted: Sequence[Counted], levels: Sequence[float]) -> list[dict[str, float | None]]:

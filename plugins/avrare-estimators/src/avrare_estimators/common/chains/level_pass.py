@@ -153,22 +153,24 @@ class LevelPass:
         most: float = math.inf,
     ) -> LevelPass:
         """Draw the first tapes (step 1 of ``_next_level``)."""
-        zeros = np.zeros(shape.runs, dtype=np.int64)
         run, sample = np.divmod(np.arange(shape.runs * shape.samples), shape.samples)
         draw = Draw(plan.noise, plan.steps, run, shape.stage, sample)
+        empty = LevelPass._of_weight(plan, shape, kernel, schedule, np.ones(shape.runs), most)
+        return replace(empty, fresh=draw.tapes())
+
+    @staticmethod
+    def _of_weight(
+        plan: Plan,
+        shape: PassShape,
+        kernel: Kernel,
+        schedule: tuple[LevelRecord, ...] | None,
+        weight: Floats,
+        most: float,
+    ) -> LevelPass:
+        none = np.zeros(shape.runs, dtype=np.int64)
+        tuning, errors = kernel.init(shape.runs), np.zeros(shape.runs)
         return LevelPass(
-            plan,
-            shape,
-            kernel,
-            schedule,
-            weight=np.ones(shape.runs),
-            active=np.ones(shape.runs, dtype=bool),
-            error_weight=np.zeros(shape.runs),
-            tuning=kernel.init(shape.runs),
-            rollouts=zeros,
-            errors=zeros,
-            fresh=draw.tapes(),
-            most=most,
+            plan, shape, kernel, schedule, weight, weight > 0.0, errors, tuning, none, none, most=most
         )
 
     def without_tapes(self) -> LevelPass:
@@ -178,11 +180,8 @@ class LevelPass:
     def joined(self, other: LevelPass) -> LevelPass:
         """Return the runs of this ended pass and then those of another, both without tapes."""
         both, tunings = (self, other), [half.tuning for half in (self, other) if half.tuning is not None]
-        records = zip_longest(self.levels, other.levels)
         names = ("weight", "active", "error_weight", "rollouts", "errors")
-        arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(half, name) for half in both]) for name in names
-        }
+        arrays: Any = {name: np.concatenate([getattr(half, name) for half in both]) for name in names}
         return replace(
             self,
             **arrays,
@@ -196,7 +195,7 @@ class LevelPass:
                         for record, half in zip(pair, both, strict=True)
                     ]
                 )
-                for pair in records
+                for pair in zip_longest(self.levels, other.levels)
             ),
         )
 
@@ -223,22 +222,8 @@ class LevelPass:
             first: First level of a pilot; None: it finds its own.
             most: Largest number of levels.
         """
-        zeros = np.zeros(shape.runs, dtype=np.int64)
-        return LevelPass(
-            plan,
-            shape,
-            kernel,
-            schedule,
-            weight=share,
-            active=share > 0.0,
-            error_weight=np.zeros(shape.runs),
-            tuning=kernel.init(shape.runs),
-            rollouts=zeros,
-            errors=zeros,
-            population=points,
-            first=first,
-            most=most,
-        )._next_level()
+        empty = LevelPass._of_weight(plan, shape, kernel, schedule, share, most)
+        return replace(empty, population=points, first=first)._next_level()
 
     @property
     def proposal(self) -> Floats | None:

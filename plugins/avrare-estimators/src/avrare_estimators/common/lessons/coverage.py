@@ -42,9 +42,10 @@ def find_coverage_doubts(lessons: Lessons, final: Sample) -> dict[str, str]:
     found: dict[str, str] = {}
     share = _uncovered(lessons, final)
     if share > _MOST_UNCOVERED:
-        found |= health.warn("uncovered", share=share)
+        text = "of the failures that learning has met are hardly likelier under the proposal"
+        found |= health.warn("unchecked", reason=f"{share:.0%} {text}")
     if differing := _disagreeing(lessons.samples, final):
-        found |= health.warn("stages_disagree", stages=differing)
+        found |= health.warn("contradicted", reason=f"stages of learning estimate {differing}")
     return found
 
 

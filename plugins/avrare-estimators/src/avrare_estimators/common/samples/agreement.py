@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from avrare.base.number_format import format_estimate, format_interval
+from avrare.base.number_format import format_estimate
 from avrare.estimation.result import intervals
-from avrare.estimation.result.fresh_rows import FreshRows
-from avrare.estimation.result.result import Interval
+from avrare.estimation.result.intervals import Interval
 from avrare_estimators.common import health
 from avrare_estimators.common.samples.cross_check import CrossCheckResult
 
@@ -22,7 +21,6 @@ def find_doubts(
     mean: float,
     own: Interval,
     missed: float,
-    fresh: FreshRows,
     checks: Sequence[CrossCheckResult | None],
     confidence: float,
 ) -> dict[str, str]:
@@ -32,19 +30,12 @@ def find_doubts(
         mean: Weighted estimate, above 0.
         own: Interval by the weights.
         missed: Probability of failures that the sample may miss, as far as the cross-check knows.
-        fresh: All rows drawn from the target.
         checks: Cross-check of each run, None where it did not reach failure; empty if none was asked for.
         confidence: Level of the intervals.
     """
     sample = f"the weighted sample says {format_estimate(mean, own)}"
-    # 1. Rows of the target are right whatever the proposal is.
     most = own[0], own[1] + missed
-    counted = fresh.interval(confidence)
-    if _apart(most, counted):
-        counts = f"{fresh.failures} of {fresh.rows} rollouts of the target failed"
-        reason = f"{counts}, a probability of {format_interval(counted)}, but {sample}"
-        return health.warn("cross_check", reason=reason)
-    # 2. So is a climb that does not use it, as far as its groups agree.
+    # 1. A climb does not use the proposal, and is right as far as its groups agree.
     if not checks:
         return {}
     done = [check for check in checks if check is not None]
@@ -60,12 +51,12 @@ def find_doubts(
     # It has few rows to start from and mostly errs low, whereas the sample counts failures that it holds, by
     # weights that are even (else ``weight_degenerate``): a climb that is somewhat lower contradicts nothing.
     if climbed[0] > most[1] or (climbed[1] < most[0] and found * WIDEST < mean):
-        return health.warn("cross_check", reason=f"{says}, but {sample}")
-    # 3. Failures that it finds must be among those of the sample.
+        return health.warn("contradicted", reason=f"{says}, but {sample}")
+    # 2. Failures that it finds must be among those of the sample.
     unseen = float((values * np.concatenate([check.unseen for check in done])).mean()) / found
     if unseen >= MOST_UNSEEN:
         more = f"{unseen:.0%} of its failures weigh more than any of the sample"
-        return health.warn("cross_check", reason=f"{says}, and {more}, but {sample}")
+        return health.warn("contradicted", reason=f"{says}, and {more}, but {sample}")
     if any(check.lost_scouts for check in done):
         return health.warn(
             "unchecked", reason="the cross-check misses failures to which those of the sample lead"
@@ -93,7 +84,3 @@ def missed_probability(mean: float, checks: Sequence[CrossCheckResult | None], c
         return least
     variance = float((values / unseen).var(ddof=1)) / len(values)
     return max(least, intervals.log_normal(unseen, variance, confidence, freedom=len(values) - 1)[1])
-
-
-def _apart(one: Interval, other: Interval) -> bool:
-    return one[1] < other[0] or other[1] < one[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -14,7 +14,8 @@ from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
-from avrare.estimation.result.result import Failures, Interval, Result, Worst, spread
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
@@ -25,18 +26,6 @@ from avrare_estimators.common.samples.groups import Groups
 from avrare_estimators.common.samples.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.common.samples.stages import has_reached
 from avrare_estimators.common.weights import Quality, effective_size, quality
-
-DISTRUST = {
-    "no_failures",
-    "weight_degenerate",
-    "cross_check",
-    "unchecked",
-    "unreached",
-    "uncovered",
-    "stages_disagree",
-    "extinct",
-}
-"""Warnings under which the interval does not rest on the weights."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +131,13 @@ def summarise(
     warnings = _health(plan, runs, marks, tally)
     if mean > 0.0:
         own = _interval_of_weights(runs, values, marks)(plan.confidence)
-        warnings |= find_doubts(mean, own, missed, fresh, checks, plan.confidence)
+        warnings |= find_doubts(mean, own, missed, checks, plan.confidence)
     interval_at = _interval_of_weights(runs, values, marks, missed)
-    if all(run.plain for run in runs):
+    plain = all(run.plain for run in runs)
+    if plain:
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
-    elif DISTRUST & warnings.keys():
-        interval_at = partial(for_any_weights, mean, fresh, interval_at if is_even(mean, warnings) else None)
+    elif not mean:
+        interval_at = fresh.interval_of_zero()
     return build_result(
         plan,
         name,
@@ -159,6 +149,7 @@ def summarise(
         failures=_failures(plan, runs, tally, noise_size),
         worst=_worst(plan, runs, noise_size),
         robustness=first if first is not None else np.zeros(0),
+        fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
         diagnostics=_diagnostics(runs, marks),
     )
@@ -197,7 +188,8 @@ def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info)
                 values.tolist(), int((values == 0.0).sum()), [sum(run.climbed[1].roots)]
             )
     if any(run.unreached for run in runs):
-        found |= health.warn("unreached", stages=max(len(run.stages) for run in runs))
+        stages = max(len(run.stages) for run in runs)
+        found |= health.warn("unchecked", reason=f"the elite has not reached failure after {stages} stages")
     for run in runs:
         found |= run.doubts
     if all(run.sample.violated.all() for run in runs):
@@ -225,31 +217,6 @@ def _interval_of_weights(
         groups = runs[0].climbed[1].values
         freedom, logs = len(groups) - 1, intervals.cox(groups)
     return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
-
-
-def is_even(mean: float, warnings: Container[str]) -> bool:
-    """Return whether the scatter of the weights says something of the error of their ``mean``."""
-    return mean > 0.0 and "weight_degenerate" not in warnings
-
-
-def for_any_weights(
-    mean: float, fresh: FreshRows, by_weights: Callable[[float], Interval] | None, confidence: float
-) -> Interval:
-    """Return an interval that holds for any weights.
-
-    The lower end is Markov's inequality: the estimate is unbiased and not negative, so it exceeds p / a with
-    probability at most a. The upper end is plain Monte Carlo on all rows drawn from the target; where few of
-    them have failed by chance, that of the weights is higher, and taken.
-
-    Args:
-        mean: Weighted estimate.
-        fresh: All rows drawn from the target.
-        by_weights: Interval by the weights; None where it says nothing.
-        confidence: Level.
-    """
-    tail = (1.0 - confidence) / 2.0
-    own = by_weights(confidence)[1] if by_weights is not None else mean
-    return tail * mean, max(fresh.interval(confidence)[1], own)
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:

@@ -1,0 +1,61 @@
+"""Doubts of an estimate, and the one place where they open its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import partial
+
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
+
+MAY_MISS_FAILURES = frozenset(
+    {"extinct", "no_failures", "leaps", "unchecked", "flat_part", "outliers", "model_unknown"}
+)
+"""Warnings under which the estimate may be too low."""
+MAY_SCATTER = frozenset(
+    {"extinct_runs", "few_roots", "weight_degenerate", "contradicted", "heuristic_kernel"}
+)
+"""Warnings under which it may be too high as well."""
+DOUBTS = MAY_MISS_FAILURES | MAY_SCATTER
+
+
+def open_interval(result: Result, warnings: Collection[str], least_upper: float = 0.0) -> Result:
+    """Return a result whose interval holds whatever its warnings doubt.
+
+    The upper end is at least the exact one of all rollouts drawn from the target, and what a check allows.
+    The lower end, where the estimate may be too high, is that of Markov's inequality: an unbiased estimate
+    that is not negative exceeds p / a with probability at most a.
+
+    Args:
+        result: The result, with the interval that its runs or weights give.
+        warnings: Names of all its warnings, also of those that are not shown.
+        least_upper: Probability that a check of the estimate allows.
+    """
+    found = DOUBTS.intersection(warnings)
+    if not found or result.fresh is None:
+        return result
+    scatters = bool(MAY_SCATTER & found)
+    at, mean = result.interval_at, result.probability
+    if "weight_degenerate" in found:  # the scatter of such weights says nothing
+        at = partial(_point, mean)
+    return replace(result, interval_at=partial(_open, mean, at, result.fresh, scatters, least_upper))
+
+
+def _open(
+    mean: float,
+    interval_at: Callable[[float], Interval],
+    fresh: FreshRows,
+    scatters: bool,
+    least_upper: float,
+    confidence: float,
+) -> Interval:
+    (low, high), counted = interval_at(confidence), fresh.interval(confidence)
+    if scatters:
+        low = min(low, counted[1], (1.0 - confidence) / 2.0 * mean)
+    return low, max(high, counted[1], least_upper)
+
+
+def _point(mean: float, confidence: float) -> Interval:
+    return mean, mean
