@@ -103,7 +103,7 @@ def test_a_climb_goes_on_after_interruptions(climbed, tmp_path):
         return avrare.estimate(problem, "is", seed=0, checkpoint=tmp_path / "state", **QUICK)
 
     found, interruptions = estimate_through_interruptions(energetic, run, 100, 100)
-    assert interruptions > 3
+    assert interruptions >= 3
     assert found.probability == climbed[0].probability
     assert found.rollouts == climbed[0].rollouts
 
@@ -253,7 +253,7 @@ def test_more_runs_than_chains_have_addresses_for_are_refused():
 
 
 def test_several_runs_climb_each_by_its_own_route():
-    found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=30_000, pilot=600)
+    found = avrare.estimate(energetic(), "is", climb=True, runs=3, rollouts=45000, pilot=600)
     assert len(found.diagnostics["climb"]) == 3
     assert len({one["level"] for one in found.diagnostics["climb"]}) == 3
     chains = sum(one["rollouts"] for one in found.diagnostics["climb"])

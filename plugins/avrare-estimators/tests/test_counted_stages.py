@@ -158,7 +158,7 @@ def test_learning_ends_where_an_estimate_is_nearly_done():
             rollouts=100_000,
             shares=(0.0,),
             samples=(None,),
-            lessons=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)]),
+            lessons=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)], mixtures=(None,)),
         )
         return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._learnt(state)
 

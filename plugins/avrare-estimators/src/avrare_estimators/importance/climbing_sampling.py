@@ -20,6 +20,8 @@ from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.samples.cross_check import CrossCheck, rollouts_to_vouch
 from avrare_estimators.common.samples.groups import Groups
 from avrare_estimators.common.samples.sampling import Sample, wave_rows
+from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
+from avrare_estimators.common.samples.stages import has_reached
 from avrare_estimators.common.samples.weighted_sampler import SamplingState
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.climb import ClimbBatch, ClimbPilot
@@ -142,9 +144,14 @@ class ClimbingSampling(LearnedSampling):
         return super()._gives_up(state) and not gains
 
     def _untried_entry(self, state: LearnedState) -> Entry | None:
-        """Return the best entry of a climb yet to be tried, if there is one short of failure."""
+        """Return the best entry of a climb yet to be tried, if there is one short of failure.
+
+        Where learning knows failures well, the proposal goes to them: they need not lie above any level.
+        """
         assert isinstance(state, ClimbingState)
-        entry = state.entries[-1] if state.entries and state.route is None else None
+        if state.route is not None or not state.entries or has_reached(state.stages[-1]):
+            return None
+        entry = state.entries[-1]
         return entry if entry is not None and entry.climbs else None
 
     def _most_chains(self, state: LearnedState) -> int:
@@ -217,12 +224,15 @@ class ClimbingSampling(LearnedSampling):
         sample = Sample.join(final)
         return self._check(replace(stored, samples=(*learning, sample)), sample)
 
-    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | None:
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | ScaleAnnealing | None:
         assert isinstance(state, ClimbingState)
         if state.climbed is None:
             return super()._cross_check(state, most)
         level, groups = state.climbed
-        return CrossCheck.begin(state.samples, self._check_rollouts(state), most, groups.mean, level)
+        annealing = ScaleAnnealing.begin(state.samples, self._check_rollouts(state), level)
+        return annealing or CrossCheck.begin(
+            state.samples, self._check_rollouts(state), most, groups.mean, level
+        )
 
     def _rollouts_to_vouch(self, state: LearnedState) -> int:
         assert isinstance(state, ClimbingState)

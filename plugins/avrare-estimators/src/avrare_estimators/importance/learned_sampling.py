@@ -22,13 +22,18 @@ from avrare_estimators.common.lessons.lessons import Lessons
 from avrare_estimators.common.lessons.stored_proposal import FILE, described
 from avrare_estimators.common.lessons.words import NoiseNames, describe_failures
 from avrare_estimators.common.looks import Looks
-from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
+from avrare_estimators.common.samples.cross_check import CrossCheck, rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import (
     PartialSample,
     Sample,
     failing_weights,
     variance_of_sum,
     wave_rows,
+)
+from avrare_estimators.common.samples.scale_annealing import (
+    MOST_NUMBERS,
+    ROLLOUTS_TO_VOUCH,
+    ScaleAnnealing,
 )
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import (
@@ -40,12 +45,16 @@ from avrare_estimators.common.samples.stages import (
     is_worthless,
 )
 from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
+from avrare_estimators.common.tapes.tail_atoms import tail_atoms, with_tail_atoms
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.proposal_file import ProposalFile
 
-_PILOT_SHARE, _LEARNING_SHARE = 6, 2
-"""The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half."""
+_PILOT_SHARE, _LEARNING_SHARE, _LEARNING_SHARE_OF_GOAL = 6, 2, 3
+"""The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half; where an error is asked
+for, a third."""
+_TARGET_OF_PILOT = 0.5
+"""Share of the pilot that is drawn from the target."""
 _LEAST_LOOK = 1000
 _MOST_COUNTED = 0.5
 """Largest share of the estimate that the stages of learning have together: their variance may then be twice
@@ -137,7 +146,8 @@ class LearnedSampling(WeightedSampler):
             )
         else:
             several = len(mixtures) > 1
-            frozen = blend(mixtures, [1.0 / len(mixtures)] * len(mixtures)) if several else mixtures[0]
+            learned = [mixture.learned or mixture for mixture in mixtures]
+            frozen = blend(learned, [1.0 / len(learned)] * len(learned)) if several else learned[0]
             told["proposal"] = frozen.digest
             artifacts = {FILE: described(frozen, self.names)}
         interval_at = result.interval_at
@@ -166,17 +176,18 @@ class LearnedSampling(WeightedSampler):
 
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
-        state = replace(state, lessons=Lessons(self.config.target_share), looks=None, final=(), shares=())
+        plan = state.plan
+        lessons = Lessons(self.config.target_share, beside=tail_atoms(plan.steps, plan.noise.noise_size))
+        state = replace(state, lessons=lessons, looks=None, final=(), shares=())
         if self.file is not None:
-            return self._begin_final(state, self.file.find(state.plan))
+            return self._begin_final(state, with_tail_atoms(self.file.find(state.plan)))
         return self._learn(state)
 
     def _learn(self, state: LearnedState) -> LearnedState:
-        # 1. A pilot from the target, then stages from what the stages before have taught.
-        stage, mixtures = len(state.stages), state.lessons.mixtures
+        # 1. A pilot from the target and from tail atoms, then stages from what the stages before have taught.
+        stage, source = len(state.stages), TapeSource(state.lessons.proposal)
         rows = self._stage_rows(state, stage)
-        target_rows = round(self.config.target_share * rows) if stage else rows
-        source = TapeSource(mixtures[-1] if mixtures else None)
+        target_rows = round((self.config.target_share if stage else _TARGET_OF_PILOT) * rows)
         wave = wave_rows(state.plan, self.config.memory)
         task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows, wave)
         shares = (*state.shares, self._share(state, rows))
@@ -228,7 +239,8 @@ class LearnedSampling(WeightedSampler):
 
     def _learnt(self, state: LearnedState) -> bool:
         done = sum(stage["rollouts"] for stage in state.stages)
-        affordable = done + self._stage_rows(state, 1) <= state.rollouts // _LEARNING_SHARE
+        share = _LEARNING_SHARE if self.config.relative_error is None else _LEARNING_SHARE_OF_GOAL
+        affordable = done + self._stage_rows(state, 1) <= state.rollouts // share
         hopeless = not len(state.lessons.elite[0])
         hopeless |= not self.config.fall_back and is_stuck(state.stages)
         ended = is_learnt(state.stages, self.config.stages) or self._gives_up(state)
@@ -241,7 +253,9 @@ class LearnedSampling(WeightedSampler):
     def _ends(self, state: LearnedState) -> bool:
         """Return whether the estimate is nearly done: another stage would cost more than it saves."""
         shown = state.lessons.shown_variance
-        if self.config.relative_error is None or shown is None or not has_reached(state.stages[-1]):
+        if self.config.relative_error is None or shown is None or not state.lessons.mixtures:
+            return False
+        if not has_reached(state.stages[-1]):
             return False
         return self._missing(state, shown) < _LAST_STAGES * self._stage_rows(state, 1)
 
@@ -281,6 +295,11 @@ class LearnedSampling(WeightedSampler):
         assert isinstance(state, LearnedState)
         return counted_samples(state)
 
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | ScaleAnnealing | None:
+        """Return the check by annealing, which no score leads; by a climb where tapes are long."""
+        annealing = ScaleAnnealing.begin(state.samples, self._check_rollouts(state))
+        return annealing or super()._cross_check(state, most)
+
     def _check_rollouts(self, state: SamplingState) -> int:
         """Return the cross-check's rollouts; where an error is asked for, at least what an answer takes.
 
@@ -290,7 +309,10 @@ class LearnedSampling(WeightedSampler):
         if self.config.relative_error is None or not self.config.check:
             return share
         assert isinstance(state, LearnedState)
-        return max(share, min(state.rollouts - state.rows, self._rollouts_to_vouch(state)))
+        plan, least = state.plan, self._rollouts_to_vouch(state)
+        if (plan.steps + 1) * plan.noise.noise_size <= MOST_NUMBERS:
+            least = ROLLOUTS_TO_VOUCH
+        return max(share, min(state.rollouts - state.rows, least))
 
     def _rollouts_to_vouch(self, state: LearnedState) -> int:
         return rollouts_to_vouch(state.samples)

@@ -1,8 +1,8 @@
 """Lessons: the samples from which a proposal on the noise tape is learnt, weighed together.
 
-Stage 0 is drawn from the target, stage k + 1 in part from the proposal that stage k has taught. All rows of
-all stages are pooled with the weights of the balance heuristic (Veach and Guibas 1995): p over the density of
-the pool, whichever stage a row came from.
+Stage 0 is drawn from the target and from tail atoms, stage k + 1 in part from the proposal that stage k has
+taught. All rows of all stages are pooled with the weights of the balance heuristic (Veach and Guibas 1995): p
+over the density of the pool, whichever stage a row came from.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common.lessons.dictionary import fit
 from avrare_estimators.common.samples.sampling import Sample, failing_weights
+from avrare_estimators.common.tapes.tail_atoms import SHARE, with_tail_atoms
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.common.weights import effective_size, resample, stratified_variance
 
@@ -37,25 +38,30 @@ class Lessons:
 
     Attributes:
         defensive: Share of the target in all samples but the first.
+        beside: What the first sample was drawn from beside the target, and a share of each later one.
         samples: Samples, one a stage.
         mixtures: Proposals; number k has drawn sample k + 1.
-        log_ratios: (n, K) log p/q of the rows of each sample under each proposal.
+        log_ratios: (n, 1 + K) log p/q of the rows of each sample under ``beside`` (infinite where there is
+            none) and under each proposal alone.
     """
 
     defensive: float
     samples: tuple[Sample, ...] = ()
     mixtures: tuple[TapeMixture, ...] = ()
     log_ratios: tuple[Floats, ...] = ()
+    beside: TapeMixture | None = None
 
     def add(self, sample: Sample) -> Lessons:
         """Add the sample of the present proposal."""
-        columns = [ratios_of(sample, mixture) for mixture in self.mixtures]
-        ratios = np.stack(columns, axis=1) if columns else np.zeros((len(sample.error), 0))
+        none = np.full(len(sample.error), np.inf)
+        columns = [ratios_of(sample, self.beside) if self.beside is not None else none]
+        ratios = np.stack([*columns, *(ratios_of(sample, mixture) for mixture in self.mixtures)], axis=1)
         return replace(self, samples=(*self.samples, sample), log_ratios=(*self.log_ratios, ratios))
 
     def learn(self) -> Lessons:
         """Fit the next proposal to the elite."""
         rows, weights = self.elite
+        weights = self._raised(rows, weights)
         if len(rows) > _MOST_ELITE:
             rows = np.sort(rows[resample(weights, _MOST_ELITE, 0.5)])
             weights = np.ones(len(rows))
@@ -66,16 +72,43 @@ class Lessons:
         )
         return replace(self, mixtures=(*self.mixtures, mixture), log_ratios=ratios)
 
+    def _raised(self, rows: Integers, weights: Floats) -> Floats:
+        """Return weights of an elite in which the failures have a share: a score may lead away from them.
+
+        The share is that of their effective number in the one that suffices to learn from failures alone.
+        """
+        failed = self.violated[rows]
+        share = effective_size(weights[failed]) / LEAST_ELITE
+        if failed.all() or not share:
+            return weights
+        total, present = share / (1.0 - share) * weights[~failed].sum(), weights[failed].sum()
+        return np.where(failed, weights * max(1.0, total / present), weights)
+
     @property
     def weights(self) -> Floats:
         """(N,) weights of all rows; their mean over a set estimates its probability."""
         counts = np.array([len(sample.error) for sample in self.samples])
         shares = counts / counts.sum()
         pooled = np.concatenate(self.log_ratios)
-        density = np.full(len(pooled), shares[0] + self.defensive * shares[1:].sum())
-        for k, share in enumerate(shares[1:]):
-            density += share * (1.0 - self.defensive) * np.exp(np.minimum(-pooled[:, k], 700.0))
+        density = np.zeros(len(pooled))
+        for k, (share, sample) in enumerate(zip(shares, self.samples, strict=True)):
+            target = sample.share
+            density += share * (target + (1.0 - target) * np.exp(np.minimum(-self._ratio(pooled, k), 700.0)))
         return np.asarray(1.0 / density)
+
+    def _ratio(self, log_ratios: Floats, k: int) -> Floats:
+        """Return log p/q of rows under the law that sample ``k`` was drawn from, but for the target."""
+        beside = log_ratios[:, 0]
+        if not k or self.beside is None:
+            return log_ratios[:, k]
+        return -np.logaddexp(math.log(SHARE) - beside, math.log1p(-SHARE) - log_ratios[:, k])
+
+    @property
+    def proposal(self) -> TapeMixture | None:
+        """The law that the next sample is drawn from, but for the target; None: the target."""
+        if not self.mixtures:
+            return self.beside
+        return self.mixtures[-1] if self.beside is None else with_tail_atoms(self.mixtures[-1])
 
     @property
     def violated(self) -> Any:
@@ -128,7 +161,7 @@ class Lessons:
         newest = self.samples[-1]
         score = np.concatenate([sample.score for sample in self.samples])
         reached = bool(len(rows) and violated[rows].all())
-        ratio = np.concatenate(self.log_ratios)[:, -1] if self.mixtures else None
+        ratio = self._ratio(np.concatenate(self.log_ratios), len(self.mixtures)) if self.mixtures else None
         variance = self._variance(rows, ratio[rows]) if ratio is not None else None
         chance, variance_there = float(elite.sum() / len(weights)), variance
         if ratio is not None and effective_size(weights[violated]) >= _FEW:
@@ -194,7 +227,8 @@ class Lessons:
         """Return the proposal to estimate with: the newest, and a little of those before it."""
         before = self.mixtures[:-1]
         shares = [*(_PAST / len(before) for _ in before), 1.0 - _PAST] if before else [1.0]
-        return blend(self.mixtures, shares)
+        learned = blend(self.mixtures, shares)
+        return learned if self.beside is None else with_tail_atoms(learned)
 
     def _tapes(self, rows: Integers) -> Floats:
         begin, tapes = 0, []

@@ -19,6 +19,7 @@ from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck
 from avrare_estimators.common.samples.groups import Groups
 from avrare_estimators.common.samples.result import RunOutcome, summarise
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes, wave_rows
+from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
 from avrare_estimators.common.samples.sources import Source
 
 _ROW = 150
@@ -105,7 +106,7 @@ class WeightedSampler(Estimator):
     def _task_complete(self, state: SamplingState) -> SamplingState:
         """Begin what comes after the task."""
         task = state.task
-        if isinstance(task, CrossCheck):
+        if isinstance(task, (CrossCheck, ScaleAnnealing)):
             return self._finish_run(state, task.result())
         assert isinstance(task, PartialSample)
         sample = task.sample()
@@ -147,7 +148,7 @@ class WeightedSampler(Estimator):
             return state
         return self._finish_run(state, check.result() if check is not None else None)
 
-    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | None:
+    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | ScaleAnnealing | None:
         return CrossCheck.begin(state.samples, self._check_rollouts(state), most)
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ _LEAST_SHARE = 1e-3
 """Least share of a component, over the largest."""
 _DROPPED = 0.02
 """Share of the atoms that are left out, the least ones first."""
+_BLOCK = 2**20
+"""Atoms of all rows that are weighed at once."""
 NONE = -1
 _CHOSEN = np.dtype([("atom", np.int64), ("amount", np.float64)])
 
@@ -41,6 +43,7 @@ class TapeMixture:
         parts: (J, 2) groups of each component; ``NONE`` where the second is missing.
         share: (J,) adding up to 1.
         shape: (steps + 1, noise_size) of a tape.
+        learned: The part that was learned, where others are beside it; None: all of it.
     """
 
     atoms: Atoms
@@ -48,6 +51,7 @@ class TapeMixture:
     parts: Integers
     share: Floats
     shape: tuple[int, int]
+    learned: TapeMixture | None = None
 
     @staticmethod
     def frozen(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
@@ -69,10 +73,15 @@ class TapeMixture:
             for row, weight in own[0].items():
                 alone[row] = alone.get(row, 0.0) + share * weight / total
         kept = [(share, [{row: 1.0}]) for row, share in _rounded(_without_least(alone)).items()]
-        return TapeMixture._of([*kept, *pairs], shape)
+        return TapeMixture.of([*kept, *pairs], shape)
 
     @staticmethod
-    def _of(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
+    def of(
+        components: Sequence[tuple[float, Sequence[Group]]],
+        shape: tuple[int, int],
+        learned: TapeMixture | None = None,
+    ) -> TapeMixture:
+        """Return a mixture of components (share, one or two groups) in rounded numbers."""
         total = sum(share for share, _ in components)
         rows: dict[Row, int] = {}
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], int] = {}
@@ -86,9 +95,9 @@ class TapeMixture:
                 index = tuple(rows.setdefault(row, len(rows)) for row in kept)
                 places.append(groups.setdefault((index, tuple(kept.values())), len(groups)))
             parts.append([*places, NONE][:2])
-            shares.append(round(share / total, _DIGITS))
+            shares.append(max(round(share / total, _DIGITS), 10.0**-_DIGITS))
         built = tuple((np.array(index), np.array(weights)) for index, weights in groups)
-        return TapeMixture(Atoms.of(list(rows)), built, np.array(parts), np.array(shares), shape)
+        return TapeMixture(Atoms.of(list(rows)), built, np.array(parts), np.array(shares), shape, learned)
 
     @property
     def components(self) -> list[tuple[float, list[Group]]]:
@@ -221,11 +230,17 @@ class TapeMixture:
 
     def log_ratio(self, sums: Floats) -> Floats:
         """Return log p/q (M,) from the sums (M, D + 1) over the steps."""
-        return -_log_sum(self.component_logs(self.atom_logs(sums)))
+        return self._by_blocks(sums, self.atom_logs)
 
     def log_ratio_of(self, tapes: Floats) -> Floats:
         """Return log p/q (M,) of complete tapes; for learning, not for weights."""
-        return -_log_sum(self.component_logs(log_ratios(self.atoms, tapes)))
+        return self._by_blocks(tapes, partial(log_ratios, self.atoms))
+
+    def _by_blocks(self, rows: Floats, atom_logs: Callable[[Floats], Floats]) -> Floats:
+        """Return log p/q (M,) of rows, a few at a time: there are many atoms."""
+        size = max(1, _BLOCK // self.atoms.size)
+        blocks = (rows[begin : begin + size] for begin in range(0, max(1, len(rows)), size))
+        return -np.concatenate([_log_sum(self.component_logs(atom_logs(block))) for block in blocks])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the mixture as JSON data."""

@@ -1,0 +1,189 @@
+"""Scale annealing: a cross-check that no score leads.
+
+All noise is inflated until failures are common; from there its scale goes back to 1, among failures alone. A
+walker carries a failing tape; its weight is the ratio of the two normal laws, and Markov moves that stay in
+failure follow each step (annealed importance sampling with resampling: Neal 2001; Bucher 1988 inflates). The
+probability at the first scale times the mean weights is that at scale 1. The scale of some fifty numbers can
+be annealed together, that of a long tape cannot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from avrare.protocols import Bools, Floats
+from avrare.rollout.request import Integers, Request, Rollouts
+from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
+from avrare_estimators.common.samples.sampling import Sample
+from avrare_estimators.common.samples.sources import Stratum
+from avrare_estimators.common.weights import effective_size, mixture_log_weights, resample
+
+MOST_NUMBERS = 50
+"""Numbers of a tape up to which its scale is annealed."""
+_SCALES = (1.3, 1.6, 2.0, 2.5, 3.0)
+LEAST_ROLLOUTS, ROLLOUTS_TO_VOUCH = 6000, 12_000
+"""Rollouts that may suffice, and those that mostly do."""
+_FREQUENT = 0.02
+"""Share of failures from which a scale is large enough."""
+_FIRST, _WALKERS, _MOVES = 200, 50, 4
+"""Rollouts of a group at a scale, its walkers, and their moves at a step."""
+_LEAST_EFFECTIVE = 0.5
+"""Effective share of the walkers to which a step may reduce them."""
+_ACCEPTED = 0.3
+_STAGE, _STAGES_OF_RUN = 2**31, 2**20
+
+
+@dataclass(frozen=True)
+class ScaleAnnealing:
+    """Groups of walkers on their way from inflated noise to the target (a ``Task``).
+
+    Attributes:
+        sample: The sample to compare with.
+        largest: Logarithm of the largest weight that it knows.
+        budget: Rollouts left.
+        scale: Standard deviation of the noise.
+        probabilities: (GROUPS,) estimate of each group so far.
+        walkers: (GROUPS * _WALKERS, steps + 1, noise_size) failing tapes; None while the scale is sought.
+        root: (GROUPS * _WALKERS,) first rollout that each descends from.
+        size: Size of a move.
+        move: Moves done at this scale.
+        stages: Addresses of noise in use.
+        rollouts: Rollouts done.
+        pending: The rollouts asked for.
+        log_ratio: log p/q of the walkers at the end; None before.
+    """
+
+    sample: Sample
+    largest: float
+    budget: int
+    scale: float
+    probabilities: Floats = field(default_factory=lambda: np.zeros(GROUPS))
+    walkers: Floats | None = None
+    root: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    size: float = 0.5
+    move: int = 0
+    stages: int = 0
+    rollouts: int = 0
+    pending: Request | None = None
+    log_ratio: Floats | None = None
+
+    @staticmethod
+    def begin(samples: Sequence[Sample], budget: int, level: float = math.inf) -> ScaleAnnealing | None:
+        """Begin the check of a run's last sample; None where it knows no failure or would not end."""
+        sample = samples[-1]
+        plan = sample.strata[0].plan
+        known = sample.reaching(level).violated
+        if (plan.steps + 1) * plan.noise.noise_size > MOST_NUMBERS or not known.any():
+            return None
+        if budget < LEAST_ROLLOUTS:
+            return None
+        largest = float(sample.log_weights[known].max())
+        return ScaleAnnealing(sample, largest, budget, _SCALES[0])._inflate()
+
+    def tell(self, rollouts: Rollouts) -> ScaleAnnealing:
+        """Continue, or end with the weights of the failures."""
+        assert self.pending is not None
+        done = replace(self, rollouts=self.rollouts + len(rollouts.error), pending=None)
+        failed = rollouts.violated[:, 0] & ~rollouts.error
+        if self.walkers is None:
+            return done._after_inflation(failed)
+        if self.scale == 1.0 and self.move == _MOVES:
+            return replace(done, log_ratio=self.sample.source.log_ratio(self.pending, rollouts))
+        walkers = np.where(failed[:, None, None], self._moved(), self.walkers)
+        alive = np.repeat(self.probabilities > 0.0, _WALKERS)
+        accepted = float(failed[alive].mean()) if alive.any() else 0.0
+        size = min(max(self.size * math.exp(accepted - _ACCEPTED), 0.05), 0.95)
+        return replace(done, walkers=walkers, size=size, move=self.move + 1, stages=self.stages + 1)._go_on()
+
+    def result(self) -> CrossCheckResult | None:
+        """Return the outcome; None where failures did not become common, or the budget was too small."""
+        if self.log_ratio is None:
+            return None
+        weights = mixture_log_weights(self.log_ratio, self.sample.share)
+        unseen = (weights > self.largest).reshape(GROUPS, _WALKERS).mean(axis=1)
+        alive = np.repeat(self.probabilities > 0.0, _WALKERS)
+        return CrossCheckResult(
+            probabilities=tuple(map(float, self.probabilities)),
+            unseen=tuple(map(float, unseen)),
+            lost_scouts=0,
+            roots=len(np.unique(self.root[alive])),
+            rollouts=self.rollouts,
+        )
+
+    def _normals(self, rows: int) -> Floats:
+        target = self.sample.strata[0]
+        stage = (_STAGE + target.run * _STAGES_OF_RUN + self.stages) % 2**32
+        return Stratum(target.plan, target.run, stage, rows, from_target=True).normals(np.arange(rows))
+
+    def _ask(self, tapes: Floats) -> ScaleAnnealing:
+        if len(tapes) > self.budget:
+            return self
+        request = self.sample.source.target_request(tapes)
+        return replace(self, pending=request, budget=self.budget - len(tapes))
+
+    def _inflate(self) -> ScaleAnnealing:
+        return self._ask(self.scale * self._normals(GROUPS * _FIRST))
+
+    def _after_inflation(self, failed: Bools) -> ScaleAnnealing:
+        # 1. The least scale at which failures are common.
+        larger = [scale for scale in _SCALES if scale > self.scale]
+        if failed.mean() < _FREQUENT and larger:
+            return replace(self, scale=larger[0], stages=self.stages + 1)._inflate()
+        shares = failed.reshape(GROUPS, _FIRST).mean(axis=1)
+        if not shares.any():
+            return self
+        tapes, rows = self.scale * self._normals(GROUPS * _FIRST), np.zeros((GROUPS, _WALKERS), np.int64)
+        for group in np.flatnonzero(shares):
+            begin = group * _FIRST
+            found = begin + np.flatnonzero(failed[begin : begin + _FIRST])
+            rows[group] = found[resample(np.ones(len(found)), _WALKERS, 0.5)]
+        root = rows.ravel()
+        began = replace(self, probabilities=shares, walkers=tapes[root], root=root, stages=self.stages + 1)
+        return began._cool()
+
+    def _go_on(self) -> ScaleAnnealing:
+        if self.move < _MOVES:
+            return self._ask(self._moved())
+        if self.scale > 1.0:
+            return self._cool()
+        assert self.walkers is not None
+        return self._ask(self.walkers)
+
+    def _cool(self) -> ScaleAnnealing:
+        # 2. The next scale leaves half of the walkers effective; each group draws its walkers anew.
+        assert self.walkers is not None
+        squares, numbers = (self.walkers**2).sum(axis=(1, 2)), self.walkers[0].size
+        alive = np.flatnonzero(np.repeat(self.probabilities > 0.0, _WALKERS))
+
+        def log_weights(scale: float) -> Floats:
+            change = 1.0 / scale**2 - 1.0 / self.scale**2
+            return np.asarray(-squares / 2.0 * change - numbers * math.log(scale / self.scale))
+
+        def share(scale: float) -> float:
+            logs = log_weights(scale)[alive]
+            return effective_size(np.exp(logs - logs.max())) / len(alive)
+
+        low, high = 1.0, self.scale
+        while share(1.0) < _LEAST_EFFECTIVE and high - low > 1e-4:
+            middle = (low + high) / 2.0
+            low, high = (low, middle) if share(middle) >= _LEAST_EFFECTIVE else (middle, high)
+        scale = high if high < self.scale and low > 1.0 else 1.0
+        weights = np.exp(log_weights(scale)).reshape(GROUPS, _WALKERS)
+        uniform = self.sample.strata[0].plan.noise.choices(np.arange(GROUPS), _STAGE + self.stages, 0)
+        rows = np.zeros((GROUPS, _WALKERS), dtype=np.int64)
+        for group in np.flatnonzero(self.probabilities):
+            rows[group] = group * _WALKERS + resample(weights[group], _WALKERS, float(uniform[group]))
+        chosen = rows.ravel()
+        probabilities = self.probabilities * weights.mean(axis=1)
+        cooled = replace(self, scale=scale, probabilities=probabilities, move=0)
+        return replace(cooled, walkers=self.walkers[chosen], root=self.root[chosen])._go_on()
+
+    def _moved(self) -> Floats:
+        # 3. Moves that leave the inflated law as it is; those that leave failure are refused.
+        assert self.walkers is not None
+        fresh = self.scale * self._normals(len(self.walkers))
+        return math.sqrt(1.0 - self.size**2) * self.walkers + self.size * fresh
