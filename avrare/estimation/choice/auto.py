@@ -16,12 +16,15 @@ from avrare.base.late_import import late_import
 from avrare.estimation.checks.result_builder import add_counts
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import (
+    FIRST_SHARE,
     GOAL,
+    LEAST_SECOND,
     ROLLOUTS,
     Aim,
     pays,
     promised_gain,
 )
+from avrare.estimation.combine.witnesses import in_doubt, reconcile
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
@@ -42,7 +45,7 @@ from avrare.plugin.registry import default_registry
 from avrare.rollout.problem import Problem
 
 _SEED_KEY = 0xA070
-_PHASES = ("pilot", "learning", "trial")
+_PHASES = ("pilot", "learning", "trial", "witness")
 """Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
 only rows of stages that come later."""
 _TRIAL = 2000
@@ -201,6 +204,20 @@ class _Work:
 
     def _rare(self, problem: Problem, evidence: FreshRows, before: list[_Attempt]) -> Result:
         spent, reason = list(before), self.aim.describe(evidence)
+        first = self._first_witness(problem, evidence, spent)
+        if first is None:  # nothing pays
+            tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
+            (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
+            return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
+        # 4. What leaves a doubt is not accepted while budget is left: an unlike witness answers it.
+        together = [*spent, _Attempt.of(first, "")]
+        if self._left(together) < LEAST_SECOND or not (self.aim.goal is None or in_doubt(first)):
+            return self.add_choice(first, reason, spent)
+        second = self._second_witness(first, problem, together)
+        result, words = reconcile(first, second, self.settings.confidence)
+        return self.add_choice(result, f"{reason}; {words}", spent)
+
+    def _first_witness(self, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> Result | None:
         # 3. A candidate that gives up by itself just begins; a small trial decides on any other.
         for component, role in default_registry().candidates():
             if not role.fits(problem.steps):
@@ -208,16 +225,28 @@ class _Work:
             attempt = self._learn if role.gives_up else self._try
             result = attempt(self._build(component, role), problem, evidence, spent)
             if result is not None:
-                return self.add_choice(result, reason, spent)
-        # 4. Nothing pays.
-        tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
-        (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
-        return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
+                return result
+        return None
+
+    def _second_witness(self, first: Result, problem: Problem, spent: list[_Attempt]) -> Result:
+        """Return an estimate by another method from what is left: by one that fits, or Monte Carlo."""
+        settings = replace(self._of_phase("witness"), budget=self._budget(problem, spent))
+        for component, role in default_registry().candidates():
+            if role.fits(problem.steps) and not role.gives_up and component.name != first.estimator:
+                name = f"witness-{component.name}"
+                second = self._run(name, self._build(component, role), problem, settings, spent)
+                if second is not None:
+                    return second
+        (counted,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+witness-mc")
+        return counted
 
     def _learn(
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
     ) -> Result | None:
-        settings = replace(self._of_phase("learning"), budget=self._budget(problem, spent), seen=evidence)
+        budget = self._budget(problem, spent)
+        pays_second = (1.0 - FIRST_SHARE) * self._left(spent) >= LEAST_SECOND
+        share = replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
+        settings = replace(self._of_phase("learning"), budget=share, seen=evidence)
         try:
             return self._run(estimator.name, estimator, problem, settings, spent)
         except GaveUp as end:

@@ -21,13 +21,17 @@ PILOT = 3000
 """Most rollouts of the pilot, and of the pilot from which a proposal is learned."""
 _SHARE = 15
 """Share of a budget of rollouts: the pilot takes at most 1 / 15 of it, and learning in vain twice as much."""
+FIRST_SHARE = 0.7
+"""Share of what is left that a first witness may take."""
+LEAST_SECOND = 5000
+"""Rollouts below which a second witness would say too little."""
 _LEAST = 5000
 """Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
 _TIMES = 5
 """Learning is tried where Monte Carlo would cost so many times what learning in vain costs."""
 _VAIN = 0.3
 """Most of Monte Carlo's cost that may go into a choice in vain."""
-_VAIN_OF_ALL = 0.27
+_VAIN_OF_ALL = 0.34
 """Most of all rollouts that may."""
 _ENOUGH = 100
 """Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""

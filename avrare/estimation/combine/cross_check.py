@@ -103,7 +103,8 @@ def add_cross_check(
     if outcome != "disagree":
         return checked
     estimates = [
-        f"{each.estimator} gives {format_estimate(each.probability, each.interval)}" for each in (result, second)
+        f"{each.estimator} gives {format_estimate(each.probability, each.interval)}"
+        for each in (result, second)
     ]
     reason = f"{estimates[0]}, but its cross-check by {estimates[1]}"
     warning = health.warn("contradicted", reason=reason)

@@ -36,11 +36,12 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
     found = DOUBTS.intersection(warnings)
     if not found or result.fresh is None:
         return result
-    scatters = bool(MAY_SCATTER & found)
-    at, mean = result.interval_at, result.probability
+    scatters, mean = bool(MAY_SCATTER & found), result.probability
+    unopened = at = result.unopened_at or result.interval_at
     if "weight_degenerate" in found:  # the scatter of such weights says nothing
         at = partial(_point, mean)
-    return replace(result, interval_at=partial(_open, mean, at, result.fresh, scatters, least_upper))
+    opened = partial(_open, mean, at, result.fresh, scatters, least_upper)
+    return replace(result, interval_at=opened, unopened_at=unopened)
 
 
 def _open(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.base.number_format import format_interval, format_probability
 from avrare.testing import faulty_systems as systems
 
 
@@ -27,10 +28,8 @@ def split():
 
 
 def test_a_result_is_one_readable_line(split):
-    low, high = split.interval
-    assert repr(split).startswith(
-        f"<Result below_1.5: {split.probability:.3g} ({low:.2g} .. {high:.2g}), ams, "
-    )
+    numbers = f"{format_probability(split.probability)} ({format_interval(split.interval)})"
+    assert repr(split).startswith(f"<Result below_1.5: {numbers}, ams, ")
     assert "\n" not in repr(split)
     assert "few_roots" in repr(split)
 

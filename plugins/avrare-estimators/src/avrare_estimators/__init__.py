@@ -18,7 +18,7 @@ def avrare_components() -> list[Component]:
             summary="adaptive multilevel splitting, unbiased for any formula",
             warnings=WARNINGS,
             cross_check=CheckRole(order=20, first_for=("ess", "mc")),
-            auto=AutoRole(order=30, with_steps=True),
+            auto=AutoRole(order=20, with_steps=True),
             charts=LEVEL_CHARTS,
         ),
         Component(
@@ -29,7 +29,7 @@ def avrare_components() -> list[Component]:
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
             warnings=WARNINGS,
             cross_check=CheckRole(order=10),
-            auto=AutoRole(order=40, with_steps=False),
+            auto=AutoRole(order=30),
             charts=LEVEL_CHARTS,
         ),
         Component(
@@ -58,6 +58,6 @@ def avrare_components() -> list[Component]:
             factory="avrare_estimators.smc.estimator:build",
             summary="sequential Monte Carlo with potentials and a proposal that are learned",
             warnings=WARNINGS,
-            auto=AutoRole(order=20, with_steps=True),
+            auto=AutoRole(order=40, with_steps=True),
         ),
     ]

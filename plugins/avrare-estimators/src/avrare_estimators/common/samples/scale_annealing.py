@@ -25,12 +25,12 @@ from avrare_estimators.common.weights import effective_size, mixture_log_weights
 MOST_NUMBERS = 50
 """Numbers of a tape up to which its scale is annealed."""
 _SCALES = (1.3, 1.6, 2.0, 2.5, 3.0)
-LEAST_ROLLOUTS, ROLLOUTS_TO_VOUCH = 6000, 12_000
+LEAST_ROLLOUTS, ROLLOUTS_TO_VOUCH = 4000, 12_000
 """Rollouts that may suffice, and those that mostly do."""
 _FREQUENT = 0.02
 """Share of failures from which a scale is large enough."""
-_FIRST, _WALKERS, _MOVES = 200, 50, 4
-"""Rollouts of a group at a scale, its walkers, and their moves at a step."""
+_MOST_WALKERS, _FIRST_OF_WALKER, _MOVES = 50, 4, 4
+"""Walkers of a group at most, rollouts at a scale for each, and their moves at a step."""
 _LEAST_EFFECTIVE = 0.5
 """Effective share of the walkers to which a step may reduce them."""
 _ACCEPTED = 0.3
@@ -47,8 +47,9 @@ class ScaleAnnealing:
         budget: Rollouts left.
         scale: Standard deviation of the noise.
         probabilities: (GROUPS,) estimate of each group so far.
-        walkers: (GROUPS * _WALKERS, steps + 1, noise_size) failing tapes; None while the scale is sought.
-        root: (GROUPS * _WALKERS,) first rollout that each descends from.
+        group: Walkers of a group.
+        walkers: (GROUPS * group, steps + 1, noise_size) failing tapes; None while the scale is sought.
+        root: (GROUPS * group,) first rollout that each descends from.
         size: Size of a move.
         move: Moves done at this scale.
         stages: Addresses of noise in use.
@@ -61,6 +62,7 @@ class ScaleAnnealing:
     largest: float
     budget: int
     scale: float
+    group: int
     probabilities: Floats = field(default_factory=lambda: np.zeros(GROUPS))
     walkers: Floats | None = None
     root: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -82,7 +84,8 @@ class ScaleAnnealing:
         if budget < LEAST_ROLLOUTS:
             return None
         largest = float(sample.log_weights[known].max())
-        return ScaleAnnealing(sample, largest, budget, _SCALES[0])._inflate()
+        group = min(_MOST_WALKERS, _MOST_WALKERS * budget // ROLLOUTS_TO_VOUCH)
+        return ScaleAnnealing(sample, largest, budget, _SCALES[0], group)._inflate()
 
     def tell(self, rollouts: Rollouts) -> ScaleAnnealing:
         """Continue, or end with the weights of the failures."""
@@ -94,7 +97,7 @@ class ScaleAnnealing:
         if self.scale == 1.0 and self.move == _MOVES:
             return replace(done, log_ratio=self.sample.source.log_ratio(self.pending, rollouts))
         walkers = np.where(failed[:, None, None], self._moved(), self.walkers)
-        alive = np.repeat(self.probabilities > 0.0, _WALKERS)
+        alive = np.repeat(self.probabilities > 0.0, self.group)
         accepted = float(failed[alive].mean()) if alive.any() else 0.0
         size = min(max(self.size * math.exp(accepted - _ACCEPTED), 0.05), 0.95)
         return replace(done, walkers=walkers, size=size, move=self.move + 1, stages=self.stages + 1)._go_on()
@@ -104,8 +107,8 @@ class ScaleAnnealing:
         if self.log_ratio is None:
             return None
         weights = mixture_log_weights(self.log_ratio, self.sample.share)
-        unseen = (weights > self.largest).reshape(GROUPS, _WALKERS).mean(axis=1)
-        alive = np.repeat(self.probabilities > 0.0, _WALKERS)
+        unseen = (weights > self.largest).reshape(GROUPS, self.group).mean(axis=1)
+        alive = np.repeat(self.probabilities > 0.0, self.group)
         return CrossCheckResult(
             probabilities=tuple(map(float, self.probabilities)),
             unseen=tuple(map(float, unseen)),
@@ -113,6 +116,11 @@ class ScaleAnnealing:
             roots=len(np.unique(self.root[alive])),
             rollouts=self.rollouts,
         )
+
+    @property
+    def first(self) -> int:
+        """Rollouts of a group at a scale."""
+        return _FIRST_OF_WALKER * self.group
 
     def _normals(self, rows: int) -> Floats:
         target = self.sample.strata[0]
@@ -126,21 +134,24 @@ class ScaleAnnealing:
         return replace(self, pending=request, budget=self.budget - len(tapes))
 
     def _inflate(self) -> ScaleAnnealing:
-        return self._ask(self.scale * self._normals(GROUPS * _FIRST))
+        return self._ask(self.scale * self._normals(GROUPS * self.first))
 
     def _after_inflation(self, failed: Bools) -> ScaleAnnealing:
         # 1. The least scale at which failures are common.
         larger = [scale for scale in _SCALES if scale > self.scale]
         if failed.mean() < _FREQUENT and larger:
             return replace(self, scale=larger[0], stages=self.stages + 1)._inflate()
-        shares = failed.reshape(GROUPS, _FIRST).mean(axis=1)
+        shares = failed.reshape(GROUPS, self.first).mean(axis=1)
         if not shares.any():
             return self
-        tapes, rows = self.scale * self._normals(GROUPS * _FIRST), np.zeros((GROUPS, _WALKERS), np.int64)
+        tapes, rows = (
+            self.scale * self._normals(GROUPS * self.first),
+            np.zeros((GROUPS, self.group), np.int64),
+        )
         for group in np.flatnonzero(shares):
-            begin = group * _FIRST
-            found = begin + np.flatnonzero(failed[begin : begin + _FIRST])
-            rows[group] = found[resample(np.ones(len(found)), _WALKERS, 0.5)]
+            begin = group * self.first
+            found = begin + np.flatnonzero(failed[begin : begin + self.first])
+            rows[group] = found[resample(np.ones(len(found)), self.group, 0.5)]
         root = rows.ravel()
         began = replace(self, probabilities=shares, walkers=tapes[root], root=root, stages=self.stages + 1)
         return began._cool()
@@ -157,7 +168,7 @@ class ScaleAnnealing:
         # 2. The next scale leaves half of the walkers effective; each group draws its walkers anew.
         assert self.walkers is not None
         squares, numbers = (self.walkers**2).sum(axis=(1, 2)), self.walkers[0].size
-        alive = np.flatnonzero(np.repeat(self.probabilities > 0.0, _WALKERS))
+        alive = np.flatnonzero(np.repeat(self.probabilities > 0.0, self.group))
 
         def log_weights(scale: float) -> Floats:
             change = 1.0 / scale**2 - 1.0 / self.scale**2
@@ -172,11 +183,11 @@ class ScaleAnnealing:
             middle = (low + high) / 2.0
             low, high = (low, middle) if share(middle) >= _LEAST_EFFECTIVE else (middle, high)
         scale = high if high < self.scale and low > 1.0 else 1.0
-        weights = np.exp(log_weights(scale)).reshape(GROUPS, _WALKERS)
+        weights = np.exp(log_weights(scale)).reshape(GROUPS, self.group)
         uniform = self.sample.strata[0].plan.noise.choices(np.arange(GROUPS), _STAGE + self.stages, 0)
-        rows = np.zeros((GROUPS, _WALKERS), dtype=np.int64)
+        rows = np.zeros((GROUPS, self.group), dtype=np.int64)
         for group in np.flatnonzero(self.probabilities):
-            rows[group] = group * _WALKERS + resample(weights[group], _WALKERS, float(uniform[group]))
+            rows[group] = group * self.group + resample(weights[group], self.group, float(uniform[group]))
         chosen = rows.ravel()
         probabilities = self.probabilities * weights.mean(axis=1)
         cooled = replace(self, scale=scale, probabilities=probabilities, move=0)

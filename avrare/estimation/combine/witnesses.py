@@ -1,0 +1,116 @@
+"""Two witnesses of one probability: estimates by unlike methods, which share no failure that they would miss.
+
+Where they agree within a factor that their scatter would have shown, the estimate is the mean of the two, and
+each answers for what the other is in doubt of. Where they do not, at least one of them has missed failures.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from avrare.base.number_format import format_interval, format_probability
+from avrare.estimation.checks.result_builder import contradict
+from avrare.estimation.combine.cross_check import compare
+from avrare.estimation.result import health, intervals
+from avrare.estimation.result.doubts import DOUBTS, open_interval
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.result import Result
+
+MOST_NOTICED = 4.0
+"""Factor between two estimates that must have been noticed for their agreement to count."""
+_ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "extinct_runs", "leaps"})
+"""Doubts that an unlike estimate answers where it agrees."""
+_FREEDOM = 8
+
+
+def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str]:
+    """Return the result of two witnesses, at the cost of both, and what they say of each other.
+
+    Their shares of the mean are equal, whatever they have found: it stays unbiased.
+    """
+    outcome, noticed = compare(_without_doubts(first), _without_doubts(second))
+    if outcome == "agree" and noticed > MOST_NOTICED:
+        outcome = "inconclusive"
+    fresh = _fresh_rows(first) + _fresh_rows(second)
+    names = f"`{first.estimator}` and `{second.estimator}`"
+    if outcome == "agree":
+        result = _mean(first, second)
+        words = f"{names} agree, and a factor of {noticed:.2g} would have been noticed"
+    elif outcome == "disagree":
+        low, result = sorted((first, second), key=lambda one: one.probability)
+        reason = f"{result.estimator} gives {_describe(result)}, but {low.estimator} gives {_describe(low)}"
+        both = partial(intervals.hull, low.interval_at, result.interval_at)
+        found = result.health | health.warn("contradicted", reason=reason)
+        result = replace(result, interval_at=both, unopened_at=None, health=found)
+        words = f"{names} disagree, and the larger estimate stands"
+    else:
+        result, words = first, f"`{second.estimator}` says too little beside `{first.estimator}`"
+    result = replace(
+        result,
+        rollouts=first.rollouts + second.rollouts,
+        simulated_steps=first.simulated_steps + second.simulated_steps,
+        errors=first.errors + second.errors,
+        seconds=first.seconds + second.seconds,
+        counts=dict(sorted((Counter(first.counts) + Counter(second.counts)).items())),
+        fresh=fresh,
+        blind_bound=fresh.blind_bound(confidence),
+        diagnostics={**result.diagnostics, "witnesses": _numbers(first, second, outcome, noticed)},
+    )
+    plain = _without_doubts(result)
+    found = result.health | contradict(plain)
+    return replace(open_interval(plain, found), health=found), words
+
+
+def _mean(first: Result, second: Result) -> Result:
+    pair = (first, second)
+    values = np.array([one.probability for one in pair])
+    mean = float(values.mean())
+    variance = sum((one.relative_error * one.probability / mean / 2.0) ** 2 for one in pair)
+    errors = max(one.errors / max(one.rollouts, 1) for one in pair)
+    kept = [{name: text for name, text in one.health.items() if name not in _ANSWERED} for one in pair]
+    weights = first.failures.weights
+    if weights is not None:
+        weights = weights * (mean / first.probability)
+    return replace(
+        first,
+        probability=mean,
+        run_probabilities=values,
+        relative_error=float(np.sqrt(variance)),
+        interval_at=partial(intervals.log_normal, mean, variance, freedom=_FREEDOM, errors=errors),
+        unopened_at=None,
+        health=kept[1] | kept[0],
+        failures=replace(first.failures, weights=weights),
+    )
+
+
+def in_doubt(result: Result) -> bool:
+    """Return whether a warning doubts the interval of a result."""
+    return bool(DOUBTS.intersection(result.health))
+
+
+def _without_doubts(result: Result) -> Result:
+    """Return a result with the interval that its runs or weights gave."""
+    return replace(result, interval_at=result.unopened_at or result.interval_at, unopened_at=None)
+
+
+def _fresh_rows(result: Result) -> FreshRows:
+    """Return the counts of rollouts drawn from the target: all of Monte Carlo's."""
+    if result.fresh is not None:
+        return result.fresh
+    return FreshRows(result.rollouts, result.failures.count, result.errors)
+
+
+def _describe(result: Result) -> str:
+    return f"{format_probability(result.probability)} ({format_interval(_without_doubts(result).interval)})"
+
+
+def _numbers(first: Result, second: Result, outcome: str, noticed: float) -> dict[str, object]:
+    witnesses = [
+        {"estimator": one.estimator, "probability": one.probability, "relative_error": one.relative_error}
+        for one in (first, second)
+    ]
+    return {"outcome": outcome, "noticed": noticed, "estimates": witnesses}

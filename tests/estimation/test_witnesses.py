@@ -1,0 +1,65 @@
+"""Two unlike estimates of one probability: combined where they agree, wide where they do not."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+import avrare
+from avrare.estimation.combine.witnesses import reconcile
+from avrare.estimation.result import intervals
+from avrare.estimation.result.doubts import open_interval
+from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.testing.problems import reference_problem
+
+
+@pytest.fixture(scope="module")
+def template():
+    return avrare.estimate(reference_problem("a_beta_-2").problem(), "mc", rollouts=100)
+
+
+def witness(template, name, probability, error=0.2, health=()):
+    fresh = FreshRows(5000)
+    at = partial(intervals.log_normal, probability, error**2, freedom=20) if probability else fresh.interval
+    result = replace(
+        template,
+        estimator=name,
+        probability=probability,
+        relative_error=error,
+        interval_at=at,
+        run_probabilities=np.array([probability]),
+        health=dict.fromkeys(health, "a reason"),
+        fresh=fresh,
+    )
+    return open_interval(result, health)
+
+
+def test_agreement_answers_a_doubt_and_halves_are_fixed(template):
+    first, second = witness(template, "is", 1e-4, health=["unchecked"]), witness(template, "ams", 1.2e-4)
+    result, words = reconcile(first, second, 0.95)
+    assert (result.probability, result.health) == (pytest.approx(1.1e-4), {})
+    assert result.run_probabilities.mean() == result.probability
+    assert result.interval[1] < 2e-4 < first.interval[1]
+    assert result.rollouts == first.rollouts + second.rollouts
+    assert result.fresh.rows == 10_000
+    assert "agree, and a factor of" in words
+
+
+def test_disagreement_is_wide_and_the_larger_stands(template):
+    result, words = reconcile(witness(template, "is", 1e-5), witness(template, "ams", 2e-4), 0.95)
+    assert (result.estimator, result.probability) == ("ams", 2e-4)
+    assert "contradicted" in result.health
+    low, high = result.interval
+    assert low < 1e-5
+    assert high >= result.fresh.interval(0.95)[1]
+    assert "disagree" in words
+
+
+@pytest.mark.parametrize(("probability", "error"), [(0.0, np.nan), (3e-4, 1.0)])
+def test_a_witness_of_little_power_answers_nothing(template, probability, error):
+    first = witness(template, "is", 1e-4, health=["unchecked"])
+    result, _ = reconcile(first, witness(template, "ams", probability, error), 0.95)
+    assert result.probability == first.probability
+    assert "unchecked" in result.health
+    assert result.interval[1] == FreshRows(10_000).interval(0.95)[1] < first.interval[1]
