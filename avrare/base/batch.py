@@ -22,7 +22,7 @@ _SHARED = (type(None), bool, int, float, str, np.generic)
 _NO_AXES = ("a state holds an array without axes", "give every array a leading axis N")
 
 
-def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
+def map_leaves(function: Callable[..., object], *states: State) -> State:
     """Apply ``function`` to the corresponding array leaves of states of the same structure.
 
     Leaves that share one array in every state share one array in the result: a monitor's verdict is often
@@ -35,8 +35,10 @@ def map_leaves(function: Callable[..., Any], *states: Any) -> Any:
 
 
 def _map(
-    function: Callable[..., Any], done: dict[Any, Any] | None, groups: Iterable[Sequence[Any]]
-) -> list[Any]:
+    function: Callable[..., object],
+    done: dict[tuple[int, ...], object] | None,
+    groups: Iterable[Sequence[State]],
+) -> list[State]:
     # ``groups``: the corresponding parts of all states. ``done``: results by the identities of their leaves;
     # None: every leaf gets its own result. Splitting does this at every step: there is no call for a leaf.
     found: list[Any] = []
@@ -57,7 +59,8 @@ def _map(
             parts = _map(function, done, zip(*group, strict=True))
             found.append(kind(*parts) if hasattr(kind, "_fields") else tuple(parts))
         elif isinstance(first, dict):
-            parts = _map(function, done, [[part[key] for part in group] for key in first])
+            mappings: Sequence[Any] = group
+            parts = _map(function, done, [[part[key] for part in mappings] for key in first])
             found.append(dict(zip(first, parts, strict=True)))
         elif isinstance(first, _SHARED):
             found.append(first)
@@ -69,7 +72,7 @@ def _map(
 
 
 @functools.cache
-def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]]]:
+def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[object], tuple[object, ...]]]:
     """Return the names of a dataclass's fields, and the function from an instance to their values."""
     if not dataclasses.is_dataclass(kind):
         raise UsageError(
@@ -82,16 +85,16 @@ def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...
     return names, operator.attrgetter(*names)
 
 
-def take(state: State, index: NDArray[Any] | slice) -> State:
+def take(state: State, index: NDArray[np.generic] | slice) -> State:
     """Return the particles ``index`` (integers, booleans or a slice) of a batch, in that order."""
-    return map_leaves(lambda leaf: leaf[index], state)  # type: ignore[no-any-return]
+    return map_leaves(lambda leaf: leaf[index], state)
 
 
 def concatenate(states: Sequence[State]) -> State:
     """Join batches of the same structure along the particle axis."""
     if len(states) == 1:
         return states[0]
-    return map_leaves(lambda *leaves: np.concatenate(leaves), *states)  # type: ignore[no-any-return]
+    return map_leaves(lambda *leaves: np.concatenate(leaves), *states)
 
 
 def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
@@ -100,22 +103,22 @@ def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
     def pick(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
         return np.where(rows.reshape(-1, *[1] * (other.ndim - 1)), one, other)
 
-    return map_leaves(pick, first, second)  # type: ignore[no-any-return]
+    return map_leaves(pick, first, second)
 
 
 def separated(state: State) -> State:
     """Return a copy in which no two leaves are the same array."""
-    return _map(np.copy, None, [[state]])[0]  # type: ignore[no-any-return]
+    return _map(np.copy, None, [[state]])[0]
 
 
-def leaves(state: Any) -> list[NDArray[Any]]:
+def leaves(state: object) -> list[NDArray[np.generic]]:
     """Return all array leaves of a state, in a fixed order."""
-    found: list[NDArray[Any]] = []
+    found: list[NDArray[np.generic]] = []
     _collect((state,), found)
     return found
 
 
-def _collect(parts: Iterable[Any], found: list[NDArray[Any]]) -> None:
+def _collect(parts: Iterable[object], found: list[NDArray[np.generic]]) -> None:
     # No call for a leaf, and nothing is built: splitting does this at every step of every stage.
     for part in parts:
         if isinstance(part, np.ndarray):
@@ -131,7 +134,7 @@ def _collect(parts: Iterable[Any], found: list[NDArray[Any]]) -> None:
             _collect(_fields(kind)[1](part), found)
 
 
-def size(state: Any) -> int:
+def size(state: object) -> int:
     """Return the number of particles N of a batch, on which all its arrays must agree."""
     counts = {len(leaf) for leaf in leaves(state)}
     if len(counts) != 1:

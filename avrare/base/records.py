@@ -82,7 +82,7 @@ class Answer(ABC):
         return f"<pre>{escape(repr(self))}</pre>{self.table()._repr_html_()}"
 
 
-def _format(value: Any) -> str:
+def _format(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, (list, tuple)):

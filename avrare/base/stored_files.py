@@ -104,12 +104,12 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     return found
 
 
-def seal(content: Mapping[str, Any]) -> dict[str, Any]:
+def seal(content: Mapping[str, object]) -> dict[str, Any]:
     """Return a JSON object with its checksum; wall times, keys ``seconds``, do not count."""
     return {**content, CHECKSUM: _checksum(content)}
 
 
-def check_seal(path: Path, content: Mapping[str, Any], hint: str) -> None:
+def check_seal(path: Path, content: Mapping[str, object], hint: str) -> None:
     """Raise a ``UsageError`` if the checksum of a JSON object does not fit; without one it is as it is."""
     stored = content.get(CHECKSUM)
     if stored is not None and stored != _checksum(content):
@@ -121,13 +121,13 @@ def digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _checksum(content: Mapping[str, Any]) -> str:
+def _checksum(content: Mapping[str, object]) -> str:
     counted = _without_seconds({key: value for key, value in content.items() if key != CHECKSUM})
     text = json.dumps(counted, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def _without_seconds(value: Any) -> Any:
+def _without_seconds(value: object) -> Any:
     if isinstance(value, Mapping):
         return {key: _without_seconds(item) for key, item in value.items() if key != "seconds"}
     return [_without_seconds(item) for item in value] if isinstance(value, list | tuple) else value

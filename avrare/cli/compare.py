@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.compare import REPEAT
 from avrare.analysis.compare.comparison import Comparison
@@ -50,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _report(
-    comparison: Comparison | PairedComparison, content: dict[str, Any], args: argparse.Namespace
+    comparison: Comparison | PairedComparison, content: dict[str, object], args: argparse.Namespace
 ) -> None:
     written = _write(comparison, content, args) if args.out else []
     if args.json:
@@ -117,7 +116,7 @@ def _show_estimates(args: argparse.Namespace) -> Iterator[StudyWatch]:
 
 
 def _write(
-    comparison: Comparison | PairedComparison, content: dict[str, Any], args: argparse.Namespace
+    comparison: Comparison | PairedComparison, content: dict[str, object], args: argparse.Namespace
 ) -> list[str]:
     folder, text = Path(args.out), json.dumps(content, indent=2) + "\n"
     if isinstance(comparison, PairedComparison):

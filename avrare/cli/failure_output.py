@@ -8,9 +8,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.failures import FAILURES_FOLDER
+from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.cli.output import say, write_file
 from avrare.output.terminal.failure_text import MAX_BLOB
@@ -32,7 +32,7 @@ def progress_line() -> Iterator[Callable[[str, int], None] | None]:
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
-def store_failure(args: argparse.Namespace, failure: Any) -> None:
+def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     """Store a failure and print the commands that replay it."""
     FailureDatabase(Path(args.failures)).add(failure)
     folder = [] if args.failures == FAILURES_FOLDER else ["--failures", args.failures]

@@ -326,7 +326,7 @@ def add_options(parser: argparse.ArgumentParser, command: str) -> None:
         parser._negative_number_matcher = re.compile(r"-\.?\d")
 
 
-def _add(parser: Any, options: Options) -> None:
+def _add(parser: argparse._ActionsContainer, options: Options) -> None:
     for usage, entry in options.items():
         if isinstance(entry, dict):
             titled = usage != "|"

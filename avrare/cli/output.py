@@ -7,7 +7,6 @@ import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from avrare.base.atomic_files import ensure_writable, explain_file_errors, write_text
 from avrare.base.errors import UsageError
@@ -51,7 +50,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def show_or_write(
-    args: argparse.Namespace, file: str, content: Mapping[str, Any], lines: Iterable[str]
+    args: argparse.Namespace, file: str, content: Mapping[str, object], lines: Iterable[str]
 ) -> None:
     """Write ``content`` as ``file`` into the folder of ``--out``, and print it (``--json``) or the lines."""
     if args.out is not None:

@@ -6,7 +6,7 @@ an estimate is requested.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from _pytest._code.code import TerminalRepr, TracebackStyle
+
     from avrare.analysis.check.gate import CheckResult
     from avrare.analysis.check.targets import CheckTarget
     from avrare.estimation.result.result import Result
@@ -120,7 +122,9 @@ class CriterionItem(pytest.Item):
         if decision.verdict not in PASSING:
             raise VerdictError(text)
 
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+    def repr_failure(
+        self, excinfo: pytest.ExceptionInfo[BaseException], style: TracebackStyle | None = None
+    ) -> str | TerminalRepr:
         """Show verdicts and errors of the user without a traceback."""
         from avrare.base.errors import AvrareError
 
@@ -158,7 +162,12 @@ def avrare_result(request: pytest.FixtureRequest) -> Result:
 
 
 def _estimate(
-    folder: Path, scenario: str, specification: str, set: Any = (), budget: Any = None, workers: int = 1
+    folder: Path,
+    scenario: str,
+    specification: str,
+    set: Sequence[str] = (),
+    budget: str | None = None,
+    workers: int = 1,
 ) -> Result:
     from avrare.analysis.check.targets import estimate_look, plan_looks
     from avrare.base.errors import UsageError

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from avrare.analysis.causes.require import require
 from avrare.base.errors import ExitCode, UsageError
@@ -13,6 +12,7 @@ from avrare.cli.options import display
 from avrare.cli.output import show_or_write
 from avrare.cli.sensitivity import read_rollouts
 from avrare.output.terminal.progress_line import Progress
+from avrare.rollout.problem import Problem
 
 _ROLLOUTS = 20_000
 
@@ -27,7 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     args.quiet = args.json
 
     @contextmanager
-    def show(label: str, problem: Any) -> Iterator[Progress]:
+    def show(label: str, problem: Problem) -> Iterator[Progress]:
         with Progress(label, problem, display(args)) as progress:
             yield progress
 

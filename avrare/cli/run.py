@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.check.targets import load_scenarios
 from avrare.analysis.failures.storage import FailureDatabase
@@ -22,9 +21,10 @@ from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError, resume_hint
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import Result
 from avrare.estimation.result.verdict import with_verdict
 from avrare.output.plots.rollout_plot import draw_run
-from avrare.output.terminal.console import make_console, print_lines, print_table
+from avrare.output.terminal.console import Mode, make_console, print_lines, print_table
 from avrare.output.terminal.progress_line import Progress
 from avrare.output.terminal.result_table import (
     note_lines,
@@ -41,6 +41,7 @@ from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import Executor, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare.rollout.problem import Problem
 from avrare.scenario.json_schema import scenario_schema
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
@@ -205,7 +206,9 @@ def _run_scenario(
     return run
 
 
-def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.Namespace) -> None:
+def _use_failures(
+    scenario: LoadedScenario, results: Sequence[Result] | None, args: argparse.Namespace
+) -> None:
     """Replay the failures of ``--failures``, or store those of the results; print what happened."""
     if args.failures is None:
         return
@@ -222,8 +225,12 @@ def _use_failures(scenario: Any, results: Sequence[Any] | None, args: argparse.N
 
 
 def estimate_run(
-    scenario: Any, args: argparse.Namespace, budget: Any, checkpoint: Any, stop: Any
-) -> list[Any]:
+    scenario: LoadedScenario,
+    args: argparse.Namespace,
+    budget: Budget | None,
+    checkpoint: Checkpoint,
+    stop: Stopping,
+) -> list[Result]:
     """Estimate a scenario with live lines and a journal; ``args`` has the options of ``avrare run``."""
     definition = scenario.definition
     confidence = definition.confidence if definition.estimator.plugin == "mc" else None
@@ -236,7 +243,7 @@ def estimate_run(
         return executors[-1]
 
     @contextmanager
-    def watch(label: str, problem: Any) -> Iterator[Progress]:
+    def watch(label: str, problem: Problem) -> Iterator[Progress]:
         with Progress(label, problem, display(args), confidence, stop) as progress:
             if problem.names[0] not in begun:  # a cross-check comes second
                 progress.resume(journal(problem.names[0]).seconds)
@@ -255,7 +262,7 @@ def _report_restarts(executor: Executor) -> None:
 
 
 def _show(
-    definition: Scenario, results: Sequence[Any], folder: Path, pictures: Sequence[Path], mode: Any
+    definition: Scenario, results: Sequence[Result], folder: Path, pictures: Sequence[Path], mode: Mode
 ) -> None:
     if mode == "quiet":
         say(*verdict_lines(definition.name, results))

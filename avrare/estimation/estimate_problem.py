@@ -236,7 +236,7 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
     return json.loads(json.dumps(task, default=_plain))  # type: ignore[no-any-return]
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     return getattr(value, "__qualname__", type(value).__qualname__)

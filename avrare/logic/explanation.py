@@ -261,7 +261,7 @@ def _descend_step(part: _Operand, values: FormulaValues, early: bool, temporal: 
     return dataclasses.replace(cause, sample=part.place.sample) if temporal else cause
 
 
-def _with_names(item: Any, labels: Mapping[str, str]) -> Any:
+def _with_names(item: object, labels: Mapping[str, str]) -> Any:
     if isinstance(item, nodes.Signal):
         return dataclasses.replace(item, arguments=tuple(labels.get(word, word) for word in item.arguments))
     if isinstance(item, tuple):

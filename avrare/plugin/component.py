@@ -194,7 +194,7 @@ class Component:
         """Return the rules that the component offers by name, if any."""
         return list(late_import(self.rules)()) if self.rules else []
 
-    def find_faults(self, config: Any, dt: float | None) -> list[Finding]:
+    def find_faults(self, config: object, dt: float | None) -> list[Finding]:
         """Run the component's own check of its options, if it has one."""
         return list(late_import(self.check)(config, dt)) if self.check else []
 

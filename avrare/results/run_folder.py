@@ -82,7 +82,7 @@ def begin_checkpoint(
     scenarios: Sequence[Scenario],
     budget: Budget | None,
     resume: bool,
-    check: Mapping[str, Any] | None = None,
+    check: Mapping[str, object] | None = None,
 ) -> Iterator[Checkpoint]:
     """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock.
 

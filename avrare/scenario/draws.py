@@ -123,7 +123,7 @@ class Draws:
         """Correlation matrix (K, K) of the normal scores."""
         return correlation_matrix(self.names, self.settings.correlations)
 
-    def write_into(self, options: dict[str, Any]) -> None:
+    def write_into(self, options: dict[str, object]) -> None:
         """Put the laws into plain options, in the places of their medians."""
         for place, law in zip(self.places, self.laws, strict=True):
             container: Any = options

@@ -125,9 +125,9 @@ def failed_check(error: BaseException, node: Node, path: Path) -> Mistake:
 
 
 def check_options(
-    model: type[Any],
+    model: type[object],
     name: str,
-    options: Mapping[str, Any],
+    options: Mapping[str, object],
     kind: str = "estimator",
     other_keys: Sequence[str] = (),
 ) -> Any:

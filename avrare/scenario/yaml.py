@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import yaml
 
@@ -196,12 +195,12 @@ def parse_value(text: str, mark: Mark) -> Node:
     return Node(None, mark, mark) if node is None else Node(node.value, mark, mark)
 
 
-def dump_list(values: Sequence[Any]) -> str:
+def dump_list(values: Sequence[object]) -> str:
     """Return a list of plain data as YAML in one line, as after ``--set KEY=``."""
     return yaml.dump(list(values), Dumper=_Dumper, default_flow_style=True, width=math.inf).strip()
 
 
-def dump(data: Mapping[str, Any]) -> str:
+def dump(data: Mapping[str, object]) -> str:
     """Return plain data as YAML text that ``parse`` reads back to the same values."""
     return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 

@@ -26,7 +26,7 @@ def check_signals(signals: Signals, n: int) -> dict[str, Any]:
     return {name: check_rows(f"signal {name!r}", values, n) for name, values in signals.items()}
 
 
-def check_rows(what: str, values: Any, n: int) -> NDArray[Any]:
+def check_rows(what: str, values: object, n: int) -> NDArray[Any]:
     """Return ``values``, an array (n, ...); a ``UsageError`` names ``what`` has another shape."""
     if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
         shape = getattr(values, "shape", type(values).__name__)

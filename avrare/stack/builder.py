@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.error_place import find_place
@@ -201,7 +202,7 @@ def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[st
 
 
 def _has_nan(part: Any) -> bool:
-    leaves = []
+    leaves: list[NDArray[np.generic]] = []
     with suppress(UsageError):  # no batch: a controller may give whatever its simulator takes
         plain = isinstance(part, (float, np.generic, np.ndarray))
         leaves = [np.asarray(part)] if plain else batch.leaves(part)

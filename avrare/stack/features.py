@@ -25,7 +25,7 @@ def system_features(system: System, state: Any) -> Floats:
     return flattened(system.signals(state)) if declared is None else check_features(system, declared)
 
 
-def check_features(part: Any, values: Any) -> Floats:
+def check_features(part: object, values: object) -> Floats:
     """Return declared features as floats (N, F); a ``UsageError`` tells of another shape."""
     found = np.asarray(values, dtype=np.float64)
     if found.ndim != 2:
@@ -34,7 +34,9 @@ def check_features(part: Any, values: Any) -> Floats:
     return found
 
 
-def monitor_features(specification: Specification, state: Any, robustness: Floats, score: Floats) -> Floats:
+def monitor_features(
+    specification: Specification, state: object, robustness: Floats, score: Floats
+) -> Floats:
     """Return (N, 3) margin at the newest sample, robustness and score so far; the score is the last."""
     margin = specification.margin(state)
     return np.stack([robustness if margin is None else margin, robustness, score], axis=1)

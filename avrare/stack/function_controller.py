@@ -89,7 +89,7 @@ class FunctionController(Controller):
 
     horizon = 1
 
-    def __init__(self, function: Callable[[Any], Any], batched: bool, scene: Scene | None) -> None:
+    def __init__(self, function: Callable[[object], object], batched: bool, scene: Scene | None) -> None:
         self.function, self.batched, self.scene = function, batched, scene
 
     def start(self, n: int) -> None:
@@ -109,14 +109,14 @@ class FunctionController(Controller):
         answer = self._answer(observation) if self.batched else self._rows(observation, n)
         return _action(answer, n, self.batched), None
 
-    def _rows(self, observation: Any, n: int) -> Any:
+    def _rows(self, observation: object, n: int) -> Any:
         answers = [self._answer(_row(observation, row)) for row in range(n)]
         try:
             return np.array([np.atleast_1d(one) for one in answers], dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise UsageError(f"{self.function.__name__} must return numbers: {error}") from None
 
-    def _answer(self, observation: Any) -> Any:
+    def _answer(self, observation: object) -> Any:
         answer = self.function(observation)
         if answer is None:
             raise UsageError(f"{self.function.__name__} returned None", "return the action")

@@ -105,7 +105,7 @@ def _choose_simulator(registry: Registry) -> str:
     raise UsageError("choose a simulator", f"--simulator {' | '.join(names)}")
 
 
-def _list_options(fields: Mapping[str, FieldInfo], options: Mapping[str, Any]) -> list[str]:
+def _list_options(fields: Mapping[str, FieldInfo], options: Mapping[str, object]) -> list[str]:
     """Return the options that are set, and the others as comments with their defaults."""
     lines = [f"  {name}: {json.dumps(value)}" for name, value in options.items()]
     for name, field in fields.items():

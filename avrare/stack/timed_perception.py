@@ -127,7 +127,7 @@ def _blank(seen: Observation, rows: Bools | None = None) -> Observation:
     def without(leaf: NDArray[Any]) -> NDArray[Any]:
         return np.where(rows[:, None], False if leaf.dtype == bool else np.nan, leaf)
 
-    return batch.map_leaves(without, seen)  # type: ignore[no-any-return]
+    return batch.map_leaves(without, seen)
 
 
 def _advance(seen: Observation, seconds: Floats) -> Observation:

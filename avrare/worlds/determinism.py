@@ -107,7 +107,7 @@ class _Trial:
         for difference in rows:
             self._note("differs", difference, "with the other rows of its batch")
 
-    def _watched(self, rows: Any, step: Callable[[Any, Floats], Any]) -> tuple[Samples, list[Any]]:
+    def _watched(self, rows: object, step: Callable[[object, Floats], object]) -> tuple[Samples, list[Any]]:
         stored, samples = [], []
         for state in self._states(rows, step):
             stored.append((state, _copy(state)))
@@ -128,13 +128,13 @@ class _Trial:
             state = step(state, noise) if now else self.system.initial(noise)
             yield state
 
-    def _samples(self, rows: Any, t: int = -1, state: Any = None) -> Samples:
+    def _samples(self, rows: object, t: int = -1, state: object = None) -> Samples:
         return [self._sample(state) for state in self._states(rows, self.system.step, t, state)]
 
-    def _sample(self, state: Any) -> dict[str, Any]:
+    def _sample(self, state: object) -> dict[str, Any]:
         return {name: np.array(values) for name, values in self.system.signals(state).items()}
 
-    def _read_only_step(self, state: Any, noise: Floats) -> Any:
+    def _read_only_step(self, state: object, noise: Floats) -> Any:
         try:
             return self.system.step(_read_only(state), _read_only(noise))
         except ValueError as error:
@@ -146,7 +146,7 @@ class _Trial:
         return self.system.step(_copy(state), noise.copy())
 
 
-def _read_only(state: Any) -> Any:
+def _read_only(state: object) -> Any:
     def view(leaf: Any) -> Any:
         own = leaf.view()
         own.flags.writeable = False
@@ -157,7 +157,7 @@ def _read_only(state: Any) -> Any:
     return state
 
 
-def _copy(state: Any) -> Any:
+def _copy(state: object) -> Any:
     with suppress(UsageError):
         return batch.separated(state)
     return None
@@ -169,7 +169,7 @@ def _place(error: Exception) -> str:
     return f"{Path(own[-1].filename).name}:{own[-1].lineno}"
 
 
-def _changed(state: Any, copy: Any) -> bool:
+def _changed(state: object, copy: object) -> bool:
     return not all(map(_same, batch.leaves(state), batch.leaves(copy)))
 
 
@@ -215,7 +215,7 @@ def _find_cause(play: Callable[[], object]) -> str:
     """Say in words which source of random numbers, or which clock, a run reads."""
     calls: dict[str, None] = {}
 
-    def watch(frame: FrameType, event: str, called: Any) -> None:
+    def watch(frame: FrameType, event: str, called: object) -> None:
         label = _source(called) if event == "c_call" else ""
         while frame.f_back is not None and frame.f_globals.get("__name__") == "random":
             frame = frame.f_back
@@ -235,7 +235,7 @@ def _find_cause(play: Callable[[], object]) -> str:
     return "it keeps a state of its own, such as a random generator"
 
 
-def _source(called: Any) -> str:
+def _source(called: object) -> str:
     owner, name = getattr(called, "__self__", None), str(getattr(called, "__name__", ""))
     if isinstance(owner, random.Random):
         return "the module random"

@@ -35,7 +35,7 @@ class DrawnWorlds(Worlds):
         make, options = self._plain
         return partial(type(self), make, self._names, **options), ()
 
-    def drawing(self, laws: Mapping[str, Any]) -> DrawnWorlds:
+    def drawing(self, laws: Mapping[str, object]) -> DrawnWorlds:
         """Return the same simulator for draws of options by these laws."""
         make, options = self._plain
         return type(self)(make, tuple(laws), **options)
@@ -44,7 +44,7 @@ class DrawnWorlds(Worlds):
         """Return the worlds at t = 0 with drawn values (N,)."""
         return super().reset(np.column_stack([noise, *(values[name] for name in self._names)]))
 
-    def step(self, world: WorldState, action: Any, noise: Floats) -> WorldState:
+    def step(self, world: WorldState, action: object, noise: Floats) -> WorldState:
         """Return worlds one step later; ``action`` is an array with leading axis N, or None."""
         return super().step(world, action, np.pad(noise, ((0, 0), (0, len(self._names)))))
 
@@ -65,7 +65,7 @@ class _Valued(World):
     def prepare(self, actions: Any, noise: Floats) -> Any:
         return self.world.prepare(actions, noise[:, : self._own])
 
-    def step(self, action: Any, noise: Floats) -> None:
+    def step(self, action: object, noise: Floats) -> None:
         self.world.step(action, noise[: self._own])
 
     def signals(self) -> Mapping[str, Any]:

@@ -113,7 +113,7 @@ class Noisy(World):
             actions = actions + np.reshape(delta, np.shape(actions))
         return self.world.prepare(actions, noise[:, : self._begin[0]])
 
-    def step(self, action: Any, noise: Floats) -> None:
+    def step(self, action: object, noise: Floats) -> None:
         """Advance by one step with a prepared action."""
         self.world.step(action, noise[: self._begin[0]])
         self._draw_error(noise)

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from avrare.base.errors import Interrupted
 from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal
@@ -19,7 +18,7 @@ OpenJournal = Callable[[str], FileJournal | None]
 
 
 @contextmanager
-def keep_outcomes(out: Path | None, command: str, task: Mapping[str, Any]) -> Iterator[OpenJournal]:
+def keep_outcomes(out: Path | None, command: str, task: Mapping[str, object]) -> Iterator[OpenJournal]:
     """Keep finished rollouts in a checkpoint in ``out`` until the block ends without an error.
 
     Args:

@@ -101,7 +101,7 @@ def _network_array(scenario: ParametricScenario, path: str) -> Any:
     return float(scenario.value(path))  # says what is wrong
 
 
-def _rounded(value: Any) -> Any:
+def _rounded(value: object) -> object:
     if isinstance(value, list):
         return [_rounded(one) for one in value]
     return float(f"{value:.8g}")

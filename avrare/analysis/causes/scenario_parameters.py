@@ -107,18 +107,18 @@ class ParametricScenario:
         return select_specification(self.scenario.specifications, name, str(self.path))
 
 
-def look_up(value: Any, path: str) -> Any:
+def look_up(value: object, path: str) -> object:
     """Return what plain data has at a dotted path, None where it has nothing."""
     for key in path.split("."):
         if isinstance(value, dict):
             value = value.get(key)
         else:
-            known = isinstance(value, list) and key.isdigit() and int(key) < len(value)
-            value = value[int(key)] if known else None
+            value = value[int(key) : int(key) + 1] if isinstance(value, list) and key.isdigit() else []
+            value = value[0] if value else None
     return value
 
 
-def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
+def _numbers(value: object, path: str = "") -> Iterator[tuple[str, float]]:
     if isinstance(value, dict):
         for key, entry in value.items():
             yield from _numbers(entry, f"{path}.{key}" if path else str(key))

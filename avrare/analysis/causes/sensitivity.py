@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,9 +21,11 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Failures
-from avrare.protocols import Floats
+from avrare.protocols import Floats, PerceptionErrorModel
 from avrare.rollout.observation_ratios import find_ratio_model, log_ratios
 from avrare.rollout.problem import Problem
+
+Built = TypeVar("Built")
 
 _SMALL = 1e-3
 """Relative step of the differences of log densities, which have no noise."""
@@ -156,7 +158,7 @@ def derive_by_score(
     sample: FailureSample,
     parameter: str,
     value: float,
-    build: Callable[[float], Any],
+    build: Callable[[float], PerceptionErrorModel],
     runner: TapeRunner | None = None,
 ) -> Sensitivity:
     """Derive log p by the score function, from failing tapes.
@@ -193,7 +195,7 @@ def derive_by_score(
     return Sensitivity(parameter, value, derivative, interval, "score", sample.size, (value, value))
 
 
-def _build_near(build: Callable[[float], Any], value: float, step: float) -> tuple[Any, float]:
+def _build_near(build: Callable[[float], Built], value: float, step: float) -> tuple[Built, float]:
     # The share of the step is 0 at the end of the value's range: the difference is then one-sided.
     try:
         return build(value + step), 1.0

@@ -52,7 +52,7 @@ class Arm:
         return self.component.build(self.config, scene)  # type: ignore[no-any-return]
 
 
-def make_arm(registry: Registry, name: str, options: Mapping[str, Any], label: str | None = None) -> Arm:
+def make_arm(registry: Registry, name: str, options: Mapping[str, object], label: str | None = None) -> Arm:
     """Make an arm; UsageError if the options are invalid, PluginError if no plugin provides the estimator."""
     component = registry.require("estimator", name)
     row = registry.find("estimator", name)

@@ -12,7 +12,6 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +122,7 @@ def make_failure_of_run(
     )
 
 
-def compute_checksums(signals: Mapping[str, NDArray[Any]]) -> NDArray[np.uint32]:
+def compute_checksums(signals: Mapping[str, NDArray[np.generic]]) -> NDArray[np.uint32]:
     """Return a checksum (T,) of all signals (T, ...) of each step, independent of their order."""
     arrays = [np.ascontiguousarray(signals[name]) for name in sorted(signals)]
     little = [array.astype(array.dtype.newbyteorder("<")) for array in arrays]

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from avrare.base import batch
+from avrare.driving import Observation, World
 from avrare.protocols import Bools, Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import replay_tape
@@ -62,7 +62,7 @@ def find_disturbances(problem: Problem, tape: Floats) -> list[Disturbance]:
     if not states:
         return _describe_channels(tape)
     worlds = batch.concatenate([state.world for state in states])
-    actual: Any = batch.concatenate([state.observation for state in states])
+    actual = batch.concatenate([state.observation for state in states if state.observation is not None])
     zeros = np.zeros((len(states), loop.perception.noise_size))
     neutral = loop.perception.observe(worlds, zeros)
     names = [f"car {name}" if name.isdecimal() else name for name in scene.names]
@@ -91,7 +91,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
     return ", then ".join(phrases) + (f", and {rest} smaller ones" if rest else "")
 
 
-def _compute_errors(worlds: Any, observation: Any) -> Floats:
+def _compute_errors(worlds: World, observation: Observation) -> Floats:
     # (3, T, V) of the positions and the speed; NaN where missed
     others = worlds.others
     x, y, speed_x = (

@@ -154,8 +154,8 @@ def _decode(word: str) -> Failure:
     return _from_arrays(header, arrays)
 
 
-def _to_arrays(failure: Failure) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    header = {
+def _to_arrays(failure: Failure) -> tuple[dict[str, object], dict[str, NDArray[np.generic]]]:
+    header: dict[str, object] = {
         "scenario": failure.scenario,
         "specification": failure.specification,
         "parts": dict(failure.parts),
@@ -163,13 +163,13 @@ def _to_arrays(failure: Failure) -> tuple[dict[str, Any], dict[str, NDArray[Any]
         "robustness": failure.robustness.hex(),
         "columns": list(failure.columns),
     }
-    arrays = {
+    arrays: dict[str, NDArray[np.generic]] = {
         name: np.ascontiguousarray(getattr(failure, name), dtype=dtype) for name, dtype in _DTYPES.items()
     }
     return header, arrays
 
 
-def _from_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Failure:
+def _from_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[np.generic]]) -> Failure:
     try:
         scenario, specification = _escape(header["scenario"]), _escape(header["specification"])
         parts, versions = (
@@ -200,11 +200,11 @@ def _read_header(content: bytes | str) -> dict[str, Any]:
         raise _CorruptFailureError(f"unreadable header: {error}") from None
 
 
-def _escape(value: Any) -> str:
+def _escape(value: object) -> str:
     return spell_line(str(value))
 
 
-def _read_shape(header: Mapping[str, Any], name: str) -> tuple[int, ...]:
+def _read_shape(header: Mapping[str, object], name: str) -> tuple[int, ...]:
     shapes = header.get("shapes")
     shape = shapes.get(name) if isinstance(shapes, dict) else None
     sizes = shape if isinstance(shape, list) else []
@@ -213,22 +213,22 @@ def _read_shape(header: Mapping[str, Any], name: str) -> tuple[int, ...]:
     return tuple(sizes)
 
 
-def _xor_rows(values: NDArray[Any]) -> NDArray[Any]:
+def _xor_rows(values: NDArray[np.generic]) -> NDArray[np.uint32]:
     bits = values.view("<u4").copy()  # constant signals become zeros, which compress to nothing
     bits[1:] ^= values.view("<u4")[:-1]
     return bits
 
 
-def _undo_xor_rows(rows: NDArray[Any]) -> NDArray[Any]:
+def _undo_xor_rows(rows: NDArray[np.generic]) -> NDArray[np.generic]:
     bits = np.bitwise_xor.accumulate(np.ascontiguousarray(rows).view("<u4"), axis=0)
     return np.asarray(bits, dtype="<u4").view("<f4")
 
 
-def _shuffle_bytes(array: NDArray[Any]) -> bytes:
+def _shuffle_bytes(array: NDArray[np.generic]) -> bytes:
     # The first bytes of all numbers, then the second bytes, and so on: this compresses better.
     return array.reshape(-1).view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
 
 
-def _unshuffle_bytes(content: bytes, dtype: str) -> NDArray[Any]:
+def _unshuffle_bytes(content: bytes, dtype: str) -> NDArray[np.generic]:
     size = np.dtype(dtype).itemsize
     return np.frombuffer(content, np.uint8).reshape(size, -1).T.copy().view(dtype).reshape(-1)

@@ -166,7 +166,7 @@ def _bind_variables(
         axes = tuple(depth - len(indices) for depth in item.axes if depth >= len(indices))
         return nodes.Signal(key, arguments, axes)
 
-    def bind(item: Any) -> Any:
+    def bind(item: object) -> Any:
         if isinstance(item, nodes.Signal):
             return bind_signal(item)
         if isinstance(item, tuple):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import JsonValue
 
 from avrare.analysis.failures.severity import measure_severity
 from avrare.analysis.monitor.monitoring import MonitoringResult, list_vehicle_names, select_inputs, summarise
@@ -178,7 +179,7 @@ def _draw_robustness(result: MonitoringResult) -> Chart:
 
 def _tabulate_view(
     result: MonitoringResult, frames: Sequence[Frame], marked: Sequence[str]
-) -> dict[str, Any]:
+) -> dict[str, JsonValue]:
     # Positions are in metres, to the centimetre.
     recording = result.recording
     content: dict[str, Any] = {"dt": recording.dt, "samples": recording.samples}
@@ -213,7 +214,7 @@ def _tabulate_view(
     return content
 
 
-def _encode_trajectory(frames: Sequence[Frame], who: str, at: Any) -> dict[str, list[float]]:
+def _encode_trajectory(frames: Sequence[Frame], who: str, at: object) -> dict[str, list[float]]:
     vehicles = [getattr(frame.world, who) for frame in frames]
     fields = (("x", "x", 2), ("y", "y", 2), ("h", "heading", 4), ("v", "speed", 2))
     series = {
@@ -244,15 +245,15 @@ def _encode_prediction(frame: Frame) -> list[list[list[float]]] | None:
     return [_round_points(np.stack(pair, axis=-1)) for pair in zip(x[tracked], y[tracked], strict=True)]
 
 
-def _round_points(points: Any) -> list[list[float]]:
+def _round_points(points: Iterable[Iterable[float]] | Floats) -> list[list[float]]:
     return [[_round(value) for value in row] for row in points]
 
 
-def _count_numbers(entries: Sequence[Any]) -> int:
+def _count_numbers(entries: Sequence[list[list[float]] | list[list[list[float]]] | None]) -> int:
     return sum(int(np.size(entry)) for entry in entries if entry is not None)
 
 
-def _round(value: Any, digits: int = 2) -> float:
+def _round(value: float, digits: int = 2) -> float:
     return round(float(np.nan_to_num(value)), digits)  # JSON has no NaN
 
 

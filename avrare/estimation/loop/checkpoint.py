@@ -62,8 +62,8 @@ class Checkpoint:
     @staticmethod
     def open(
         folder: Path,
-        task: Mapping[str, Any],
-        about: Mapping[str, Any] | None = None,
+        task: Mapping[str, object],
+        about: Mapping[str, object] | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> Checkpoint:
         """Resume the checkpoint in ``folder`` if its task is equal, or create it; ``about`` may differ.
@@ -240,7 +240,7 @@ def resume_hint(out: Path) -> str:
     return f"resume with avrare run {options}"
 
 
-def differences(before: Any, after: Any, path: str = "") -> list[str]:
+def differences(before: object, after: object, path: str = "") -> list[str]:
     """List the differences of two values of plain data, for example ``simulator.dt 0.1 -> 0.05``."""
     if isinstance(before, dict) and isinstance(after, dict):
         names = dict.fromkeys([*before, *after])

@@ -239,7 +239,7 @@ class Result:
             "counts": self.counts,
             "diagnostics": self.diagnostics,
         }
-        return finite(entry)  # type: ignore[no-any-return]
+        return finite(entry)
 
     def to_json(self) -> str:
         """Return ``to_dict`` as JSON text."""
@@ -377,12 +377,16 @@ class Results(ResultMapping):
         return len(self._results)
 
 
-def finite(value: Any) -> Any:
+def finite(entries: Mapping[str, object]) -> dict[str, object]:
     """Replace NaN and infinities by None, as JSON cannot write them."""
+    return {key: _finite(value) for key, value in entries.items()}
+
+
+def _finite(value: object) -> object:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
+        return finite(value)
     if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
+        return [_finite(entry) for entry in value]
     return value

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class Trace:
         return Trace(samples, self.steps, next(iter(samples.values())).shape[1], self.single)
 
 
-def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
+def read_trace(signals: Mapping[str, object], names: Sequence[str]) -> Trace:
     """Check the signals ``names`` of complete traces, (N, T, ...) each or (T,) each; NaN is refused."""
     arrays = _select(signals, names)
     for name, array in arrays.items():
@@ -73,7 +72,7 @@ def read_trace(signals: Mapping[str, Any], names: Sequence[str]) -> Trace:
     return Trace(samples, steps, rows, single)
 
 
-def read_sample(signals: Mapping[str, Any], names: Sequence[str], rows: int) -> dict[str, Array]:
+def read_sample(signals: Mapping[str, object], names: Sequence[str], rows: int) -> dict[str, Array]:
     """Check the signals ``names`` at one sample, (N, ...) each; others and NaN are let through."""
     if type(signals) is dict and names and _are_plain(signals, names, rows):
         return signals
@@ -84,7 +83,7 @@ def read_sample(signals: Mapping[str, Any], names: Sequence[str], rows: int) -> 
     return arrays
 
 
-def _are_plain(signals: dict[str, Any], names: Sequence[str], rows: int) -> bool:
+def _are_plain(signals: dict[str, object], names: Sequence[str], rows: int) -> bool:
     # The most frequent case, in which there is nothing to convert.
     for name in names:
         x = signals.get(name)
@@ -93,7 +92,7 @@ def _are_plain(signals: dict[str, Any], names: Sequence[str], rows: int) -> bool
     return True
 
 
-def _select(signals: Mapping[str, Any], names: Sequence[str]) -> dict[str, Array]:
+def _select(signals: Mapping[str, object], names: Sequence[str]) -> dict[str, Array]:
     if not isinstance(signals, Mapping):
         raise FormulaError(f"signals must be a mapping from names to arrays, not {type(signals).__name__}")
     if not names and not signals:

@@ -119,7 +119,7 @@ class Evaluator:
     def _shape(self) -> tuple[int, ...]:
         return self.algebra.shape(self.steps, self.rows)
 
-    def _full(self, value: Any) -> Array:
+    def _full(self, value: object) -> Array:
         return np.full(self._shape, value)
 
 
@@ -216,7 +216,7 @@ def _lay_out(x: Array, axes: tuple[int, ...], lead: int) -> Array:
     return np.expand_dims(x, [lead + axis for axis in range(max(axes)) if axis not in axes])
 
 
-def align(left: Any, right: Any) -> tuple[Any, Any]:
+def align(left: object, right: object) -> tuple[Any, Any]:
     """Add trailing axes to the operand that has fewer; numbers stay numbers."""
     if not (isinstance(left, np.ndarray) and isinstance(right, np.ndarray)):
         return left, right

@@ -56,7 +56,7 @@ class RobustnessAlgebra:
         """Return the shape of a formula's values without trailing axes."""
         return steps, rows
 
-    def compare(self, node: Comparison, left: Any, right: Any) -> Any:
+    def compare(self, node: Comparison, left: object, right: object) -> Any:
         """Return the value of a comparison of two terms: a new array, or a number."""
         if node.op in (">", ">="):
             return subtract(left, right)
@@ -94,7 +94,7 @@ class SignedAlgebra(RobustnessAlgebra):
     Minimum, maximum and negation preserve signs; iff and xor do not.
     """
 
-    def compare(self, node: Comparison, left: Any, right: Any) -> Any:
+    def compare(self, node: Comparison, left: object, right: object) -> Any:
         """Return the margin, with 0 replaced by the smallest number of the right sign."""
         value = RobustnessAlgebra.compare(self, node, left, right)
         if np.count_nonzero(value) < value.size:
@@ -111,7 +111,7 @@ class SignedAlgebra(RobustnessAlgebra):
 class TruthAlgebra(SignedAlgebra):
     """Truth values: infinity for true, minus infinity for false."""
 
-    def compare(self, node: Comparison, left: Any, right: Any) -> Any:
+    def compare(self, node: Comparison, left: object, right: object) -> Any:
         """Return the truth of a comparison of two terms; NaN stays NaN."""
         return np.multiply(super().compare(node, left, right), math.inf)
 
@@ -148,7 +148,7 @@ class IntervalAlgebra(RobustnessAlgebra):
         """Return the shape of a formula's intervals without trailing axes."""
         return self.steps, 2, rows
 
-    def compare(self, node: Comparison, left: Any, right: Any) -> Any:
+    def compare(self, node: Comparison, left: object, right: object) -> Any:
         """Return the exact value at seen samples, the comparison's range after them."""
         known = self.exact.compare(node, left, right)
         if not isinstance(known, np.ndarray):

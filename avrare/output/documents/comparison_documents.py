@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
@@ -19,7 +18,7 @@ _REPETITION_FIELDS = (
 """Fields of the entries of a repetition's result."""
 
 
-def comparison_document(comparison: Comparison) -> dict[str, Any]:
+def comparison_document(comparison: Comparison) -> dict[str, object]:
     """Return all numbers of a comparison, JSON-ready; NaN and infinities become null."""
     case, design, truth = comparison.case, comparison.design, comparison.truth
     summaries = comparison.summaries
@@ -43,10 +42,10 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
             for arm, summary in zip(comparison.arms, summaries, strict=True)
         ],
     }
-    return finite(content)  # type: ignore[no-any-return]
+    return finite(content)
 
 
-def _encode_arm(result: ArmResult, summary: Summary | None, seed: int) -> dict[str, Any]:
+def _encode_arm(result: ArmResult, summary: Summary | None, seed: int) -> dict[str, object]:
     entries = [repetition.to_dict() for repetition in result.repetitions]
     return {
         "label": result.arm.label,
@@ -61,7 +60,7 @@ def _encode_arm(result: ArmResult, summary: Summary | None, seed: int) -> dict[s
     }
 
 
-def paired_document(paired: PairedComparison) -> dict[str, Any]:
+def paired_document(paired: PairedComparison) -> dict[str, object]:
     """Return all numbers of a paired comparison, JSON-ready."""
     versions = {name: number for scenario in paired.scenarios for name, number in scenario.versions.items()}
     content = {
@@ -75,10 +74,10 @@ def paired_document(paired: PairedComparison) -> dict[str, Any]:
         "confidence": paired.confidence,
         "specifications": [_encode_counts(counts, paired.confidence) for counts in paired.counts],
     }
-    return finite(content)  # type: ignore[no-any-return]
+    return finite(content)
 
 
-def _encode_counts(counts: PairedCounts, confidence: float) -> dict[str, Any]:
+def _encode_counts(counts: PairedCounts, confidence: float) -> dict[str, object]:
     return asdict(counts) | {
         "probability": [counts.first, counts.second],
         "difference": counts.difference,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,13 @@ import numpy as np
 
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError
-from avrare.driving import Scene
+from avrare.driving import Scene, Vehicles
 from avrare.results.recordings.recording import Recording
 from avrare.rollout.frames import Frame
 from avrare.rollout.replay import tabulate_signals
+
+Entity = dict[str, list[dict[str, object]]]
+"""Primitives of an entity by kind."""
 
 _SCENE, SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"
 _PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
@@ -62,7 +65,7 @@ def write_mcap(path: Path, recording: Recording, frames: Sequence[Frame]) -> Non
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _describe(recording: Recording) -> dict[str, dict[str, Any]]:
+def _describe(recording: Recording) -> dict[str, dict[str, object]]:
     names, _ = tabulate_signals(recording.signals, recording.scene)
     array, number = {"type": "array", "items": {"type": "object"}}, {"type": ["number", "null"]}
     return {
@@ -98,7 +101,7 @@ def list_messages(
             yield frame.t, topic, _SCENE, _update(time, entities)
 
 
-def _list_entities(scene: Scene, frame: Frame) -> dict[str, dict[str, dict[str, Any]]]:
+def _list_entities(scene: Scene, frame: Frame) -> dict[str, dict[str, Entity]]:
     ego, others = frame.world.ego, frame.world.others
     boxes = {"ego": _box(ego, 0, scene.ego_length, scene.ego_width, "ego")}
     for v, name in enumerate(scene.names):
@@ -128,19 +131,23 @@ def _pad(names: Sequence[str], count: int, more: str) -> list[str]:
     return [*names, *(f"{more} {k}" for k in range(1, count - len(names) + 1))]
 
 
-def _box(vehicle: Any, at: Any, length: float, width: float, kind: str) -> dict[str, Any]:
+def _box(vehicle: Vehicles, at: int | tuple[int, int], length: float, width: float, kind: str) -> Entity:
     x, y, heading = (float(np.asarray(getattr(vehicle, key))[at]) for key in ("x", "y", "heading"))
     size = {"x": float(length), "y": float(width), "z": _HEIGHT}
-    cube = {"pose": _pose(x, y, 0.5 * _HEIGHT, heading), "size": size, "color": _colour(kind)}
+    cube: dict[str, object] = {
+        "pose": _pose(x, y, 0.5 * _HEIGHT, heading),
+        "size": size,
+        "color": _colour(kind),
+    }
     return {"cubes": [cube]}
 
 
-def _sphere(x: float, y: float) -> dict[str, Any]:
+def _sphere(x: float, y: float) -> dict[str, object]:
     size = {"x": 0.8, "y": 0.8, "z": 0.8}
     return {"pose": _pose(float(x), float(y), _HEIGHT), "size": size, "color": _colour("seen")}
 
 
-def _line(x: Any, y: Any, kind: str, width: float = 0.15) -> dict[str, Any]:
+def _line(x: Iterable[float], y: Iterable[float], kind: str, width: float = 0.15) -> dict[str, object]:
     points = [{"x": float(a), "y": float(b), "z": 0.05} for a, b in zip(x, y, strict=True)]
     return {
         "type": 0,
@@ -154,13 +161,13 @@ def _line(x: Any, y: Any, kind: str, width: float = 0.15) -> dict[str, Any]:
     }
 
 
-def _list_lanes(scene: Scene) -> list[dict[str, Any]]:
+def _list_lanes(scene: Scene) -> list[dict[str, object]]:
     road, half = scene.road, 0.5 * scene.road.lane_width
     edges = sorted({round(centre + side * half, 3) for centre in road.lane_centres for side in (-1, 1)})
     return [_line((road.begin, road.end), (edge, edge), "road") for edge in edges]
 
 
-def _pose(x: float, y: float, z: float = 0.0, heading: float = 0.0) -> dict[str, Any]:
+def _pose(x: float, y: float, z: float = 0.0, heading: float = 0.0) -> dict[str, dict[str, float]]:
     turn = {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * heading), "w": math.cos(0.5 * heading)}
     return {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
 
@@ -169,7 +176,7 @@ def _colour(kind: str) -> dict[str, float]:
     return dict(zip("rgba", _COLOURS[kind], strict=True))
 
 
-def _update(time: float, entities: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _update(time: float, entities: Mapping[str, Entity]) -> dict[str, object]:
     nanoseconds = round(1e9 * time)
     stamp = {"sec": nanoseconds // 10**9, "nsec": nanoseconds % 10**9}
     return {

@@ -14,7 +14,7 @@ from avrare.estimation.result.result import finite
 from avrare.results.recordings.recording import Recording
 
 
-def monitoring_document(result: MonitoringResult) -> dict[str, Any]:
+def monitoring_document(result: MonitoringResult) -> dict[str, object]:
     """Return the result as plain data for JSON; infinities become null."""
     recording = result.recording
     content = {
@@ -34,10 +34,10 @@ def monitoring_document(result: MonitoringResult) -> dict[str, Any]:
         "violated": result.prefix_violated.tolist(),
         "body": None if result.body is None else result.body.tolist(),
     }
-    return finite(content)  # type: ignore[no-any-return]
+    return finite(content)
 
 
-def _encode_decisive(recording: Recording, decisive: DecisiveSample | None) -> dict[str, Any] | None:
+def _encode_decisive(recording: Recording, decisive: DecisiveSample | None) -> dict[str, object] | None:
     if decisive is None:
         return None
     return {

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING
 
 from avrare.analysis.compare.comparison import ArmResult, Comparison
 from avrare.analysis.compare.repetition_statistics import Summary
 from avrare.base.number_format import format_amount
 from avrare.base.plot import Plot
 from avrare.output.plots import hide_spines, make_figure, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
 _BAND = 0.7  # share of an estimator's band that its repetitions fill
@@ -47,7 +51,7 @@ def _find_range(comparison: Comparison) -> tuple[float, float]:
     return 10.0 ** (math.log10(min(seen)) - 1.0), min(1.0, 10.0 ** (math.log10(max(seen)) + 1.0))
 
 
-def _draw_estimates(ax: Any, place: int, result: ArmResult, truth: float | None, low: float) -> None:
+def _draw_estimates(ax: Axes, place: int, result: ArmResult, truth: float | None, low: float) -> None:
     count = len(result.repetitions)
     for r, one in enumerate(result.repetitions):
         y = place + _BAND * ((r + 0.5) / count - 0.5)
@@ -57,7 +61,7 @@ def _draw_estimates(ax: Any, place: int, result: ArmResult, truth: float | None,
         ax.plot([at], [y], marker, color=colour, ms=4.0, mec="white", mew=0.4, clip_on=False, zorder=4)
 
 
-def _draw_summary(ax: Any, place: int, summary: Summary) -> None:
+def _draw_summary(ax: Axes, place: int, summary: Summary) -> None:
     if summary.mean > 0.0:
         ends = [place - 0.5 * _BAND - 0.06, place + 0.5 * _BAND + 0.06]
         ax.plot([summary.mean] * 2, ends, color=_MEAN, lw=1.6, zorder=3)
@@ -72,7 +76,7 @@ def _label(result: ArmResult) -> str:
     )
 
 
-def _frame(ax: Any, labels: list[str], low: float, high: float) -> None:
+def _frame(ax: Axes, labels: list[str], low: float, high: float) -> None:
     ax.set_xscale("log")
     ax.set_xlim(low, high)
     ax.set_ylim(len(labels) - 0.5, -0.5)
@@ -85,10 +89,10 @@ def _frame(ax: Any, labels: list[str], low: float, high: float) -> None:
     hide_spines(ax, "top", "right", "left")
 
 
-def _add_legend(figure: Any) -> None:
+def _add_legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
 
-    keys: list[Any] = [
+    keys = [
         Line2D([], [], label=label, color=colour, marker=marker, ms=4.0, lw=width)
         for label, colour, marker, width in (
             ("estimate, interval", _COVERS, "o", 1.0),

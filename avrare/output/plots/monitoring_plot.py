@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from avrare.base.plot import Plot
 from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.output.plots.rollout_plot import draw_frame, draw_road
 from avrare.rollout.frames import Frame
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOMENTS = 4
 _BEHIND, _AHEAD = 40.0, 80.0  # distances from the ego that are drawn [m]
@@ -40,7 +43,7 @@ def _choose_samples(score: MonitoringResult) -> list[int]:
     return sorted(list(dict.fromkeys([*named, 0, last, last // 2, last // 4]))[:_MOMENTS])
 
 
-def _draw_robustness(ax: Any, score: MonitoringResult, moments: list[int]) -> None:
+def _draw_robustness(ax: Axes, score: MonitoringResult, moments: list[int]) -> None:
     times = score.recording.times
     if score.body is not None:
         ax.plot(times, score.body, color=_SATISFIED, lw=1.6, label="at each sample")
@@ -71,7 +74,7 @@ def _label_decisive_samples(score: MonitoringResult) -> dict[int, tuple[float, s
     return marks
 
 
-def _draw_moment(ax: Any, score: MonitoringResult, sample: int) -> None:
+def _draw_moment(ax: Axes, score: MonitoringResult, sample: int) -> None:
     recording = score.recording
     assert recording.scene is not None
     labels, vehicles = [], set()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.base.plot import Plot
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure
+from avrare.protocols import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _LINE, _RUN, _BLIND, _FAILED = "#1b6ca8", "#9db4c8", "#d9701a", "#b0443c"
 
@@ -30,7 +34,7 @@ def plot_results(results: Sequence[Result]) -> Plot:
     return Plot(figure)
 
 
-def _draw_estimates(ax: Any, results: Sequence[Result]) -> None:
+def _draw_estimates(ax: Axes, results: Sequence[Result]) -> None:
     low = _least(results)
     for place, result in enumerate(results):
         begin, end = (max(limit, low) for limit in result.interval)
@@ -72,7 +76,7 @@ def _least(results: Sequence[Result]) -> float:
     return float(10.0 ** (np.floor(np.log10(min(known, default=0.1)) * 2.0) / 2.0 - 0.5))
 
 
-def _draw_robustness(ax: Any, result: Result, values: Any) -> None:
+def _draw_robustness(ax: Axes, result: Result, values: Floats) -> None:
     edges = np.histogram_bin_edges(values, bins="auto" if len(values) < 5000 else 60)
     edges = np.unique(np.append(edges, 0.0)) if edges[0] < 0.0 < edges[-1] else edges  # red up to 0 exactly
     counts, _ = np.histogram(values, edges)

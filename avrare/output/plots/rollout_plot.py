@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avrare.base.number_format import format_robustness
 from avrare.base.plot import Plot
-from avrare.driving import Scene
+from avrare.driving import Scene, Vehicles
 from avrare.driving.geometry import Rectangle
 from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
@@ -19,6 +19,9 @@ from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.rollout.frames import Frame, extract_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import replay_tapes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOMENTS = 6
 _WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
@@ -70,7 +73,7 @@ def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
     return Plot(figure)
 
 
-def draw_road(ax: Any, scene: Scene) -> None:
+def draw_road(ax: Axes, scene: Scene) -> None:
     """Draw the lanes into matplotlib axes, along the reference line; those without end between its ends."""
     road = scene.road
     lanes = list_lanes(road)
@@ -92,7 +95,7 @@ def draw_road(ax: Any, scene: Scene) -> None:
     hide_spines(ax, "top", "right", "left", "bottom")
 
 
-def _widen_limits(ax: Any, frame: Frame) -> None:
+def _widen_limits(ax: Axes, frame: Frame) -> None:
     # Vehicles beside the lanes, as on a ramp, and the label of the highest one must fit.
     left, right = ax.get_xlim()
     ego, others = frame.world.ego, frame.world.others
@@ -104,7 +107,7 @@ def _widen_limits(ax: Any, frame: Frame) -> None:
 
 
 def draw_frame(
-    ax: Any, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
+    ax: Axes, frame: Frame, scene: Scene, clock: str | None = None, marked: frozenset[str] = frozenset()
 ) -> None:
     """Draw the vehicles of one moment into matplotlib axes, those ``marked`` by name highlighted.
 
@@ -125,14 +128,14 @@ def draw_frame(
         seen = frame.observation
         ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
         missed = ~seen.detected[0, : len(scene.names)]
-        box = {"mfc": "none", "color": _SEEN, "ms": 9.0, "label": "missed", "zorder": 6}
-        ax.plot(others.x[0, missed], others.y[0, missed], "s", **box)
+        x, y = others.x[0, missed], others.y[0, missed]
+        ax.plot(x, y, "s", mfc="none", color=_SEEN, ms=9.0, label="missed", zorder=6)
     text = f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s"
     ax.text(1.005, 0.5, text, transform=ax.transAxes, fontsize=8, va="center")
 
 
 def _draw_box(
-    ax: Any, vehicle: Any, at: tuple[int, ...], length: float, width: float, colour: str, name: str
+    ax: Axes, vehicle: Vehicles, at: tuple[int, ...], length: float, width: float, colour: str, name: str
 ) -> None:
     x, y, heading = (np.asarray(getattr(vehicle, key)[at]) for key in ("x", "y", "heading"))
     corners = Rectangle(x, y, heading, np.asarray(length), np.asarray(width)).corners()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import sys
 import xml.etree.ElementTree as ET
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,13 @@ from avrare.results.recordings.commonroad_2024 import SUFFIX, open_2024
 from avrare.results.recordings.crossings import check_references
 from avrare.results.recordings.plane_drives import Obstacle, PlaneDrives
 from avrare.results.recordings.recording import FIELDS, Recording
+
+if TYPE_CHECKING:
+    from commonroad.planning.planning_problem import PlanningProblemSet
+    from commonroad.scenario.lanelet import Lanelet, LaneletNetwork
+    from commonroad.scenario.obstacle import Obstacle as RecordedObstacle
+    from commonroad.scenario.scenario import Scenario
+    from commonroad.scenario.state import State
 
 _EGO_ID = 1
 _FIRST_LANELET_ID = 1001
@@ -66,19 +73,19 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
     return _read_drives(path, scenario, None), start
 
 
-def _read_drives(path: str, scenario: Any, road: Road | None) -> PlaneDrives:
+def _read_drives(path: str, scenario: Scenario, road: Road | None) -> PlaneDrives:
     obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in scenario.obstacles}
     moving = tuple(sorted((str(one.obstacle_id) for one in scenario.dynamic_obstacles), key=int))
     network = scenario.lanelet_network
     return PlaneDrives(path, float(scenario.dt), obstacles, moving, tuple(network.lanelets), road, network)
 
 
-def read_lanelets(path: str) -> tuple[Any, ...]:
+def read_lanelets(path: str) -> tuple[Lanelet, ...]:
     """Return the lanelets of a scenario or map."""
     return tuple(_open_scenario(path).lanelet_network.lanelets)
 
 
-def read_network(path: str) -> tuple[Any, float]:
+def read_network(path: str) -> tuple[LaneletNetwork, float]:
     """Return the lanelet network of a scenario or map, and the step of its light cycles [s]."""
     scenario = _open_scenario(path)
     check_references(path, scenario.lanelet_network)
@@ -120,11 +127,11 @@ def to_commonroad(recording: Recording, name: str) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _open_scenario(path: str) -> Any:
+def _open_scenario(path: str) -> Scenario:
     return _open_file(path)[0]
 
 
-def _open_file(path: str) -> tuple[Any, Any]:
+def _open_file(path: str) -> tuple[Scenario, PlanningProblemSet]:
     try:
         reader = importlib.import_module("commonroad.common.file_reader")
     except ImportError as error:
@@ -147,7 +154,7 @@ def _open_file(path: str) -> tuple[Any, Any]:
     return scenario, problems
 
 
-def _list_states(path: str, obstacle: Any) -> list[Any]:
+def _list_states(path: str, obstacle: RecordedObstacle) -> list[State]:
     prediction = getattr(obstacle, "prediction", None)
     if prediction is None:
         return [obstacle.initial_state]
@@ -157,7 +164,7 @@ def _list_states(path: str, obstacle: Any) -> list[Any]:
     return [obstacle.initial_state, *prediction.trajectory.state_list]
 
 
-def _read_obstacle(path: str, obstacle: Any) -> Obstacle:
+def _read_obstacle(path: str, obstacle: RecordedObstacle) -> Obstacle:
     length, width = _read_size(path, obstacle)
     static = str(obstacle.obstacle_role.value) == "static"
     states = [obstacle.initial_state] if static else _list_states(path, obstacle)
@@ -167,7 +174,7 @@ def _read_obstacle(path: str, obstacle: Any) -> Obstacle:
     return Obstacle(str(obstacle.obstacle_id), length, width, np.array(steps, dtype=np.int64), poses)
 
 
-def _read_pose(path: str, name: str, state: Any, static: bool = False) -> list[float]:
+def _read_pose(path: str, name: str, state: State, static: bool = False) -> list[float]:
     values: list[Any] = [getattr(state, field, None) for field in ("position", "orientation", "velocity")]
     position, heading, speed = values
     if static:
@@ -183,11 +190,11 @@ def _read_pose(path: str, name: str, state: Any, static: bool = False) -> list[f
     return [float(position[0]), float(position[1]), float(heading), float(speed)]
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.number)) and bool(-_MOST <= value <= _MOST)
 
 
-def _read_size(path: str, obstacle: Any) -> tuple[float, float]:
+def _read_size(path: str, obstacle: RecordedObstacle) -> tuple[float, float]:
     shape = obstacle.obstacle_shape
     if hasattr(shape, "length") and hasattr(shape, "width"):
         return float(shape.length), float(shape.width)

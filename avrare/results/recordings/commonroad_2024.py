@@ -9,9 +9,13 @@ from __future__ import annotations
 from glob import escape
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avrare.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from commonroad.planning.planning_problem import PlanningProblemSet
+    from commonroad.scenario.scenario import Scenario
 
 SUFFIX = ".pb"
 _PROBLEMS = "-SC"
@@ -28,7 +32,7 @@ def is_companion(path: Path) -> bool:
     return any(path.parent.glob(f"{escape(path.stem)}_*{SUFFIX}"))
 
 
-def open_2024(path: str) -> tuple[Any, Any]:
+def open_2024(path: str) -> tuple[Scenario, PlanningProblemSet]:
     """Return the scenario and the planning problems of the scene that a file belongs to.
 
     Raises:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,13 +19,18 @@ from avrare.driving.values import GREEN, RED, YELLOW
 from avrare.protocols import Floats
 from avrare.results.recordings.ways import Way, find_crossing
 
+if TYPE_CHECKING:
+    from commonroad.scenario.intersection import IncomingGroup
+    from commonroad.scenario.lanelet import Lanelet, LaneletNetwork
+    from commonroad.scenario.traffic_light import TrafficLight
+
 _PRIORITY = {"PRIORITY": 2, "RIGHT_OF_WAY": 2, "YIELD": 0, "STOP": -1}
 """Rank of an incoming lanelet by its sign; 1 without one."""
 _COLOURS = {"red": RED, "redYellow": RED, "yellow": YELLOW}
 _TURNS = ("left", "straight", "right")
 
 
-def has_right_of_way(network: Any) -> bool:
+def has_right_of_way(network: LaneletNetwork) -> bool:
     """Tell whether a network has intersections, stop signs or traffic lights."""
     lanelets = network.lanelets
     return bool(network.intersections) or any(
@@ -33,7 +38,7 @@ def has_right_of_way(network: Any) -> bool:
     )
 
 
-def check_references(path: str, network: Any) -> None:
+def check_references(path: str, network: LaneletNetwork) -> None:
     """Raise UsageError if a network refers to signs, lights or lanelets that it does not have."""
     known = {int(one.lanelet_id) for one in network.lanelets}
     for one in network.lanelets:
@@ -54,7 +59,9 @@ def check_references(path: str, network: Any) -> None:
             raise UsageError(text, "its durations are numbers of steps")
 
 
-def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequence[Sequence[int]]) -> Road:
+def add_crossings(
+    road: Road, network: LaneletNetwork, names: Sequence[int], routes: Sequence[Sequence[int]]
+) -> Road:
     """Return the road of an ego with the stop signs, the lights and the conflict areas on its way.
 
     Args:
@@ -84,7 +91,7 @@ def add_crossings(road: Road, network: Any, names: Sequence[int], routes: Sequen
     )
 
 
-def show_lights(network: Any, names: Sequence[int], steps: Sequence[int]) -> dict[str, Floats]:
+def show_lights(network: LaneletNetwork, names: Sequence[int], steps: Sequence[int]) -> dict[str, Floats]:
     """Return the signals ``light_0``, ... (T,) of the lights on the ego's way, in the order of its road."""
     return {
         f"light_{k}": np.array([max(_colour(light, step) for light in lights) for step in steps])
@@ -92,7 +99,7 @@ def show_lights(network: Any, names: Sequence[int], steps: Sequence[int]) -> dic
     }
 
 
-def _list_lights(network: Any, names: Sequence[int]) -> list[tuple[int, list[Any]]]:
+def _list_lights(network: LaneletNetwork, names: Sequence[int]) -> list[tuple[int, list[TrafficLight]]]:
     # lanelets of the ego's way with the lights that are meant for its direction
     known = {int(one.lanelet_id): one for one in network.lanelets}
     found = []
@@ -106,7 +113,7 @@ def _list_lights(network: Any, names: Sequence[int]) -> list[tuple[int, list[Any
     return found
 
 
-def _turn(network: Any, name: int, names: Sequence[int]) -> str:
+def _turn(network: LaneletNetwork, name: int, names: Sequence[int]) -> str:
     # where the ego's way leads from an incoming lanelet
     incomings = [one for each in network.intersections for one in each.incomings]
     ways = (
@@ -118,16 +125,18 @@ def _turn(network: Any, name: int, names: Sequence[int]) -> str:
     return next((turn for turn, after in ways if after & set(names)), "straight")
 
 
-def _is_for(light: Any, turn: str) -> bool:
+def _is_for(light: TrafficLight, turn: str) -> bool:
     direction = str(light.direction.value)
     return direction == "all" or turn in direction.lower()
 
 
-def _colour(light: Any, step: int) -> float:
+def _colour(light: TrafficLight, step: int) -> float:
     return _COLOURS.get(str(light.get_state_at_time_step(step).value), GREEN)
 
 
-def _list_ways(network: Any, known: Mapping[int, Any], incoming: Any) -> Iterator[Way]:
+def _list_ways(
+    network: LaneletNetwork, known: Mapping[int, Lanelet], incoming: IncomingGroup
+) -> Iterator[Way]:
     for name in sorted(incoming.incoming_lanelets or ()):
         one = known[int(name)]
         ranks = [_PRIORITY[sign] for sign in _signs(network, one) if sign in _PRIORITY]
@@ -146,16 +155,16 @@ def _list_ways(network: Any, known: Mapping[int, Any], incoming: Any) -> Iterato
             )
 
 
-def _outgoing(incoming: Any, turn: str) -> set[int]:
+def _outgoing(incoming: IncomingGroup, turn: str) -> set[int]:
     return set(getattr(incoming, f"outgoing_{turn}", None) or ())
 
 
-def _signs(network: Any, lanelet: Any) -> set[str]:
+def _signs(network: LaneletNetwork, lanelet: Lanelet) -> set[str]:
     signs = (network.find_traffic_sign_by_id(number) for number in lanelet.traffic_signs or ())
     return {str(part.traffic_sign_element_id.name) for sign in signs for part in sign.traffic_sign_elements}
 
 
-def _stop_line(lanelet: Any) -> Floats:
+def _stop_line(lanelet: Lanelet) -> Floats:
     # the middle of the line, or of the lanelet's end where the file gives no line
     line = getattr(lanelet, "stop_line", None)
     if line is None or line.start is None or line.end is None:

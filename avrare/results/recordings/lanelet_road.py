@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from avrare.base.errors import UsageError
 from avrare.driving import Lane, Road
 from avrare.driving.reference_line import PolygonalLine, ReferenceLine
 from avrare.protocols import Bools, Floats
+
+if TYPE_CHECKING:
+    from commonroad.scenario.lanelet import Lanelet
 
 ASIDE = 30.0
 """Largest distance from the reference line of what belongs to the road [m]."""
@@ -35,10 +38,10 @@ class _Section:
     left: Floats
     opposing: bool
     kind: str
-    source: Any
+    source: Lanelet
 
 
-def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: Floats) -> Road:
+def find_road(path: str, lanelets: Sequence[Lanelet], positions: Floats, headings: Floats) -> Road:
     """Return the road along a drive.
 
     Args:
@@ -61,7 +64,7 @@ def find_road(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
     return _assemble(line, sorted(chains, key=_mean_offset))
 
 
-def find_path(path: str, lanelets: Sequence[Any], positions: Floats, headings: Floats) -> list[int]:
+def find_path(path: str, lanelets: Sequence[Lanelet], positions: Floats, headings: Floats) -> list[int]:
     """Return the successive lanelets of a drive; the arguments and the error are those of ``find_road``."""
     known = {int(one.lanelet_id): one for one in lanelets}
     used = _count_samples(known, positions, headings)
@@ -71,7 +74,7 @@ def find_path(path: str, lanelets: Sequence[Any], positions: Floats, headings: F
     return _find_path(known, used)
 
 
-def _count_samples(known: Mapping[int, Any], positions: Floats, headings: Floats) -> dict[int, int]:
+def _count_samples(known: Mapping[int, Lanelet], positions: Floats, headings: Floats) -> dict[int, int]:
     # lanelet -> samples in it that go its way
     direction = np.stack([np.cos(headings), np.sin(headings)], axis=1)
     found = {}
@@ -101,7 +104,7 @@ def is_inside(outline: Floats, points: Floats) -> Bools:
     return inside
 
 
-def _find_path(known: Mapping[int, Any], used: Mapping[int, int]) -> list[int]:
+def _find_path(known: Mapping[int, Lanelet], used: Mapping[int, int]) -> list[int]:
     # successive lanelets beside which, or on which, the vehicle is for most samples
     beside = {name: find_neighbours(known, name) for name in known}
 
@@ -124,7 +127,7 @@ def _find_path(known: Mapping[int, Any], used: Mapping[int, int]) -> list[int]:
     return max(paths, key=lambda path: (*total(path), -path[0]))
 
 
-def find_neighbours(known: Mapping[int, Any], name: int) -> set[int]:
+def find_neighbours(known: Mapping[int, Lanelet], name: int) -> set[int]:
     """Return a lanelet and all of the same direction beside it."""
     found = {name}
     for side in ("left", "right"):
@@ -137,16 +140,16 @@ def find_neighbours(known: Mapping[int, Any], name: int) -> set[int]:
     return found
 
 
-def _neighbour(known: Mapping[int, Any], name: int, side: str) -> int | None:
+def _neighbour(known: Mapping[int, Lanelet], name: int, side: str) -> int | None:
     other = getattr(known[name], f"adj_{side}", None)
     return int(other) if other is not None and other in known else None
 
 
-def _links(known: Mapping[int, Any], name: int, kind: str) -> list[int]:
+def _links(known: Mapping[int, Lanelet], name: int, kind: str) -> list[int]:
     return [int(other) for other in getattr(known[name], kind, None) or () if other in known]
 
 
-def _straightness(one: Any, other: Any) -> float:
+def _straightness(one: Lanelet, other: Lanelet) -> float:
     # minus the angle between the directions of two lanelets where they are nearest to each other
     ends = [np.asarray(lanelet.center_vertices)[:, :2] for lanelet in (one, other)]
     forward = np.hypot(*(ends[0][-1] - ends[1][0])) <= np.hypot(*(ends[0][0] - ends[1][-1]))
@@ -156,12 +159,12 @@ def _straightness(one: Any, other: Any) -> float:
     return -float(abs(np.remainder(turned + np.pi, 2.0 * np.pi) - np.pi))
 
 
-def _join_centres(lanelets: Iterable[Any]) -> PolygonalLine:
+def _join_centres(lanelets: Iterable[Lanelet]) -> PolygonalLine:
     return PolygonalLine(np.concatenate([np.asarray(one.center_vertices)[:, :2] for one in lanelets]))
 
 
 def _collect_sections(
-    known: Mapping[int, Any], names: Sequence[int], line: ReferenceLine
+    known: Mapping[int, Lanelet], names: Sequence[int], line: ReferenceLine
 ) -> dict[int, _Section]:
     # from lanelet to lanelet that touches it, as far as they run along the line
     found: dict[int, _Section] = {}
@@ -180,7 +183,7 @@ def _collect_sections(
     return found
 
 
-def _make_section(name: int, lanelet: Any, line: ReferenceLine) -> _Section | None:
+def _make_section(name: int, lanelet: Lanelet, line: ReferenceLine) -> _Section | None:
     borders = []
     for vertices in (lanelet.right_vertices, lanelet.left_vertices):
         border = np.stack(line.to_road(*np.asarray(vertices)[:, :2].T), axis=1)
@@ -280,7 +283,7 @@ def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[
     return found
 
 
-def is_broad(lanelet: Any, side: str) -> bool:
+def is_broad(lanelet: Lanelet, side: str) -> bool:
     """Tell whether the marking of a lanelet's side is broad."""
     marking = getattr(lanelet, f"line_marking_{side}_vertices", None)
     return str(getattr(marking, "value", marking)) in _BROAD

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -52,7 +51,7 @@ class Tank(Simulator):
         zeros = np.zeros(len(noise))
         return TankWorld(zeros + self.config.start, self.config.surge * noise[:, 0], zeros)
 
-    def step(self, world: TankWorld, action: Any, noise: Floats) -> TankWorld:
+    def step(self, world: TankWorld, action: object, noise: Floats) -> TankWorld:
         """Return the world one ``dt`` later; the action is ignored."""
         config = self.config
         surge = self._decay * world.surge + self._innovation * noise[:, 0]

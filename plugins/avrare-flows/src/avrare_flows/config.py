@@ -14,12 +14,12 @@ from avrare.scenario.fingerprint import named_files
 from avrare.scenario.validation import check_options
 
 
-def _tuples(value: Any) -> Any:
+def _tuples(value: object) -> Any:
     # Frozen models hold no lists.
     return tuple(_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
-def _law_tuple(value: Any) -> Any:
+def _law_tuple(value: object) -> Any:
     return _tuples([value] if isinstance(value, dict) else value)
 
 

@@ -225,7 +225,7 @@ class Flow:
             raise UsageError(f"{path}: not a flow ({reason})", hint) from error
 
 
-def _from_arrays(arrays: dict[str, NDArray[Any]]) -> Flow:
+def _from_arrays(arrays: dict[str, NDArray[np.generic]]) -> Flow:
     kind = str(arrays["kind"])
     if int(arrays["format"]) != _FORMAT or kind not in KINDS:
         raise ValueError(f"format {arrays['format']}, kind {kind!r}")

@@ -78,11 +78,11 @@ class TransformedSimulator(Simulator):
         """Return the world at t = 0."""
         return self.simulator.reset(self.first.physical(noise))
 
-    def step(self, world: Any, action: Any, noise: Floats) -> Any:
+    def step(self, world: object, action: object, noise: Floats) -> Any:
         """Return the world one step later."""
         return self.simulator.step(world, action, self.law.physical(noise))
 
-    def signals(self, world: Any) -> Signals:
+    def signals(self, world: object) -> Signals:
         """Return the signals of the other simulator."""
         return self.simulator.signals(world)
 

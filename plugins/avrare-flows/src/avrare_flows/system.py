@@ -29,7 +29,7 @@ class TransformedSystem(SystemWrapper):
         """Return the state at t = 0 from standard normal rows (N, noise_size)."""
         return self.system.initial(self.first.physical(noise))
 
-    def step(self, state: Any, noise: Floats) -> Any:
+    def step(self, state: object, noise: Floats) -> Any:
         """Return the state one step later."""
         return self.system.step(state, self.law.physical(noise))
 

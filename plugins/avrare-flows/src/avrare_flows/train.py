@@ -147,7 +147,7 @@ def _networks(parts: list[list[Any]]) -> Iterator[Any]:
 
 
 def _descend(
-    parts: list[list[Any]], size: int, kept: Floats, held: Floats, steps: int, rate: float
+    parts: list[list[object]], size: int, kept: Floats, held: Floats, steps: int, rate: float
 ) -> tuple[tuple[Block, ...], float, int]:
     """Return the best blocks on ``held``, their mean negative log density there, and the step."""
     rows, test = torch.from_numpy(kept), torch.from_numpy(held)

@@ -65,7 +65,7 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
     )
 
 
-def advance(state: Columns, elevator_rate: Any) -> Columns:
+def advance(state: Columns, elevator_rate: object) -> Columns:
     """Return the columns one step later at a constant input, by the classical Runge-Kutta method."""
     first = rates(state, elevator_rate)
     second = rates(_moved(state, first, 0.5 * DT), elevator_rate)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
-def _tuple(value: Any) -> Any:
+def _tuple(value: object) -> Any:
     """Return a list as a tuple: strict validation takes no lists."""
     return tuple(value) if isinstance(value, list) else value
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -68,7 +67,7 @@ class GliderSimulator(Simulator):
             columns[i] = columns[i] + scale * noise[:, i]
         return GliderState(np.zeros(len(noise), dtype=np.int64), tuple(columns))
 
-    def step(self, world: GliderState, action: Any, noise: Floats) -> GliderState:
+    def step(self, world: GliderState, action: object, noise: Floats) -> GliderState:
         """Return the state one step later from noise (N, noise_size).
 
         Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -14,17 +14,21 @@ from avrare.protocols import Floats
 from avrare.worlds.noisy_world import Channel
 from avrare_gymnasium.config import ActionNoiseConfig
 
+Numbers = NDArray[np.floating | np.integer]
+Commands = Numbers | None
+"""Commands (N, ...) of a controller, None where there is none."""
+
 
 class Actions(Protocol):
     """Map from a controller's commands to the actions of environments."""
 
     noise_size: int
 
-    def __call__(self, commands: Any, noise: Floats) -> NDArray[Any]:
+    def __call__(self, commands: Commands, noise: Floats) -> NDArray[np.generic]:
         """Return actions (N, ...) from commands (N, ...) or None, and noise (N, noise_size)."""
 
 
-def actions(space: spaces.Space[Any], noise: ActionNoiseConfig | None) -> Actions:
+def actions(space: spaces.Space[object], noise: ActionNoiseConfig | None) -> Actions:
     """Return the map for a space.
 
     Raises:
@@ -53,7 +57,7 @@ class _NoisyActions:
             self.channel = Channel(size, noise.scale, noise.law)
         self.noise_size = replacement if self.chance is not None else size if self.channel is not None else 0
 
-    def _replaced(self, commands: Any, noise: Floats) -> NDArray[np.bool_]:
+    def _replaced(self, commands: Commands, noise: Floats) -> NDArray[np.bool_]:
         replaced = np.zeros(len(noise), dtype=bool)
         if self.chance is not None:
             replaced = np.asarray(_uniforms(noise[:, 0]) < self.chance) | (self.chance == 1.0)
@@ -74,12 +78,12 @@ class DiscreteActions(_NoisyActions):
     real commands.
     """
 
-    def __init__(self, space: spaces.Discrete[Any], noise: ActionNoiseConfig | None) -> None:
+    def __init__(self, space: spaces.Discrete[np.int64], noise: ActionNoiseConfig | None) -> None:
         self.count, self.first = int(space.n), int(space.start)
         self.width = 1 if self.count == 2 else self.count
         super().__init__(noise, self.width, replacement=2)
 
-    def __call__(self, commands: Any, noise: Floats) -> NDArray[Any]:
+    def __call__(self, commands: Commands, noise: Floats) -> NDArray[np.generic]:
         """Return integer actions (N,)."""
         replaced = self._replaced(commands, noise)
         if commands is None:
@@ -91,7 +95,7 @@ class DiscreteActions(_NoisyActions):
         other = np.minimum((self.count * _uniforms(noise[:, 1])).astype(np.int64), self.count - 1)
         return np.where(replaced, self.first + other, chosen)
 
-    def _chosen(self, commands: NDArray[Any], noise: Floats) -> NDArray[Any]:
+    def _chosen(self, commands: Numbers, noise: Floats) -> NDArray[np.generic]:
         if commands.dtype.kind in "iu" and commands.shape[1] == 1:
             return self._numbered(commands[:, 0])
         if commands.shape[1] != self.width:
@@ -105,7 +109,7 @@ class DiscreteActions(_NoisyActions):
             return self.first + (commands[:, 0] > 0.0).astype(np.int64)
         return np.asarray(self.first + np.argmax(commands, axis=1))
 
-    def _numbered(self, chosen: NDArray[Any]) -> NDArray[Any]:
+    def _numbered(self, chosen: Numbers) -> NDArray[np.generic]:
         if self.channel is not None:
             raise UsageError(
                 "additive noise does not apply to integer actions", "use law: random, which replaces them"
@@ -126,7 +130,7 @@ class BoxActions(_NoisyActions):
         if self.chance is not None and not space.is_bounded():
             raise UsageError("law random needs a bounded space", "use a law with a scale")
 
-    def __call__(self, commands: Any, noise: Floats) -> NDArray[Any]:
+    def __call__(self, commands: Commands, noise: Floats) -> NDArray[np.generic]:
         """Return actions (N, *shape)."""
         shape = (len(noise), *self.shape)
         if commands is not None and np.size(commands) != len(noise) * self.low.size:

@@ -33,7 +33,7 @@ class Feedback(Controller):
 
     horizon = 0
 
-    def __init__(self, gain: Any, reference: Any = None, offset: Any = None) -> None:
+    def __init__(self, gain: object, reference: object = None, offset: object = None) -> None:
         self.gain = np.asarray(gain, dtype=np.float64)
         self.reference = np.zeros(self.gain.shape[1]) if reference is None else np.asarray(reference)
         self.offset = np.zeros(self.gain.shape[0]) if offset is None else np.asarray(offset)
@@ -71,7 +71,7 @@ class Constant(Controller):
     def start(self, n: int) -> None:
         """Return no memory."""
 
-    def act(self, memory: None, ego: Any, prediction: object | None = None) -> tuple[NDArray[Any], None]:
+    def act(self, memory: None, ego: object, prediction: object | None = None) -> tuple[NDArray[Any], None]:
         """Return the actions (N,) or (N, m).
 
         Raises:
@@ -80,7 +80,7 @@ class Constant(Controller):
         return np.repeat(self.action[None], len(_check_observation(ego, "gym_constant")), axis=0), None
 
 
-def _check_observation(ego: Any, name: str) -> Floats:
+def _check_observation(ego: object, name: str) -> Floats:
     if not isinstance(ego, np.ndarray) or ego.ndim != 2:
         raise UsageError(
             f"the controller {name} needs observations (N, d), the simulator returns {type(ego).__name__}",

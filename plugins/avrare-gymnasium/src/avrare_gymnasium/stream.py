@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -78,12 +79,17 @@ class TapeGenerator(np.random.Generator):
         """Draw as ``numpy.random.Generator`` does."""
         return loc + scale * self.standard_normal(_shape(size, loc, scale))
 
-    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+    def uniform(self, low: object = 0.0, high: object = 1.0, size: object = None) -> Any:
         """Draw as ``numpy.random.Generator`` does."""
         return low + (np.asarray(high) - low)[()] * self.random(_shape(size, low, high))
 
     def integers(
-        self, low: Any, high: Any = None, size: Any = None, dtype: Any = np.int64, endpoint: bool = False
+        self,
+        low: object,
+        high: object = None,
+        size: object = None,
+        dtype: object = np.int64,
+        endpoint: bool = False,
     ) -> Any:
         """Draw as ``numpy.random.Generator`` does."""
         low, high = (0, low) if high is None else (low, high)
@@ -109,7 +115,7 @@ def _below_one(normal: float) -> float:
     return min(uniform(normal), 1.0 - 2.0**-53)
 
 
-def _tape_generator(state: Any, left: list[float]) -> TapeGenerator:
+def _tape_generator(state: Mapping[str, object], left: list[float]) -> TapeGenerator:
     generator = TapeGenerator()
     generator.bit_generator.state = state
     generator._left = left

@@ -10,13 +10,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.protocols import Floats
 from avrare.worlds.drawn_worlds import DrawnWorlds
 from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.world import World
-from avrare_gymnasium.actions import actions
+from avrare_gymnasium.actions import Commands, actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
 from avrare_gymnasium.registration import register_installed
 from avrare_gymnasium.stream import Stream
@@ -73,11 +74,11 @@ class GymWorld(World):
         """Take drawn numbers of the environment, by their place in the options."""
         self.attributes |= {path.removeprefix("attributes."): value for path, value in values.items()}
 
-    def prepare(self, actions: Any, noise: Floats) -> Any:
+    def prepare(self, actions: Commands, noise: Floats) -> NDArray[np.generic]:
         """Return the actions of N environments from commands (N, ...) and noise (N, noise_size)."""
         return self.actions(actions, noise[:, self.stream.noise_size :])
 
-    def step(self, action: Any, noise: Floats) -> None:
+    def step(self, action: NDArray[np.generic], noise: Floats) -> None:
         """Advance by one step unless the environment has ended."""
         if self.outcome[1] or self.outcome[2]:
             return
@@ -130,7 +131,7 @@ class GymWorld(World):
         """Close the environment."""
         self.env.close()
 
-    def _flat(self, observation: Any) -> list[float]:
+    def _flat(self, observation: object) -> list[float]:
         if not isinstance(observation, np.ndarray):
             observation = np.asarray(spaces.flatten(self.space, observation) if self.nested else observation)
         if observation.size != self.size:  # the entries would be read as other signals
@@ -138,7 +139,8 @@ class GymWorld(World):
                 f"an observation has {observation.size} number(s), the observation_space {self.size}",
                 "the environment must follow its observation_space",
             )
-        return observation.ravel().tolist()  # type: ignore[no-any-return]
+        numbers: list[float] = observation.ravel().tolist()
+        return numbers
 
     def _snapshot(self) -> Any:
         inner: Any = self.env.unwrapped
@@ -180,7 +182,7 @@ def state_size(world: GymWorld, attribute: str) -> int:
         ) from None
 
 
-def _check_number(environment: Any, name: str) -> None:
+def _check_number(environment: object, name: str) -> None:
     value = getattr(environment, name, None)
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         known = [
@@ -197,7 +199,7 @@ def _check_number(environment: Any, name: str) -> None:
         raise UsageError(text, "set the numbers that it is computed from") from None
 
 
-def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[Any, Any]:
+def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[object, object]:
     name = config.env.rpartition(":")[2]
     if name not in gymnasium.registry and ":" not in config.env:
         faults = register_installed()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from avrare.base.errors import UsageError
@@ -18,7 +16,7 @@ _MIN_SPEED = 0.1
 """Lower bound of the speed in the conversion of a yaw rate [m/s]."""
 
 
-def native_action(action: Any, ego: Vehicles, wheelbase: float) -> Floats:
+def native_action(action: object, ego: Vehicles, wheelbase: float) -> Floats:
     """Return throttle and steering (N, 2) in [-1, 1], right is positive.
 
     Args:

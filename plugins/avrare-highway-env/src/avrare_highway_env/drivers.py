@@ -9,6 +9,8 @@ import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
+from avrare.protocols import Floats
+
 _PARAMETERS = (
     ("time_gap", "TIME_WANTED", 1.0),
     ("acceleration", "COMFORT_ACC_MAX", 1.0),
@@ -37,7 +39,7 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
             if name in options:
                 setattr(self, attribute, sign * options[name])
 
-    def act(self, action: dict[str, Any] | str | None = None) -> None:
+    def act(self, action: dict[str, object] | str | None = None) -> None:
         """Set the model's action, with the mood added to the acceleration within the model's bounds."""
         super().act(action)
         if self.mood and not self.crashed:
@@ -52,9 +54,10 @@ class IntersectionDriver(MoodyDriver):
 class LightEgo(Vehicle):  # type: ignore[misc]
     """Ego of the intersection, whose right of way predicts the ego's positions."""
 
-    def predict_trajectory_constant_speed(self, times: Any) -> Any:
+    def predict_trajectory_constant_speed(self, times: Floats) -> tuple[list[Floats], list[float]]:
         """Return the same positions and headings without copying the road or searching lanes."""
         twin: Any = object.__new__(Vehicle)
         vars(twin).update(vars(self))
         twin.road, twin.position = None, self.position.copy()
-        return Vehicle.predict_trajectory_constant_speed(twin, times)
+        path: tuple[list[Floats], list[float]] = Vehicle.predict_trajectory_constant_speed(twin, times)
+        return path

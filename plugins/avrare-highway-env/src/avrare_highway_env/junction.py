@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +13,19 @@ from avrare.driving.reference_line import PolygonalLine
 from avrare.protocols import Floats
 from avrare.results.recordings.ways import Way, find_crossing
 
+if TYPE_CHECKING:
+    from highway_env.envs.common.abstract import AbstractEnv
+    from highway_env.road.lane import AbstractLane
+    from highway_env.road.road import RoadNetwork
+    from highway_env.vehicle.kinematics import Vehicle
+
 TURNS = {"right": 3, "straight": 2, "left": 1}
 """Quarters from the corner where a way comes in to that where it leaves."""
 _POINTS = 33
 _UNKNOWN = -1
 
 
-def crossing_road(network: Any, turn: str) -> Road:
+def crossing_road(network: RoadNetwork, turn: str) -> Road:
     """Return a road without lanes, in the plane, with the conflict areas on the ego's way from the south.
 
     The road from west to east has priority, as for highway-env's own drivers.
@@ -39,7 +45,7 @@ def crossing_road(network: Any, turn: str) -> Road:
     return Road((), width, crossings=crossings)
 
 
-def label_vehicles(environment: Any) -> None:
+def label_vehicles(environment: AbstractEnv) -> None:
     """Give each new vehicle the least free slot, which it keeps, and the number of its way."""
     others = [one for one in environment.road.vehicles if one is not environment.vehicle]
     taken = {one.slot for one in others if hasattr(one, "slot")}
@@ -49,7 +55,7 @@ def label_vehicles(environment: Any) -> None:
             one.slot, one.way = next(free), _planned_way(one)
 
 
-def read_ways(environment: Any, capacity: int) -> list[float]:
+def read_ways(environment: AbstractEnv, capacity: int) -> list[float]:
     """Return the number of the way of the vehicle in each slot, -1 where there is none."""
     ways = [float(_UNKNOWN)] * capacity
     for one in environment.road.vehicles:
@@ -58,7 +64,7 @@ def read_ways(environment: Any, capacity: int) -> list[float]:
     return ways
 
 
-def _planned_way(vehicle: Any) -> int:
+def _planned_way(vehicle: Vehicle) -> int:
     route = [vehicle.lane_index, *(vehicle.route or ())]
     for begin, end, _ in route:
         if begin.startswith("ir"):
@@ -70,7 +76,7 @@ def _number(corner: int, quarters: int) -> int:
     return 4 * corner + quarters
 
 
-def _find_way(network: Any, corner: int, turn: str) -> Way:
+def _find_way(network: RoadNetwork, corner: int, turn: str) -> Way:
     lane = network.get_lane((f"ir{corner}", f"il{(corner + TURNS[turn]) % 4}", 0))
     incoming = network.get_lane((f"o{corner}", f"ir{corner}", 0))
     half = 0.5 * float(lane.width)
@@ -80,11 +86,11 @@ def _find_way(network: Any, corner: int, turn: str) -> Way:
     return Way(name, _border(lane, -half), _border(lane, half), rank, heading, turn)
 
 
-def _middle(network: Any, begin: str, end: str) -> Floats:
+def _middle(network: RoadNetwork, begin: str, end: str) -> Floats:
     return _border(network.get_lane((begin, end, 0)), 0.0)[[0, -1]]
 
 
-def _border(lane: Any, right: float) -> Floats:
+def _border(lane: AbstractLane, right: float) -> Floats:
     # highway-env's y points to the right
     places = [lane.position(s, right) for s in np.linspace(0.0, float(lane.length), _POINTS)]
     return np.array(places, dtype=np.float64) * (1.0, -1.0)

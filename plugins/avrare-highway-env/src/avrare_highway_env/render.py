@@ -5,20 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
+from avrare.stack.closed_loop import ClosedLoop
 from avrare_highway_env.simulator import HighwayEnvSimulator, HighwayWorld
 from avrare_highway_env.worlds import restore
 
 Frame = NDArray[np.uint8]
 
 
-def roll(system: Any, tape: Floats) -> list[HighwayWorld]:
+def roll(system: ClosedLoop, tape: Floats) -> list[HighwayWorld]:
     """Return the worlds of one rollout of a closed loop around a ``highway_env`` simulator.
 
     Args:

@@ -10,9 +10,10 @@ from highway_env.envs.highway_env import HighwayEnv
 from highway_env.envs.intersection_env import IntersectionEnv
 from highway_env.envs.merge_env import ConnectedLaneMergeEnv
 from highway_env.envs.roundabout_env import RoundaboutEnv
-from highway_env.road.lane import CircularLane, StraightLane
+from highway_env.road.lane import AbstractLane, CircularLane, StraightLane
+from highway_env.road.road import RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
-from highway_env.vehicle.objects import Obstacle
+from highway_env.vehicle.objects import Obstacle, RoadObject
 from numpy.typing import NDArray
 
 from avrare.driving import Road, Scene
@@ -37,14 +38,14 @@ class FlatLane(StraightLane):  # type: ignore[misc]
         return flat  # type: ignore[no-any-return]
 
 
-def flatten(network: Any) -> None:
+def flatten(network: RoadNetwork) -> None:
     """Replace every straight lane along x of a road network."""
     for targets in network.graph.values():
         for lanes in targets.values():
             lanes[:] = [FlatLane.of(lane) if _along_x(lane) else lane for lane in lanes]
 
 
-def _along_x(lane: Any) -> bool:
+def _along_x(lane: AbstractLane) -> bool:
     return type(lane) is StraightLane and lane.direction.tolist() == [1.0, 0.0]
 
 
@@ -57,7 +58,7 @@ LANE_WIDTH = 4.0
 class Steered:
     """Mixin for environments whose reward tests ``action in [0, 2]``, which fails for continuous actions."""
 
-    def _rewards(self, action: Any) -> dict[str, float]:
+    def _rewards(self, action: object) -> dict[str, float]:
         return super()._rewards(1)  # type: ignore[misc, no-any-return]  # 1 is "no lane change"
 
 
@@ -109,7 +110,7 @@ class Roundabout(Steered, RoundaboutEnv):  # type: ignore[misc]
         for driver in self.road.vehicles[1:] if limit is not None else ():
             driver.speed *= np.sqrt(limit * RING_RADIUS) / START_SPEED
 
-    def has_arrived(self, vehicle: Any) -> bool:
+    def has_arrived(self, vehicle: Vehicle) -> bool:
         """Return whether a vehicle has left the roundabout."""
         return vehicle.lane_index[1] in ("exr", "sxr", "nxr", "wxr")
 
@@ -141,7 +142,7 @@ def setting_of(config: HighwayEnvConfig) -> Setting:
     return makers[config.scene](config)
 
 
-def _options(driver: str, **own: Any) -> dict[str, Any]:
+def _options(driver: str, **own: object) -> dict[str, object]:
     return {
         "action": {"type": "ContinuousAction"},
         "observation": {"type": "Kinematics", "vehicles_count": 1},  # unused, but required
@@ -176,7 +177,7 @@ def _roundabout(config: HighwayEnvConfig) -> Setting:
     return Setting(Roundabout, options, 4, 0, None, None)
 
 
-def scene_of(road: Road, dt: float, objects: list[Any]) -> Scene:
+def scene_of(road: Road, dt: float, objects: list[RoadObject]) -> Scene:
     """Return road, sizes and names of fixed objects, of which the first is the ego."""
     ego, others = objects[0], objects[1:]
     return Scene(

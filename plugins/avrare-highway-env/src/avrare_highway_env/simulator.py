@@ -121,7 +121,7 @@ class HighwayEnvSimulator(Simulator):
         """Return the worlds at t = 0 from noise (N, noise_size)."""
         return self.reset_drawn(noise, {})
 
-    def drawing(self, laws: Mapping[str, Any]) -> HighwayEnvSimulator:
+    def drawing(self, laws: Mapping[str, object]) -> HighwayEnvSimulator:
         """Return the simulator itself: values of options belong to each world."""
         return self
 
@@ -157,7 +157,7 @@ class HighwayEnvSimulator(Simulator):
             restore(self.environment, snapshots[row])
             self._advance(wanted[row], numbers[row])
 
-        def put(old: NDArray[Any], new: NDArray[Any]) -> NDArray[Any]:
+        def put(old: NDArray[np.generic], new: NDArray[np.generic]) -> NDArray[np.generic]:
             leaf = old.copy()
             leaf[running] = new
             return leaf
@@ -165,7 +165,7 @@ class HighwayEnvSimulator(Simulator):
         after = self._worlds(drive, numbers)
         if running.size == world.over.size:
             return after
-        return batch.map_leaves(put, world, after)  # type: ignore[no-any-return]
+        return batch.map_leaves(put, world, after)
 
     def signals(self, world: HighwayWorld) -> Signals:
         """Return the signals by name.
@@ -201,7 +201,7 @@ class HighwayEnvSimulator(Simulator):
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
 
-    def _place(self, random: Any) -> None:
+    def _place(self, random: object) -> None:
         self.environment._np_random = random
         self.environment._reset()
 

@@ -9,12 +9,18 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
+
+if TYPE_CHECKING:
+    from highway_env.envs.common.abstract import AbstractEnv
+    from highway_env.road.road import Road
+    from highway_env.vehicle.kinematics import Vehicle
+    from highway_env.vehicle.objects import RoadObject
 
 _SHARED = frozenset({"road", "lane", "history", "log"})
 """Attributes that refer to the road, or serve only rendering."""
@@ -31,13 +37,13 @@ class Snapshot:
         clock: Step counter of a regulated road, else 0.
     """
 
-    objects: tuple[tuple[type[Any], dict[str, Any]], ...]
+    objects: tuple[tuple[type[RoadObject], dict[str, object]], ...]
     vehicles: int
     ego: int
     clock: int
 
 
-def capture(environment: Any) -> Snapshot:
+def capture(environment: AbstractEnv) -> Snapshot:
     """Return a snapshot of the environment."""
     road = environment.road
     objects = [*road.vehicles, *road.objects]
@@ -46,7 +52,7 @@ def capture(environment: Any) -> Snapshot:
     return Snapshot(copies, len(road.vehicles), ego, getattr(road, "steps", 0))
 
 
-def restore(environment: Any, snapshot: Snapshot) -> None:
+def restore(environment: AbstractEnv, snapshot: Snapshot) -> None:
     """Restore a snapshot of the same road."""
     road = environment.road
     objects = [_made(kind, attributes, road) for kind, attributes in snapshot.objects]
@@ -56,7 +62,7 @@ def restore(environment: Any, snapshot: Snapshot) -> None:
         road.steps = snapshot.clock
 
 
-def _copied(attributes: dict[str, Any]) -> dict[str, Any]:
+def _copied(attributes: dict[str, object]) -> dict[str, object]:
     return {
         name: value.copy() if isinstance(value, (np.ndarray, dict, list)) else value
         for name, value in attributes.items()
@@ -64,8 +70,8 @@ def _copied(attributes: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _made(kind: type[Any], attributes: dict[str, Any], road: Any) -> Any:
-    thing: Any = object.__new__(kind)
+def _made(kind: type[RoadObject], attributes: dict[str, object], road: Road) -> RoadObject:
+    thing: RoadObject = object.__new__(kind)
     vars(thing).update(_copied(attributes))
     thing.road = road
     thing.lane = road.network.get_lane(thing.lane_index)
@@ -80,7 +86,7 @@ EGO = ("x", "y", "heading", "speed", "acceleration", "steering", "crashed", "arr
 _ABSENT_STATE = (ABSENT, ABSENT, 0.0, 0.0, 0.0)
 
 
-def read(environment: Any, capacity: int, goal: float | None, dt: float) -> list[float]:
+def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float) -> list[float]:
     """Return a world as numbers: ``EGO``, then x, y, heading, speed, acceleration of the others."""
     road, ego = environment.road, environment.vehicle
     others = [thing for thing in (*road.vehicles, *road.objects) if thing is not ego]
@@ -95,7 +101,7 @@ def read(environment: Any, capacity: int, goal: float | None, dt: float) -> list
     return found + [number for state in states for number in state]
 
 
-def _kinematics(thing: Any, dt: float, crashed: bool) -> tuple[float, ...]:
+def _kinematics(thing: RoadObject, dt: float, crashed: bool) -> tuple[float, ...]:
     """Return x, y, heading, speed, acceleration; in a crash without the push that separates the bodies."""
     pushed = getattr(thing, "pushed", None)
     x, y = (thing.position if pushed is None or not crashed else thing.position - pushed).tolist()
@@ -103,7 +109,7 @@ def _kinematics(thing: Any, dt: float, crashed: bool) -> tuple[float, ...]:
     return x, 0.0 - y, 0.0 - float(thing.heading), speed, (speed - getattr(thing, "speed_before", speed)) / dt
 
 
-def _arrived(environment: Any, ego: Any) -> bool:
+def _arrived(environment: AbstractEnv, ego: Vehicle) -> bool:
     arrived = getattr(environment, "has_arrived", None)
     return bool(arrived(ego)) if arrived is not None else False
 

@@ -9,12 +9,11 @@ let through at the widest prediction. What is left over begins tracks.
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from avrare.driving import Observation, Scene
+from avrare.driving import Observation, Scene, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_imm.assignment import Indices, assign
 from avrare_imm.config import ImmConfig
@@ -47,7 +46,7 @@ class AssociatingTracker(ImmTracker):
         """Return the tracks before any observation: at the vehicles or none, by option; no spare ones."""
         others, spare = world.others, self.config.spare_tracks
         padded = {name: np.pad(getattr(others, name), ((0, 0), (0, spare))) for name in _STATE}
-        track = super().start(SimpleNamespace(others=SimpleNamespace(**padded)))
+        track = self._start_at(Vehicles(**padded))
         if track.life is None or self.config.start != "truth":
             return track
         real = np.arange(len(self.known_scene.names)) < others.x.shape[1]

@@ -10,7 +10,7 @@ certain. Here a missed detection leaves the mode probabilities as the transition
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from avrare_imm.config import ImmConfig
 from avrare_imm.imm import Mixture
 from avrare_imm.models import ModelSet
 from avrare_imm.tracker import ImmTracker, check_scene
+
+if TYPE_CHECKING:
+    from filterpy.kalman import IMMEstimator
 
 
 class FilterpyTracker(ImmTracker):
@@ -50,7 +53,7 @@ class FilterpyTracker(ImmTracker):
                 )
         self._estimators = {id(models): _estimator(models) for models in (self.longitudinal, self.lateral)}
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return FilterpyTracker, (self.config, self._scene)
 
     def _predict(self, models: ModelSet, mixture: Mixture) -> Mixture:
@@ -75,7 +78,7 @@ class FilterpyTracker(ImmTracker):
         return found.mixture()
 
 
-def _estimator(models: ModelSet) -> Any:
+def _estimator(models: ModelSet) -> IMMEstimator:
     from filterpy.kalman import IMMEstimator, KalmanFilter
 
     modes, n = models.offset.shape
@@ -90,7 +93,7 @@ def _estimator(models: ModelSet) -> Any:
     return IMMEstimator(filters, np.full(modes, 1.0 / modes), models.transition)
 
 
-def _load(imm: Any, mixture: Mixture, track: tuple[int, ...]) -> None:
+def _load(imm: IMMEstimator, mixture: Mixture, track: tuple[int, ...]) -> None:
     for k, one in enumerate(imm.filters):
         one.x, one.P = mixture.mean[track][k][:, None].copy(), mixture.covariance[track][k].copy()
 
@@ -102,7 +105,7 @@ class _Writer:
         self.mean, self.covariance = mixture.mean.copy(), mixture.covariance.copy()
         self.probability = mixture.probability.copy()
 
-    def store(self, imm: Any, track: tuple[int, ...], probability: Floats) -> None:
+    def store(self, imm: IMMEstimator, track: tuple[int, ...], probability: Floats) -> None:
         for k, one in enumerate(imm.filters):
             self.mean[track][k], self.covariance[track][k] = one.x[:, 0], one.P
         self.probability[track] = probability

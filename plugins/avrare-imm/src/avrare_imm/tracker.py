@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.driving import Observation, Prediction, Scene
+from avrare.driving import Observation, Prediction, Scene, Vehicles, World
 from avrare.protocols import Bools, Floats, Tracker
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import (
@@ -117,9 +116,11 @@ class ImmTracker(Tracker):
         self._rules = None if lasting else LifeRules(*config.birth, config.death, restart)
         self._horizons: dict[int, tuple[Horizon, Horizon]] = {}
 
-    def start(self, world: Any) -> ImmTrack:
+    def start(self, world: World) -> ImmTrack:
         """Return the track before any observation: at the true world, or none, by option."""
-        others = world.others
+        return self._start_at(world.others)
+
+    def _start_at(self, others: Vehicles) -> ImmTrack:
         variance = self.config.initial_variance
         if self._rules is not None and self.config.start != "truth":
             return replace(self._begin(np.zeros((*others.x.shape, 3))), life=self._rules.none(others.x.shape))

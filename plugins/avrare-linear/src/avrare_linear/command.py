@@ -125,7 +125,7 @@ def _changed(problem: Problem, parameter: str, step: DescentStep) -> Problem:
     return Problem(replace(system_of(problem), **changes), monitors, problem.steps, chunk=problem.named_chunk)
 
 
-def _write(path: Path, resolved: dict[str, Any], parameter: str, step: DescentStep) -> None:
+def _write(path: Path, resolved: dict[str, object], parameter: str, step: DescentStep) -> None:
     from avrare.base.atomic_files import write_text
     from avrare.scenario.yaml import dump
     from avrare_linear.rewrite import rewrite_scenario

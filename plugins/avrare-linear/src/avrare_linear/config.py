@@ -12,19 +12,19 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 
 
-def _tuples(value: Any) -> Any:
+def _tuples(value: object) -> object:
     # Strict validation refuses lists.
     return tuple(map(_entry, value)) if isinstance(value, list | tuple) else value
 
 
-def _entry(value: Any) -> Any:
+def _entry(value: object) -> object:
     # Checked here, as the wrapping below would hide the place of an entry.
     if isinstance(value, bool) or not isinstance(value, int | float | list | tuple):
         raise ValueError(f"{value!r} is not a number")
     return _tuples(value)
 
 
-def _depth(value: Any) -> int:
+def _depth(value: object) -> int:
     # 1 for a vector, 2 for a matrix, 3 for a matrix per step.
     return 1 + _depth(value[0]) if isinstance(value, list | tuple) and value else 0
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -100,7 +99,7 @@ def estimate_log_hessian(
 
 
 def compute_sensitivity(
-    build: Callable[[Any], System], parameter: Floats, steps: int, names: Sequence[str]
+    build: Callable[[object], System], parameter: Floats, steps: int, names: Sequence[str]
 ) -> Sensitivity:
     """Compute the derivatives of a trajectory's distribution in a parameter by complex steps.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,7 @@ class WholeTrace:
     steps: int
     guide: ScaledMonitor | None = None
 
-    def __call__(self, signals: dict[str, Any], t: int) -> Floats:
+    def __call__(self, signals: dict[str, Floats], t: int) -> Floats:
         """Return the score (N,) after sample t."""
         if t < self.steps:
             return np.full(len(next(iter(signals.values()))), -np.inf)
@@ -101,7 +100,7 @@ class ExactKernel(Kernel):
         nominal = scored.nominal if isinstance(scored, MarginScored) else None
         return ExactKernel(slicer, RobustnessLevel(nominal), moves)
 
-    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: object, state: Points, level: Floats, draw: Draw) -> Move:
         """Move along fresh ellipses, to a uniform angle on the part inside the level set."""
         chains, threshold, tape = np.arange(len(level)), self.threshold(level), state.tape
         along = self.slicer.margins(tape)

@@ -62,13 +62,13 @@ def rewrite_scenario(resolved: dict[str, Any], parameter: str, value: Floats) ->
     return scenario
 
 
-def _plain(value: Floats) -> list[Any]:
+def _plain(value: Floats) -> list[object]:
     # Rounded entry by entry: symmetric matrices stay symmetric.
-    rounded: list[Any] = np.vectorize(lambda entry: float(f"{entry:.{_DIGITS}g}"))(value).tolist()
+    rounded: list[object] = np.vectorize(lambda entry: float(f"{entry:.{_DIGITS}g}"))(value).tolist()
     return rounded
 
 
-def _covariances(factor: Floats) -> list[Any]:
+def _covariances(factor: Floats) -> list[object]:
     # einsum keeps the product symmetric to the last digit.
     return _plain(np.asarray(np.einsum("sij,skj->sik", factor, factor)))
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats, Signals, Simulator
 from avrare.rollout.problem import Problem
@@ -36,7 +34,7 @@ class LinearSimulator(Simulator):
         """Return the state at t = 0."""
         return self.system.initial(noise)
 
-    def step(self, world: LinearState, action: Any, noise: Floats) -> LinearState:
+    def step(self, world: LinearState, action: object, noise: Floats) -> LinearState:
         """Return the state one step later.
 
         Raises:

@@ -159,7 +159,7 @@ def estimate_parameter_gradient(
     return DescentStep(value, failing.probability, gradient.reshape(value.shape))
 
 
-def _changed(system: LinearSystem, parameter: str, value: Any) -> LinearSystem:
+def _changed(system: LinearSystem, parameter: str, value: object) -> LinearSystem:
     changes: dict[str, Any] = {parameter: value}
     return replace(system, **changes)
 

@@ -88,7 +88,7 @@ class Engine:
         return np.concatenate([[signals[name] for name in SIGNALS], self._observation], dtype=np.float64)
 
 
-def _options(config: MetaDriveConfig) -> dict[str, Any]:
+def _options(config: MetaDriveConfig) -> dict[str, object]:
     return {
         "map": config.map,
         "traffic_density": config.traffic_density,

@@ -18,6 +18,11 @@ from typing import Any
 _ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Equal order of sets in all processes, and a single thread: fork copies only one."""
 
+Call = tuple[str, tuple[object, ...]]
+"""Method and arguments."""
+Answer = tuple[bool, object]
+"""Whether the call succeeded, and its result or the message of its error."""
+
 
 class Process:
     """Owner's side of a process, which ends when this object is dropped.
@@ -26,7 +31,7 @@ class Process:
         connection: Connection to the process.
     """
 
-    def __init__(self, connection: Connection[Any, Any]) -> None:
+    def __init__(self, connection: Connection[Call, Answer]) -> None:
         self._connection = connection
 
     @property
@@ -34,7 +39,7 @@ class Process:
         """True if the process stopped answering, or a call was interrupted."""
         return self._connection.closed
 
-    def call(self, name: str, *arguments: Any) -> Any:
+    def call(self, name: str, *arguments: object) -> Any:
         """Call the method ``name`` of the object in the process.
 
         Raises:
@@ -55,7 +60,7 @@ class Process:
             theirs.close()
         return Process(ours)
 
-    def _ask(self, name: str, arguments: tuple[Any, ...], handle: int | None = None) -> Any:
+    def _ask(self, name: str, arguments: tuple[object, ...], handle: int | None = None) -> Any:
         try:
             self._connection.send((name, arguments))
             if handle is not None:
@@ -97,13 +102,13 @@ class RootProcess(Process):
         weakref.finalize(self, _end, ours, process)
 
 
-def _end(connection: Connection[Any, Any], process: subprocess.Popen[bytes]) -> None:
+def _end(connection: Connection[Call, Answer], process: subprocess.Popen[bytes]) -> None:
     connection.close()
     process.kill()
     process.wait()
 
 
-def serve(connection: Connection[Any, Any], target: Any) -> None:
+def serve(connection: Connection[Answer, Call], target: object) -> None:
     """Serve calls of ``target``'s methods, and forks, until the owner is gone; runs in the process."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for copies
     while True:
@@ -121,9 +126,9 @@ def serve(connection: Connection[Any, Any], target: Any) -> None:
         connection.send(answer)
 
 
-def _forked(connection: Connection[Any, Any]) -> Connection[Any, Any]:
+def _forked(connection: Connection[Answer, Call]) -> Connection[Answer, Call]:
     """Fork; return the connection to serve from now on: its own, or in the copy the new one."""
-    theirs: Connection[Any, Any] = Connection(recv_handle(connection))
+    theirs: Connection[Answer, Call] = Connection(recv_handle(connection))
     try:
         copy = os.fork()
     except OSError as error:

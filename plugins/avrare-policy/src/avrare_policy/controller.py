@@ -5,7 +5,6 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,9 @@ class PolicyController(Controller):
     def start(self, n: int) -> None:
         """Return None: there is no memory."""
 
-    def act(self, memory: None, ego: Any, prediction: Prediction | None) -> tuple[NDArray[np.float64], None]:
+    def act(
+        self, memory: None, ego: object, prediction: Prediction | None
+    ) -> tuple[NDArray[np.float64], None]:
         """Return actions (N, A) for observations (N, D): ``ego.observation``, or ``ego`` itself.
 
         Raises:

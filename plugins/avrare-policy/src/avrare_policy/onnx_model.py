@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.base.stored_files import read_regular
 from avrare_policy.network import Floats
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 _BATCHES = (1, 2, 3, 5, 8, 13, 31, 64)
 _TRIALS = 64
@@ -54,7 +57,7 @@ class OnnxPolicy:
             return self._run(rows)
         return np.concatenate([self._run(rows[k : k + 1]) for k in range(len(rows))])
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         raise TypeError("an ONNX session cannot be copied to another process; build the scenario there")
 
     def _run(self, rows: Any) -> Floats:
@@ -79,7 +82,7 @@ class OnnxPolicy:
 _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
-def _read_input(path: Path, session: Any) -> tuple[str, Any, int, bool]:
+def _read_input(path: Path, session: InferenceSession) -> tuple[str, Any, int, bool]:
     inputs = session.get_inputs()
     if len(inputs) != 1:
         names = ", ".join(one.name for one in inputs)

@@ -15,12 +15,14 @@ file, since numba's cache looks at no other.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare_mpc.riccati.jit import entry, inlined
+
+Integers = NDArray[np.int64]
 
 PARAMETERS = (
     "desired_speed",
@@ -45,7 +47,7 @@ _TOUCH = 0.1
 
 
 @inlined
-def idm(v: float, u: float, gap: float, p: Any) -> float:
+def idm(v: float, u: float, gap: float, p: Floats) -> float:
     """Return the acceleration at speed ``v``, ``gap`` behind a vehicle at speed ``u`` (inf: behind none)."""
     ratio = v / p[0]
     wanted = 1.0 - ratio * ratio * ratio * ratio
@@ -53,11 +55,21 @@ def idm(v: float, u: float, gap: float, p: Any) -> float:
         s = p[2] + max(0.0, v * p[1] + 0.5 * v * (v - u) / math.sqrt(p[3] * p[4]))
         near = s / max(gap, _TOUCH)
         wanted -= near * near
-    return max(p[3] * wanted, -p[5])  # type: ignore[no-any-return]
+    acceleration: float = max(p[3] * wanted, -p[5])
+    return acceleration
 
 
 @inlined
-def _sort(x: Any, y: Any, widths: Any, centres: Any, half: float, order: Any, rank: Any, lanes: Any) -> None:
+def _sort(
+    x: Floats,
+    y: Floats,
+    widths: Floats,
+    centres: Floats,
+    half: float,
+    order: Integers,
+    rank: Integers,
+    lanes: Integers,
+) -> None:
     # Vehicles by x, the place of each among them, and a bit for each lane that it is in.
     for i in range(len(x)):
         k = i
@@ -74,7 +86,9 @@ def _sort(x: Any, y: Any, widths: Any, centres: Any, half: float, order: Any, ra
 
 
 @inlined
-def _ahead(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
+def _ahead(
+    x: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, lane: int
+) -> tuple[int, float]:
     # Nearest vehicle ahead in a lane, -1 for none, and the gap to it.
     for k in range(rank[i] + 1, len(order)):
         j = order[k]
@@ -84,7 +98,9 @@ def _ahead(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane
 
 
 @inlined
-def _behind(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lane: int) -> tuple[int, float]:
+def _behind(
+    x: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, lane: int
+) -> tuple[int, float]:
     for k in range(rank[i] - 1, -1, -1):
         j = order[k]
         if lanes[j] >> lane & 1:
@@ -93,14 +109,14 @@ def _behind(x: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, lan
 
 
 @inlined
-def _follow(v: Any, i: int, ahead: int, gap: float, p: Any) -> float:
+def _follow(v: Floats, i: int, ahead: int, gap: float, p: Floats) -> float:
     return idm(v[i], v[ahead] if ahead >= 0 else 0.0, gap, p)
 
 
 @inlined
 def _incentive(
-    x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, i: int, now: int, to: int, p: Any,
-    drivers: Any, table: Any, end: float, new_end: float,
+    x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, now: int,
+    to: int, p: Floats, drivers: Integers, table: Floats, end: float, new_end: float,
 ) -> tuple[bool, float]:  # fmt: skip
     # Whether a change is safe, and what it gains by MOBIL. Followers that are no drivers are taken for
     # drivers like this one; who drives the other way has passed. ``end`` and ``new_end`` are the ways to the
@@ -133,8 +149,9 @@ def _incentive(
 
 @inlined
 def _chosen(
-    x: Any, v: Any, lengths: Any, order: Any, rank: Any, lanes: Any, drivers: Any, own: Any, p: Any,
-    i: int, here: int, first: int, last: int, wanted: int, looking: bool, end: float, spans: Any,
+    x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers,
+    drivers: Integers, own: Floats, p: Floats, i: int, here: int, first: int, last: int, wanted: int,
+    looking: bool, end: float, spans: Floats,
 ) -> int:  # fmt: skip
     # Lane beside to change to, -1 for none: the one wanted as soon as it is safe, or the one that pays most.
     best, chosen = p[7], -1
@@ -163,25 +180,26 @@ def _curve(across: float, share: float, time: float) -> tuple[float, float]:
 
 
 @inlined
-def _way_to_end(spans: Any, end: float, start: int, lane: int, x: float, length: float) -> float:
+def _way_to_end(spans: Floats, end: float, start: int, lane: int, x: float, length: float) -> float:
     # From a front to the end of a lane; ``end`` is that of the lane of the start.
     end = min(spans[1, lane], end if lane == start else math.inf)
     return end - x - 0.5 * length
 
 
 @inlined
-def _delayed(past: Any, step: int, late: float, now: float) -> float:
+def _delayed(past: Floats, step: int, late: float, now: float) -> float:
     # What was demanded ``late`` steps ago, by a ring of past demands; before the start what was at the start.
     size = len(past)
     past[step % size] = now
     late = min(late, float(min(size - 2, step)))
     whole = int(late)
     one, other = past[(step - whole) % size], past[(step - min(whole + 1, step)) % size]
-    return one + (late - whole) * (other - one)  # type: ignore[no-any-return]
+    demand: float = one + (late - whole) * (other - one)
+    return demand
 
 
 @inlined
-def _braked(brake: Any, row: int, step: int, a: float) -> float:
+def _braked(brake: Floats, row: int, step: int, a: float) -> float:
     for k in range(len(brake)):
         if brake[k, 0] == row and brake[k, 1] <= step <= brake[k, 2]:
             a = min(a, brake[k, 3])
@@ -220,10 +238,10 @@ def _braked(brake: Any, row: int, step: int, a: float) -> float:
 #     out: (5, N, R) x, y, heading, speed and acceleration after the step.
 @entry
 def advance(
-    x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Any, places: Any,
-    table: Floats, limits: Any, ends: Floats, forced: Any, brake: Floats, centres: Floats, spans: Floats,
-    width: float, dt: float, step: Any, mood: Floats, late: Floats, pause_after: float, look: float,
-    lane: Any, base: Floats, clock: Floats, pause: Floats, past: Floats, out: Floats,
+    x: Floats, y: Floats, v: Floats, lengths: Floats, widths: Floats, drivers: Integers, places: Integers,
+    table: Floats, limits: Integers, ends: Floats, forced: Integers, brake: Floats, centres: Floats,
+    spans: Floats, width: float, dt: float, step: Integers, mood: Floats, late: Floats, pause_after: float,
+    look: float, lane: Integers, base: Floats, clock: Floats, pause: Floats, past: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Advance R drivers among V vehicles (the ego is the last) by one step, in N particles."""
     half = 0.5 * width - _MARGIN

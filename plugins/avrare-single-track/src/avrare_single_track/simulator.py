@@ -110,7 +110,7 @@ class SingleTrack(Simulator):
             ended=None if self.config.after_impact == "go_on" else np.zeros(n, dtype=np.bool_),
         )
 
-    def drawing(self, laws: Mapping[str, Any]) -> SingleTrack:
+    def drawing(self, laws: Mapping[str, object]) -> SingleTrack:
         """Return the same simulator, whose vehicles are planned for draws by these laws."""
         found = SingleTrack(self.config)
         if any(path.startswith("vehicles.") for path in laws):

@@ -133,7 +133,9 @@ def _require_lanes(config: TrafficRuleConfig, road: Road) -> None:
         raise UsageError(message, f"{hint}; write null where there is no limit")
 
 
-def _require_no_lanes(config: TrafficRuleConfig, predicates: Mapping[str, Any]) -> None:
+def _require_no_lanes(
+    config: TrafficRuleConfig, predicates: Mapping[str, tuple[Predicate, tuple[str, ...]]]
+) -> None:
     # in the plane of an intersection there is no x along the road
     for call, (predicate, _) in predicates.items():
         if predicate.name not in WITHOUT_LANES:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -121,7 +121,7 @@ def _read_once(data: bytes, name: str) -> Rulebook:
     return _parse(data, name, shipped().definitions)
 
 
-def fill(text: str, options: Mapping[str, Any]) -> str:
+def fill(text: str, options: Mapping[str, object]) -> str:
     """Replace the ``{names}`` of a text by options.
 
     Raises:
@@ -132,7 +132,7 @@ def fill(text: str, options: Mapping[str, Any]) -> str:
     return _OPTION.sub(lambda match: format_value(options[match.group(1)]), text)
 
 
-def invalid_options(text: str, options: Mapping[str, Any]) -> Iterator[UsageError]:
+def invalid_options(text: str, options: Mapping[str, object]) -> Iterator[UsageError]:
     """Yield an error for each of the ``{names}`` of a text that is not an option with a number."""
     numbers = {name for name, value in options.items() if isinstance(value, int | float)}
     for name in dict.fromkeys(_OPTION.findall(text)):
@@ -142,7 +142,7 @@ def invalid_options(text: str, options: Mapping[str, Any]) -> Iterator[UsageErro
             yield UsageError(f"the option {name} is not a number, so a formula cannot contain {{{name}}}")
 
 
-def option_positions(text: str, options: Mapping[str, Any]) -> dict[tuple[int, int], str]:
+def option_positions(text: str, options: Mapping[str, object]) -> dict[tuple[int, int], str]:
     """Return the names of options by the (line, column), from 1, of their value in the filled text."""
     found = {}
     for match in _OPTION.finditer(text):
@@ -151,7 +151,7 @@ def option_positions(text: str, options: Mapping[str, Any]) -> dict[tuple[int, i
     return found
 
 
-def format_value(value: Any) -> str:
+def format_value(value: object) -> str:
     """Format a number or a choice; 3, not 3.0."""
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 

@@ -63,7 +63,7 @@ class Bodies:
         """Rearmost x."""
         return self.x - self.half_length
 
-    def view(self, index: Any) -> Bodies:
+    def view(self, index: object) -> Bodies:
         """Select or add trailing axes by ``index``, which begins with ``...``."""
         return Bodies(*(getattr(self, field.name)[index] for field in dataclasses.fields(self)))
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -137,7 +136,7 @@ def quantity(unit: str) -> Callable[[Function], Predicate]:
     return lambda function: _describe(function, unit, "")
 
 
-def named(module: Mapping[str, Any]) -> dict[str, Predicate]:
+def named(module: Mapping[str, object]) -> dict[str, Predicate]:
     """Return the predicates of a module's namespace by name."""
     return {name: value for name, value in module.items() if isinstance(value, Predicate)}
 

@@ -285,7 +285,7 @@ class GhostPem:
         return Observation(np.concatenate([seen.detected, present], axis=1), **joined)
 
 
-def with_ghosts(model: Any, ghosts: Ghosts | MeasuredGhosts | None, scene: Scene, speed_sd: float) -> Any:
+def with_ghosts(model: object, ghosts: Ghosts | MeasuredGhosts | None, scene: Scene, speed_sd: float) -> Any:
     """Return ``model`` with false detections; ``model`` itself where there are none."""
     if ghosts is None:
         return model

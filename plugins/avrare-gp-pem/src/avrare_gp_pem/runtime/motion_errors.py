@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.driving import Observation, World
+from avrare.driving import Observation, Scene, World
 from avrare.driving.frames import world_in_plane
 from avrare.protocols import Floats
 from avrare_gp_pem.config import HeadingErrors
@@ -43,9 +43,10 @@ class MotionErrorPem:
     heading: YawErrors | None
 
     @property
-    def scene(self) -> Any:
+    def scene(self) -> Scene:
         """Sizes of the other vehicles."""
-        return self.model.scene
+        scene: Scene = self.model.scene
+        return scene
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -131,7 +132,7 @@ class MotionErrorPem:
 
 
 def with_motion_errors(
-    model: Any, speed_y_sd: float | None, heading: HeadingErrors | YawErrors | None
+    model: object, speed_y_sd: float | None, heading: HeadingErrors | YawErrors | None
 ) -> Any:
     """Return ``model`` with reported speeds across the road and headings; itself where neither is wanted."""
     if speed_y_sd is None and heading is None:

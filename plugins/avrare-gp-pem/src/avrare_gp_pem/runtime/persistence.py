@@ -143,7 +143,7 @@ class PersistentPem:
         return np.sqrt(self.lasting) * memory.lasting + np.sqrt(1.0 - self.lasting) * memory.fading
 
 
-def check_ratio(model: Any, method: str) -> None:
+def check_ratio(model: object, method: str) -> None:
     """Raise UsageError where a model has no density ratio, that is, not this method."""
     if not hasattr(model, method):
         raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")

@@ -96,8 +96,8 @@ def save(path: Path, model: FittedPem) -> None:
     write_arrays(path, arrays)
 
 
-def _model_arrays(model: FittedPem) -> dict[str, NDArray[Any]]:
-    arrays: dict[str, NDArray[Any]] = {}
+def _model_arrays(model: FittedPem) -> dict[str, NDArray[np.generic]]:
+    arrays: dict[str, NDArray[np.generic]] = {}
     for name, variant in (("clean", model.clean), ("delivered", model.delivered)):
         if variant is not None:
             arrays |= {f"{name}_{key}": value for key, value in _variant_arrays(variant).items()}
@@ -110,7 +110,7 @@ def _model_arrays(model: FittedPem) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _variant_arrays(variant: Variant) -> dict[str, NDArray[Any]]:
+def _variant_arrays(variant: Variant) -> dict[str, NDArray[np.generic]]:
     arrays = {name: np.asarray(getattr(variant, name)) for name in (*_NUMBERS, *_CALIBRATION, *_TAILS)}
     arrays["inputs"] = np.array(variant.inputs, dtype=np.str_)
     arrays |= {name: np.array(getattr(variant, name)) for name in ("link", "frame")}
@@ -175,7 +175,7 @@ def _ghosts(arrays: Arrays) -> MeasuredGhosts:
     return MeasuredGhosts(rate, seconds, points, width)
 
 
-def _pair(values: NDArray[Any]) -> Floats:
+def _pair(values: NDArray[np.generic]) -> Floats:
     seconds, share = np.asarray(values, float)
     if not (0 <= seconds < np.inf and 0 <= share <= 1):
         raise ValueError("its persistence is no time constant and share")

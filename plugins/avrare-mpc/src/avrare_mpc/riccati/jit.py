@@ -16,7 +16,7 @@ try:
 except ImportError:
     numba = None
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., object])
 
 COMPILED = numba is not None and not numba.config.DISABLE_JIT
 """True where the kernels are compiled."""
@@ -59,7 +59,7 @@ class _Entry:
         compiled: numba's dispatcher.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., object]) -> None:
         self._function = function
         self.compiled = numba.njit(cache=True, **_OPTIONS)(function)
 
@@ -88,12 +88,12 @@ def announced(message: str) -> Iterator[None]:
     class Announcement(event.Listener):
         told = False
 
-        def on_start(self, event: Any) -> None:
+        def on_start(self, event: event.Event) -> None:
             if not self.told:
                 print(message, file=sys.stderr, flush=True)
                 self.told = True
 
-        def on_end(self, event: Any) -> None:
+        def on_end(self, event: event.Event) -> None:
             pass
 
     with event.install_listener("numba:compile", Announcement()):

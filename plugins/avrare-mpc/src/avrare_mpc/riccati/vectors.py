@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.core.base import BaseContext
+from numba.core.datamodel.manager import DataModelManager
+from numba.core.typeconv.castgraph import Conversion
+from numba.core.typing.context import Context
+from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
 
 from avrare_mpc.riccati import lanes
@@ -25,6 +28,9 @@ _VECTOR, _LONGS = ir.VectorType(_DOUBLE, WIDTH), ir.VectorType(_LONG, WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _ROW = 8 * WIDTH
 
+Emit = Callable[..., ir.Value]
+"""Builder of the instructions of an operation: takes the ``IRBuilder``, then the operands."""
+
 
 class LanesType(types.Type):
     """Type of numbers of all lanes; a float becomes one with the same number in every lane."""
@@ -32,11 +38,11 @@ class LanesType(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Lanes{WIDTH}")
 
-    def can_convert_from(self, context: Any, other: Any) -> Any:
+    def can_convert_from(self, context: Context, other: types.Type) -> Conversion | None:
         """Accept scalars."""
-        return context.tm and 1 if isinstance(other, types.Number) else None
+        return Conversion.exact if isinstance(other, types.Number) else None
 
-    def unify(self, context: Any, other: Any) -> Any:
+    def unify(self, context: Context, other: types.Type) -> LanesType | None:
         """Let a variable be a scalar first and lanes later."""
         return self if isinstance(other, types.Number) else None
 
@@ -53,34 +59,38 @@ LANES, MASK, NUMBER, PLACE = LanesType(), MaskType(), types.float64, types.int64
 
 @register_model(LanesType)
 class _LanesModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: DataModelManager, kind: types.Type) -> None:
         super().__init__(manager, kind, _VECTOR)
 
 
 @register_model(MaskType)
 class _MaskModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
+    def __init__(self, manager: DataModelManager, kind: types.Type) -> None:
         super().__init__(manager, kind, _BITS)
 
 
-def _splat(builder: Any, value: Any) -> Any:
+def _splat(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     first = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
     return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), zeros)
 
 
 @lower_cast(types.Number, LanesType)
-def _cast(context: Any, builder: Any, kind: Any, to: Any, value: Any) -> Any:
+def _cast(
+    context: BaseContext, builder: ir.IRBuilder, kind: types.Type, to: types.Type, value: ir.Value
+) -> ir.Value:
     return _splat(builder, context.cast(builder, value, kind, NUMBER))
 
 
-def _define(function: Any, result: Any, arguments: tuple[Any, ...], emit: Callable[..., Any]) -> None:
+def _define(
+    function: Callable[..., object], result: types.Type, arguments: tuple[types.Type, ...], emit: Emit
+) -> None:
     """Let compiled code call ``function``; ``emit(builder, *values)`` builds its instructions."""
 
     class Template(AbstractTemplate):
         key = function
 
-        def generic(self, given: Any, named: Any) -> Any:
+        def generic(self, given: tuple[types.Type, ...], named: object) -> Signature | None:
             vectors = [kind for kind in given if isinstance(kind, LanesType | MaskType)]
             needed = any(kind in (LANES, MASK) for kind in arguments) and function is not lanes.store
             if len(given) != len(arguments) or (needed and not vectors):
@@ -88,14 +98,15 @@ def _define(function: Any, result: Any, arguments: tuple[Any, ...], emit: Callab
             for kind, wanted in zip(given, arguments, strict=True):
                 if kind != wanted and not (wanted != MASK and isinstance(kind, types.Number)):
                     return None
-            return signature(result, *arguments)
+            taken: Signature = signature(result, *arguments)
+            return taken
 
     infer_global(function)(Template)
     lower_builtin(function, *arguments)(lambda context, builder, sig, values: emit(builder, *values))
 
 
-def _intrinsic(name: str) -> Callable[..., Any]:
-    def emit(builder: Any, value: Any) -> Any:
+def _intrinsic(name: str) -> Emit:
+    def emit(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
         function = cgutils.get_or_insert_function(builder.module, kind, f"{name}.v{WIDTH}f64")
         return builder.call(function, [value])
@@ -107,49 +118,49 @@ def _long(value: int) -> ir.Constant:
     return ir.Constant(_LONGS, [value] * WIDTH)
 
 
-def _pointer(builder: Any, memory: Any, place: Any, size: int, kind: Any) -> Any:
+def _pointer(builder: ir.IRBuilder, memory: ir.Value, place: ir.Value, size: int, kind: ir.Type) -> ir.Value:
     offset = builder.mul(place, ir.Constant(_LONG, size))
     return builder.inttoptr(builder.add(memory, offset), kind.as_pointer())
 
 
-def _load(builder: Any, memory: Any, row: Any) -> Any:
+def _load(builder: ir.IRBuilder, memory: ir.Value, row: ir.Value) -> ir.Value:
     return builder.load(_pointer(builder, memory, row, _ROW, _VECTOR), align=_ROW)
 
 
-def _store(builder: Any, memory: Any, row: Any, value: Any) -> Any:
+def _store(builder: ir.IRBuilder, memory: ir.Value, row: ir.Value, value: ir.Value) -> ir.Value:
     return builder.store(value, _pointer(builder, memory, row, _ROW, _VECTOR), align=_ROW)
 
 
-def _peek(builder: Any, memory: Any, index: Any) -> Any:
+def _peek(builder: ir.IRBuilder, memory: ir.Value, index: ir.Value) -> ir.Value:
     return builder.load(_pointer(builder, memory, index, 8, _DOUBLE))
 
 
-def _poke(builder: Any, memory: Any, index: Any, value: Any) -> Any:
+def _poke(builder: ir.IRBuilder, memory: ir.Value, index: ir.Value, value: ir.Value) -> ir.Value:
     return builder.store(value, _pointer(builder, memory, index, 8, _DOUBLE))
 
 
-def _any(builder: Any, mask: Any) -> Any:
+def _any(builder: ir.IRBuilder, mask: ir.Value) -> ir.Value:
     whole = builder.bitcast(mask, ir.IntType(WIDTH))
     return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(WIDTH), 0))
 
 
-def _times_power_of_two(builder: Any, value: Any, power: Any) -> Any:
+def _times_power_of_two(builder: ir.IRBuilder, value: ir.Value, power: ir.Value) -> ir.Value:
     shift = builder.shl(builder.fptosi(power, _LONGS), _long(52))
     return builder.bitcast(builder.add(builder.bitcast(value, _LONGS), shift), _VECTOR)
 
 
-def _exponent(builder: Any, value: Any) -> Any:
+def _exponent(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     biased = builder.and_(builder.lshr(builder.bitcast(value, _LONGS), _long(52)), _long(0x7FF))
     return builder.sitofp(builder.sub(biased, _long(1023)), _VECTOR)
 
 
-def _mantissa(builder: Any, value: Any) -> Any:
+def _mantissa(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     fraction = builder.and_(builder.bitcast(value, _LONGS), _long((1 << 52) - 1))
     return builder.bitcast(builder.or_(fraction, _long(1023 << 52)), _VECTOR)
 
 
-def _nothing(emit: Callable[..., Any]) -> Callable[..., Any]:
-    def whole(builder: Any, *values: Any) -> Any:
+def _nothing(emit: Emit) -> Emit:
+    def whole(builder: ir.IRBuilder, *values: ir.Value) -> ir.Value:
         emit(builder, *values)
         return ir.Constant(ir.IntType(8).as_pointer(), None)  # numba's None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 from avrare_single_track.openscenario.xml_tree import Element
 
@@ -12,7 +11,7 @@ _KNOWN = (
 )
 
 
-def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
+def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]:
     """Return the scenario's file and the law of each parameter, as a scenario would write it.
 
     Args:
@@ -30,7 +29,7 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
             "give the parameters fixed `parameters: {...}` in one scenario each, as entries of a catalogue",
         )
     stochastic = block.child("Stochastic")
-    laws: dict[str, dict[str, Any]] = {}
+    laws: dict[str, dict[str, object]] = {}
     for name in ("numberOfTestRuns", "randomSeed"):
         stochastic.get(name)  # the estimator's rollouts and the scenario's seed
     for one in stochastic.list("StochasticDistribution"):
@@ -44,7 +43,7 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, Any]]]:
     return os.path.join(os.path.dirname(top.path), file), laws
 
 
-def _read_law(one: Element) -> dict[str, Any]:
+def _read_law(one: Element) -> dict[str, object]:
     match one.tag:
         case "NormalDistribution":
             mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
@@ -55,23 +54,22 @@ def _read_law(one: Element) -> dict[str, Any]:
         case "UniformDistribution":
             return {"law": "uniform", **_range(one.child("Range"))}
         case "Histogram":
-            parts: list[dict[str, Any]] = [
-                {
-                    "weight": _not_negative(part, "weight"),
-                    "of": {"law": "uniform", **_range(part.child("Range"))},
-                }
+            bins: list[tuple[float, dict[str, object]]] = [
+                (_not_negative(part, "weight"), {"law": "uniform", **_range(part.child("Range"))})
                 for part in one.list("Bin")
             ]
-            parts = [part for part in parts if part["weight"] != 0.0]
-            if not parts:
+            bins = [(weight, law) for weight, law in bins if weight != 0.0]
+            if not bins:
                 raise one.error("has no bin with a weight")
-            return {"law": "mixture", "parts": parts} if len(parts) > 1 else parts[0]["of"]
+            if len(bins) == 1:
+                return bins[0][1]
+            return {"law": "mixture", "parts": [{"weight": weight, "of": law} for weight, law in bins]}
         case "ProbabilityDistributionSet":
             return _read_set(one)
     raise one.unknown(_KNOWN)
 
 
-def _read_set(one: Element) -> dict[str, Any]:
+def _read_set(one: Element) -> dict[str, object]:
     weights: dict[float, float] = {}
     for part in one.list("Element"):
         value = part.number("value")
@@ -83,7 +81,7 @@ def _read_set(one: Element) -> dict[str, Any]:
     return {"law": "discrete", "values": kept, "weights": [weights[value] for value in kept]}
 
 
-def _cut(one: Element, law: dict[str, Any]) -> dict[str, Any]:
+def _cut(one: Element, law: dict[str, object]) -> dict[str, object]:
     bounds = one.find("Range")
     return law if bounds is None else {"law": "truncated", "of": law, **_range(bounds)}
 

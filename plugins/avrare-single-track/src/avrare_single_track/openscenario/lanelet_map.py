@@ -7,7 +7,7 @@ lanelets, and the road by ``0``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from avrare.results.recordings.lanelet_road import find_road
 from avrare_single_track.openscenario.opendrive import RoadMap
 from avrare_single_track.openscenario.xml_tree import Element
 from avrare_single_track.recorded import has_constant_lanes
+
+if TYPE_CHECKING:
+    from commonroad.scenario.lanelet import Lanelet
 
 _ROAD = "0"
 _REACH = 1.0
@@ -62,7 +65,7 @@ def read_lanelet_map(path: str, named: Element) -> RoadMap:
     return RoadMap(road, line, {_ROAD: 0.0}, indices, centres)
 
 
-def _middles(lanelets: Sequence[Any]) -> tuple[Floats, Floats]:
+def _middles(lanelets: Sequence[Lanelet]) -> tuple[Floats, Floats]:
     # Points all over the network, in the directions of its lanelets.
     points, headings = [], []
     for one in lanelets:
@@ -81,7 +84,7 @@ def _check(named: Element, path: str, road: Road, length: float) -> None:
             raise named.error(f"lanes of {path} begin or end", "only lanes as long as the road are read")
 
 
-def _lane_of(road: Road, lanelet: Any) -> int | None:
+def _lane_of(road: Road, lanelet: Lanelet) -> int | None:
     # Lane in whose middle a lanelet lies from end to end; one that crosses it does at one point only.
     assert road.line is not None
     _, y = road.line.to_road(*np.asarray(lanelet.center_vertices)[:, :2].T)

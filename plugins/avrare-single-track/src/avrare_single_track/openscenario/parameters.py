@@ -177,7 +177,7 @@ class Parameters:
             raise element.error(text, "such as $speed or ${2 * $speed + 1}") from None
         return tree
 
-    def _evaluate(self, tree: ast.expr | float, known: Mapping[str, Any]) -> Any:
+    def _evaluate(self, tree: ast.expr | float, known: Mapping[str, object]) -> Any:
         match tree:
             case float() | int():
                 return tree

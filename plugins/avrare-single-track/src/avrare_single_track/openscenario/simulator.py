@@ -79,7 +79,7 @@ class OpenScenario(SingleTrack):
                 text = f"{self.file.path}: {name!r} drives against the reference line of its road"
                 raise UsageError(text, "only an ego that drives along it is supported")
 
-    def drawing(self, laws: Mapping[str, Any]) -> OpenScenario:
+    def drawing(self, laws: Mapping[str, object]) -> OpenScenario:
         """Return the simulator itself: every rollout has its own numbers anyway.
 
         Raises:
