@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
-from avrare.logic.syntax.syntax_errors import make_error, suggest
+from avrare.logic.syntax.syntax_errors import Place, make_error, suggest
+from avrare.logic.syntax.trees import get_subtree, get_token
+
+if TYPE_CHECKING:
+    from lark import Token, Tree
 
 _NUMERIC = {"number", "negative", "arithmetic", "call", "group"}
 _SIMILAR = 0.75
@@ -23,10 +27,15 @@ class Definition:
         index: Number of statements before it.
     """
 
-    name: Any
+    name: Token | None
     parameters: tuple[str, ...]
-    body: Any
+    body: Tree[Token]
     index: int
+
+    @property
+    def line(self) -> int | None:
+        """Line of the name."""
+        return self.name.line if self.name is not None else None
 
 
 class Definitions:
@@ -38,21 +47,21 @@ class Definitions:
         used: Names that some statement uses.
     """
 
-    def __init__(self, text: str, statements: list[Any]) -> None:
+    def __init__(self, text: str, statements: list[Tree[Token]]) -> None:
         self.text = text
         self.all: dict[str, Definition] = {}
         self.used: set[str] = set()
         for index, tree in enumerate(statements):
             definition = self._read(tree, index)
             if definition.name is not None:
-                self._add(definition)
+                self._add(definition, definition.name)
             elif index + 1 < len(statements):
                 hint = "join it to the line before with and, or, ->; or name the formula before: name = ..."
                 raise make_error(text, statements[index + 1].meta, "a formula ended before this one", hint)
             self.last = definition
         self._check_last(statements[-1])
 
-    def look_up(self, name: str, place: Any, index: int) -> Definition | None:
+    def look_up(self, name: str, place: Place, index: int) -> Definition | None:
         """Return the definition of ``name`` for statement ``index``; None if it is a signal."""
         found = self.all.get(name)
         if found is None:
@@ -61,43 +70,43 @@ class Definitions:
             hint = "a definition can only use earlier ones"
             raise make_error(self.text, place, f"{name} is defined by itself", hint)
         if found.index > index:
-            hint = f"move it up from line {found.name.line}"
+            hint = f"move it up from line {found.line}"
             raise make_error(self.text, place, f"{name} is defined below its use", hint)
         self.used.add(name)
         return found
 
-    def _read(self, tree: Any, index: int) -> Definition:
+    def _read(self, tree: Tree[Token], index: int) -> Definition:
         if tree.data != "definition":
             return Definition(None, (), tree, index)
-        head, _, body = tree.children
-        if not hasattr(head, "data"):
+        head, body = tree.children[0], get_subtree(tree, -1)
+        if isinstance(head, str):
             return Definition(head, (), body, index)
-        name, _, *parameters = head.children
-        return Definition(name, tuple(self._parameter(each) for each in parameters), body, index)
+        parameters = [get_subtree(head, place) for place in range(2, len(head.children))]
+        return Definition(get_token(head, 0), tuple(map(self._parameter, parameters)), body, index)
 
-    def _parameter(self, tree: Any) -> str:
+    def _parameter(self, tree: Tree[Token]) -> str:
         if tree.data != "signal":
             hint = "a parameter is a name that stands for a vehicle: cut_in_begins(o) = ..."
             raise make_error(self.text, tree.meta, "a parameter must be a name", hint)
         return str(tree.children[0])
 
-    def _add(self, definition: Definition) -> None:
-        name = str(definition.name)
+    def _add(self, definition: Definition, token: Token) -> None:
+        name = str(token)
         if name in self.all:
-            hint = f"it is first defined in line {self.all[name].name.line}"
-            raise make_error(self.text, definition.name, f"{name} is defined twice", hint)
+            hint = f"it is first defined in line {self.all[name].line}"
+            raise make_error(self.text, token, f"{name} is defined twice", hint)
         if len(set(definition.parameters)) < len(definition.parameters):
-            raise make_error(self.text, definition.name, f"two parameters of {name} have the same name")
+            raise make_error(self.text, token, f"two parameters of {name} have the same name")
         self.all[name] = definition
 
-    def _check_last(self, tree: Any) -> None:
+    def _check_last(self, tree: Tree[Token]) -> None:
         last = self.last
-        if last.parameters:
+        if last.name is not None and last.parameters:
             hint = f"add the formula that uses it, such as: forall o in others: always {last.name}(o)"
             raise make_error(self.text, last.name, f"{last.name} is defined but there is no formula", hint)
         if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= _NUMERIC:
             hint = "write == to compare; the last statement is the formula"
-            raise make_error(self.text, tree.children[1], "'=' defines a number, not a formula", hint)
+            raise make_error(self.text, get_token(tree, 1), "'=' defines a number, not a formula", hint)
 
 
 @dataclass(frozen=True)
@@ -131,7 +140,7 @@ class Scope:
         """Return the scope of a definition's body."""
         return Scope(statement, dict(zip(parameters, vehicles, strict=True)), self.bound)
 
-    def resolve_vehicle(self, text: str, word: Any) -> str:
+    def resolve_vehicle(self, text: str, word: Token) -> str:
         """Return the vehicle that the argument ``word`` (a token) stands for."""
         name = str(word)
         if name in self.names:
@@ -148,7 +157,7 @@ class Scope:
             raise make_error(text, word, f"{name} is not bound by a quantifier", hint)
         return name
 
-    def refuse_capture(self, text: str, word: Any) -> None:
+    def refuse_capture(self, text: str, word: Token) -> None:
         """Refuse a name that is bound by a quantifier outside the definition."""
         if str(word) in self.bound and str(word) not in self.names:
             message = f"this definition cannot see {word}, which is bound by a quantifier around its use"

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from avrare.logic.syntax.definitions import Definitions
-from avrare.logic.syntax.syntax_errors import add_place
+from avrare.logic.syntax.syntax_errors import Place, add_place
+from avrare.logic.syntax.trees import get_subtree, get_token
+
+if TYPE_CHECKING:
+    from lark import Token, Tree
 
 _SIGNLESS = {
     "iff": "-|l - r|: at most 0, whether it holds or not",
@@ -36,7 +40,9 @@ class LintWarning:
 _Placed = tuple[tuple[int, int], LintWarning]
 
 
-def find_lint_warnings(text: str, definitions: Definitions, trees: list[Any]) -> tuple[LintWarning, ...]:
+def find_lint_warnings(
+    text: str, definitions: Definitions, trees: list[Tree[Token]]
+) -> tuple[LintWarning, ...]:
     """Return the warnings about a text that has been parsed to ``trees``, sorted by place."""
     found = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
     parts = [part for tree in trees for part in tree.iter_subtrees()]
@@ -45,8 +51,8 @@ def find_lint_warnings(text: str, definitions: Definitions, trees: list[Any]) ->
     return tuple(warning for _, warning in sorted(found, key=lambda pair: pair[0]))
 
 
-def _warn(text: str, place: Any, message: str, hint: str) -> _Placed:
-    return (place.line, place.column), LintWarning(add_place(text, place, message), hint)
+def _warn(text: str, place: Place, message: str, hint: str) -> _Placed:
+    return (place.line or 1, place.column or 1), LintWarning(add_place(text, place, message), hint)
 
 
 def _unused(text: str, definitions: Definitions) -> list[_Placed]:
@@ -54,44 +60,44 @@ def _unused(text: str, definitions: Definitions) -> list[_Placed]:
     return [
         _warn(text, each.name, f"{name} is defined but never used", hint)
         for name, each in definitions.all.items()
-        if each is not definitions.last and name not in definitions.used
+        if each.name is not None and each is not definitions.last and name not in definitions.used
     ]
 
 
-def _assigned_signal(text: str, definitions: Definitions, tree: Any) -> list[_Placed]:
+def _assigned_signal(text: str, definitions: Definitions, tree: Tree[Token]) -> list[_Placed]:
     # ``p = q`` or ``p = q + 1`` as the last statement defines p as ``q > 0``.
     last = definitions.last
     if last.name is None or last.body.data not in _TERMS or str(last.body.children[0]) in definitions.all:
         return []
     message = f"'=' does not compare: it names the formula {last.name}, which is the right side above 0"
-    return [_warn(text, tree.children[1], message, f"write {last.name} == ... to compare")]
+    return [_warn(text, get_token(tree, 1), message, f"write {last.name} == ... to compare")]
 
 
-def _early_end(text: str, tree: Any) -> list[_Placed]:
+def _early_end(text: str, tree: Tree[Token]) -> list[_Placed]:
     # In ``always p and q`` the operand ends before ``and``; that is fine if another always follows.
-    op, operand = None, tree.children[0]
+    op, operand = None, get_subtree(tree, 0)
     while operand.data in (*_BINARY, "window", "step", "negation"):
         if operand.data in ("window", "step"):
-            op = op or operand.children[0]
+            op = op or get_token(operand, 0)
         elif operand.data in _BINARY:
             op = None
-        operand = operand.children[-1]
-    if op is None or operand.data == "group" or tree.children[-1].data in ("window", "step"):
+        operand = get_subtree(operand, -1)
+    if op is None or operand.data == "group" or get_subtree(tree, -1).data in ("window", "step"):
         return []
-    joint = tree.children[1]
+    joint = get_token(tree, 1)
     message = f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}"
     hint = f"write ({op} ...) {joint} ... if that is meant, {op} (... {joint} ...) if not"
     return [_warn(text, op, message, hint)]
 
 
-def _signless(text: str, parts: list[Any]) -> list[_Placed]:
+def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:
     # Only the first use of each operator is reported.
-    first: dict[str, Any] = {}
+    first: dict[str, Token] = {}
     for part in parts:
         if part.data in ("connective", "compared"):
-            token = part.children[1]
+            token = get_token(part, 1)
             op = _SAME.get(str(token), str(token))
-            if op in _SIGNLESS and (op not in first or token.start_pos < first[op].start_pos):
+            if op in _SIGNLESS and (op not in first or (token.start_pos or 0) < (first[op].start_pos or 0)):
                 first[op] = token
     hint = "verdicts are exact; where robustness matters write it with and, or, not, < and >"
     return [

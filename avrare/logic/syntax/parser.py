@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avrare.base.errors import FormulaError
 from avrare.logic.syntax import nodes
@@ -16,7 +16,7 @@ from avrare.logic.syntax.token_classes import INFIX_LETTERS, WORDS, TokenClassif
 from avrare.logic.syntax.transformer import FormulaTransformer
 
 if TYPE_CHECKING:
-    from lark import Lark
+    from lark import Lark, Token, Tree
 
 MAX_DEPTH = 100
 """Deeper nesting is refused, as evaluation is recursive."""
@@ -76,7 +76,7 @@ def _parse(text: str, period: Fraction) -> tuple[nodes.Node, tuple[LintWarning, 
     return node, find_lint_warnings(text, definitions, trees)
 
 
-def _read_period(dt: Any) -> Fraction:
+def _read_period(dt: object) -> Fraction:
     # The rational number that its decimal text denotes: 0.1 is a tenth.
     try:
         period = dt if isinstance(dt, Fraction) else Fraction(str(dt))
@@ -87,16 +87,16 @@ def _read_period(dt: Any) -> Fraction:
     return period
 
 
-def _parse_statements(text: str) -> list[Any]:
+def _parse_statements(text: str) -> list[Tree[Token]]:
     from lark.exceptions import UnexpectedInput
 
     try:
-        tree: Any = _lark_parser().parse(_blank_declarations(text))
+        tree = _lark_parser().parse(_blank_declarations(text))
     except UnexpectedInput as error:
         raise translate_error(text, error) from None
     except TokenError as error:
         raise make_error(text, error.token, error.message, error.hint) from None
-    return list(tree.children)
+    return [statement for statement in tree.children if not isinstance(statement, str)]
 
 
 def _blank_declarations(text: str) -> str:
@@ -120,9 +120,9 @@ def _blanks(match: re.Match[str]) -> str:
     return " " * len(match[0])
 
 
-def _words(trees: list[Any]) -> set[str]:
+def _words(trees: list[Tree[Token]]) -> set[str]:
     tokens = (token for tree in trees for part in tree.iter_subtrees() for token in part.children)
-    return {str(token) for token in tokens if not hasattr(token, "data")}
+    return {str(token) for token in tokens if isinstance(token, str)}
 
 
 @functools.cache

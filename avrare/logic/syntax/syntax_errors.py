@@ -5,11 +5,25 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
-from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from avrare.base.errors import FormulaError
 from avrare.logic.syntax.token_classes import FUNCTIONS, WORDS
+
+if TYPE_CHECKING:
+    from lark import Token
+    from lark.exceptions import UnexpectedInput, UnexpectedToken
+    from lark.tree import Meta
+
+
+class Position(NamedTuple):
+    """Line and column of a text, from 1."""
+
+    line: int
+    column: int
+
+
+Place: TypeAlias = "Token | Meta | UnexpectedInput | Position"
 
 _NAMES = {
     "RPAR": "a closing parenthesis",
@@ -32,30 +46,32 @@ _CONTEXT = 200
 """Characters around the place of an error that hints look at."""
 
 
-def add_place(text: str, place: Any, message: str) -> str:
+def add_place(text: str, place: Place, message: str) -> str:
     """Return the message with line and column (from 1) of a token or tree, its source line and a mark."""
-    line, column = place.line, place.column
+    line, column = place.line or 1, place.column or 1
     shown = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
     mark = " " * (column - 1) + "^"
     return f"line {line}, column {column}: {message}\n  {shown}\n  {mark}"
 
 
-def make_error(text: str, place: Any, message: str, hint: str | None = None) -> FormulaError:
+def make_error(text: str, place: Place, message: str, hint: str | None = None) -> FormulaError:
     """Make an error that points at ``place``."""
     return FormulaError(add_place(text, place, message), hint)
 
 
-def translate_error(text: str, error: Any) -> FormulaError:
+def translate_error(text: str, error: UnexpectedInput) -> FormulaError:
     """Translate lark's exception."""
-    if not hasattr(error, "token"):
-        character = text[error.pos_in_stream]
+    from lark.exceptions import UnexpectedToken
+
+    if not isinstance(error, UnexpectedToken):
+        character = text[error.pos_in_stream or 0]
         return make_error(text, error, f"unexpected character {character!r}", _CHARACTER_HINTS.get(character))
     token = error.token
     if token.type == "$END":
         message = f"the formula ends early: {_expected(error)}"
-        place = SimpleNamespace(line=token.end_line or 1, column=token.end_column or 1)
+        place = Position(token.end_line or 1, token.end_column or 1)
         return make_error(text, place, message, _misspelt(text[: token.end_pos][-_CONTEXT:]))
-    start = token.start_pos
+    start = token.start_pos or 0
     before, rest = text[max(0, start - _CONTEXT) : start], text[start : start + _CONTEXT]
     if rest.startswith("/*") or (before.endswith("/") and rest.startswith("*")):
         return make_error(text, token, "unterminated comment", "close it with */")
@@ -74,7 +90,7 @@ def suggest(word: str, known: Iterable[str], cutoff: float = 0.7) -> str | None:
     return close[0] if close else None
 
 
-def _expected(error: Any) -> str:
+def _expected(error: UnexpectedToken) -> str:
     accepted = set(error.accepts or error.expected)
     if accepted >= _OPERAND:
         return "an operand is missing"
@@ -92,7 +108,7 @@ def _expected(error: Any) -> str:
     return f"{' or '.join(named) or 'an operator or the end'} is expected"
 
 
-def _hint(before: str, rest: str, token: Any) -> str | None:
+def _hint(before: str, rest: str, token: Token) -> str | None:
     if token.type == "INFINITY":
         return "inf can only be a bound"
     if token.type == "EQUAL":

@@ -9,7 +9,7 @@ statement ends at a semicolon, or at the end of a line whose formula is complete
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avrare.base.errors import FormulaError
 
@@ -79,7 +79,7 @@ class TokenClassifier:
         return _TokenPass(_without_times(list(stream))).tokens()
 
 
-def _without_times(tokens: list[Any]) -> list[Any]:
+def _without_times(tokens: list[Token]) -> list[Token]:
     # ``x[t] > 0`` means ``x > 0``.
     types, timed = [token.type for token in tokens], ["NAME", "LSQB", "NAME", "RSQB"]
     starts = [i for i in range(1, len(tokens)) if types[i - 1 : i + 3] == timed and tokens[i + 1] == "t"]
@@ -88,14 +88,14 @@ def _without_times(tokens: list[Any]) -> list[Any]:
 
 
 class _TokenPass:
-    def __init__(self, tokens: list[Any]) -> None:
+    def __init__(self, tokens: list[Token]) -> None:
         self.all = tokens
         self.open: list[Token] = []
         self.before = ""
         self.defining = False
 
     def tokens(self) -> Iterator[Token]:
-        ending: Any = None
+        ending: Token | None = None
         started = False
         for i, token in enumerate(self.all):
             if token.type == "SEMICOLON":
@@ -117,7 +117,7 @@ class _TokenPass:
     def _type(self, i: int, token: Token) -> bool:
         # The result is True if the token starts a line after a complete operand.
         complete = self.before in _ENDS_OPERAND
-        new_line = complete and not self.open and token.line > self.all[i - 1].end_line
+        new_line = complete and not self.open and (token.line or 0) > (self.all[i - 1].end_line or 0)
         if token.type == "NAME":
             in_bounds = bool(self.open) and self.open[-1].type == "LSQB"
             token.type = _bound_kind(token) if in_bounds else _kind(self.all, i, complete, new_line)

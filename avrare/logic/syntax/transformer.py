@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING
 
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definition, Definitions, Scope
 from avrare.logic.syntax.syntax_errors import make_error, suggest
 from avrare.logic.syntax.token_classes import FUNCTIONS, MEANING, WORDS
+from avrare.logic.syntax.trees import get_subtree, get_token
+
+if TYPE_CHECKING:
+    from lark import Token, Tree
 
 MAX_SAMPLES = 10**14
 """Largest bound in samples: more must be a mistake and cannot index an array."""
@@ -22,7 +27,7 @@ _ARITY = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}
 _MISSPELT, _SIMILAR = 0.8, 0.7
 
 
-def _operator(token: Any) -> str:
+def _operator(token: Token) -> str:
     return MEANING.get(str(token), str(token))
 
 
@@ -46,18 +51,18 @@ class FormulaTransformer:
         self.scope = Scope(last.index)
         return self._formula(last.body)
 
-    def _formula(self, tree: Any) -> nodes.Node:
+    def _formula(self, tree: Tree[Token]) -> nodes.Node:
         item = self._item(tree)
         return nodes.Predicate(item) if isinstance(item, nodes.Term) else item
 
-    def _term(self, tree: Any) -> nodes.Term:
+    def _term(self, tree: Tree[Token]) -> nodes.Term:
         item = self._item(tree)
         if isinstance(item, nodes.Term):
             return item
         hint = "compare terms, join formulas with and, or, ->"
         raise make_error(self.text, _strip_groups(tree).meta, "expected a number, not a formula", hint)
 
-    def _item(self, tree: Any) -> nodes.Node | nodes.Term:
+    def _item(self, tree: Tree[Token]) -> nodes.Node | nodes.Term:
         self.parts += 1
         tree = _strip_groups(tree)
         if self.parts > MAX_PARTS:
@@ -67,19 +72,20 @@ class FormulaTransformer:
         item: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
         return item
 
-    def _quantified(self, tree: Any, op: Any, *rest: Any) -> nodes.Node:
-        *count, variable, _, group, body = rest
+    def _quantified(self, tree: Tree[Token], op: Token, *rest: Token | Tree[Token]) -> nodes.Node:
+        count = get_token(tree, 1) if len(rest) > 4 else None
+        variable, group, body = get_token(tree, -4), get_token(tree, -2), get_subtree(tree, -1)
         self._require_new(variable)
         outer = self.scope
         vehicle, self.scope = outer.quantify(str(variable), str(group), self.words)
         child = self._formula(body)
         self.scope = outer
-        number = self._count(count[0]) if count else 1
+        number = self._count(count) if count is not None else 1
         node = nodes.Quantifier(str(op), vehicle, str(group), child, len(outer.bound), number)
         self._require_use(node, variable)
         return node
 
-    def _require_new(self, variable: Any) -> None:
+    def _require_new(self, variable: Token) -> None:
         if str(variable) in self.scope.names:
             hint = "give the inner one another name"
             raise make_error(self.text, variable, f"{variable} already stands for a vehicle here", hint)
@@ -87,14 +93,14 @@ class FormulaTransformer:
             hint = "give the variable another name"
             raise make_error(self.text, variable, f"{variable} is the name of a definition", hint)
 
-    def _require_use(self, node: nodes.Quantifier, variable: Any) -> None:
+    def _require_use(self, node: nodes.Quantifier, variable: Token) -> None:
         # A plain signal may hold a value per vehicle.
         found = [part for part in nodes.walk(node.child) if isinstance(part, nodes.Signal)]
         if not any(node.depth in signal.axes or not signal.arguments for signal in found):
             hint = f"use {variable} as an argument, as in: distance({variable}, ego) > 0"
             raise make_error(self.text, variable, f"nothing after the colon depends on {variable}", hint)
 
-    def _count(self, token: Any) -> int:
+    def _count(self, token: Token) -> int:
         if token.type == "NAME":
             token = self._resolve_number(token)
         value = float(token)
@@ -102,36 +108,38 @@ class FormulaTransformer:
             raise make_error(self.text, token, f"at_least needs a whole number above 0, not {token}")
         return int(value)
 
-    def _connective(self, tree: Any, left: Any, op: Any, right: Any) -> nodes.Node:
+    def _connective(self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Node:
         return nodes.Connective(_operator(op), self._formula(left), self._formula(right))
 
-    def _implication(self, tree: Any, left: Any, op: Any, right: Any, *more: Any) -> nodes.Node:
+    def _implication(
+        self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
+    ) -> nodes.Node:
         if more:
             hint = "write (a -> b) -> c or a -> (b -> c): tools differ in which they read"
-            raise make_error(self.text, more[0], "'->' does not chain", hint)
+            raise make_error(self.text, get_token(tree, 3), "'->' does not chain", hint)
         return nodes.Connective("implies", self._formula(left), self._formula(right))
 
-    def _until(self, tree: Any, left: Any, op: Any, *rest: Any) -> nodes.Node:
+    def _until(self, tree: Tree[Token], left: Tree[Token], op: Token, *rest: Tree[Token]) -> nodes.Node:
         lo, hi = self._bounds(rest)
         return nodes.Until(_operator(op), lo, hi, self._formula(left), self._formula(rest[-1]))
 
-    def _negation(self, tree: Any, op: Any, child: Any) -> nodes.Node:
+    def _negation(self, tree: Tree[Token], op: Token, child: Tree[Token]) -> nodes.Node:
         return nodes.Not(self._formula(child))
 
-    def _window(self, tree: Any, op: Any, *rest: Any) -> nodes.Node:
+    def _window(self, tree: Tree[Token], op: Token, *rest: Tree[Token]) -> nodes.Node:
         lo, hi = self._bounds(rest)
         return nodes.Window(_operator(op), lo, hi, self._formula(rest[-1]))
 
-    def _step(self, tree: Any, op: Any, child: Any) -> nodes.Node:
+    def _step(self, tree: Tree[Token], op: Token, child: Tree[Token]) -> nodes.Node:
         return nodes.Step(_operator(op), self._formula(child))
 
     _edge = _step
 
-    def _bounds(self, rest: Any) -> tuple[int, float]:
+    def _bounds(self, rest: Sequence[Tree[Token]]) -> tuple[int, float]:
         # A bound without a unit is in seconds, except that the left one inherits the unit of the right one.
         if len(rest) == 1:
             return 0, math.inf
-        left, right = rest[0].children
+        left, right = get_subtree(rest[0], 0), get_subtree(rest[0], 1)
         lo = self._samples(left, str(right.children[1]) if len(right.children) > 1 else "s")
         hi = self._samples(right, "s")
         if math.isinf(lo):
@@ -141,8 +149,8 @@ class FormulaTransformer:
             raise make_error(self.text, rest[0].meta, "the first bound is larger than the second")
         return int(lo), hi
 
-    def _samples(self, bound: Any, unit: str) -> float:
-        token = bound.children[0]
+    def _samples(self, bound: Tree[Token], unit: str) -> float:
+        token = get_token(bound, 0)
         if token == "inf":
             return math.inf
         if token.type == "NAME":
@@ -164,38 +172,40 @@ class FormulaTransformer:
             raise make_error(self.text, bound.meta, message, "write inf")
         return int(samples)
 
-    def _resolve_number(self, token: Any) -> Any:
+    def _resolve_number(self, token: Token) -> Token:
         # The number that a name stands for.
         found = self.definitions.look_up(str(token), token, self.scope.statement)
         if found is None or found.body.data != "number":
             message = f"{token} is {'not a number of zero or above' if found else 'not defined'}"
             raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
-        return found.body.children[0]
+        return get_token(found.body, 0)
 
-    def _compared(self, tree: Any, left: Any, op: Any, right: Any, *more: Any) -> nodes.Node:
+    def _compared(
+        self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
+    ) -> nodes.Node:
         if more:
             hint = "write 0 < x and x < 3 for 0 < x < 3"
-            raise make_error(self.text, more[0], "comparisons do not chain", hint)
+            raise make_error(self.text, get_token(tree, 3), "comparisons do not chain", hint)
         return nodes.Comparison(_operator(op), self._term(left), self._term(right))
 
-    def _arithmetic(self, tree: Any, left: Any, op: Any, right: Any) -> nodes.Term:
+    def _arithmetic(self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Term:
         return nodes.Arithmetic(str(op), self._term(left), self._term(right))
 
-    def _negative(self, tree: Any, op: Any, operand: Any) -> nodes.Term:
+    def _negative(self, tree: Tree[Token], op: Token, operand: Tree[Token]) -> nodes.Term:
         if operand.data == "number":
-            return nodes.Number(-self._number(operand, *operand.children).value)
+            return nodes.Number(-self._number(operand, get_token(operand, 0)).value)
         return nodes.Negative(self._term(operand))
 
-    def _number(self, tree: Any, token: Any) -> nodes.Number:
+    def _number(self, tree: Tree[Token], token: Token) -> nodes.Number:
         value = float(token)
         if math.isinf(value):
             raise make_error(self.text, token, "the number is too large")
         return nodes.Number(value)
 
-    def _constant(self, tree: Any, word: Any) -> nodes.Node:
+    def _constant(self, tree: Tree[Token], word: Token) -> nodes.Node:
         return nodes.Constant(word == "true")
 
-    def _call(self, tree: Any, name: Any, *arguments: Any) -> nodes.Term:
+    def _call(self, tree: Tree[Token], name: Token, *arguments: Tree[Token]) -> nodes.Term:
         function = _operator(name)
         wanted = _ARITY.get(function)
         if len(arguments) != wanted if wanted else len(arguments) < 2:
@@ -203,7 +213,7 @@ class FormulaTransformer:
             raise make_error(self.text, name, f"{name} takes {count}, not {len(arguments)}")
         return nodes.Call(function, tuple(self._term(argument) for argument in arguments))
 
-    def _signal(self, tree: Any, name: Any) -> nodes.Node | nodes.Term:
+    def _signal(self, tree: Tree[Token], name: Token) -> nodes.Node | nodes.Term:
         if str(name) in self.scope.names:
             hint = f"use it as an argument, as in: distance({name}, ego) > 0"
             raise make_error(self.text, name, f"{name} stands for a vehicle, not for a number", hint)
@@ -213,7 +223,9 @@ class FormulaTransformer:
         self.scope.refuse_capture(self.text, name)
         return nodes.Signal(str(name))
 
-    def _relation(self, tree: Any, name: Any, opening: Any, *arguments: Any) -> nodes.Node | nodes.Term:
+    def _relation(
+        self, tree: Tree[Token], name: Token, opening: Token, *arguments: Tree[Token]
+    ) -> nodes.Node | nodes.Term:
         found = self.definitions.look_up(str(name), name, self.scope.statement)
         if found is None:
             self._refuse_misspelt(name, opening, arguments)
@@ -225,9 +237,9 @@ class FormulaTransformer:
         axes = tuple(bound[vehicle][0] for vehicle in vehicles if vehicle in bound)
         return nodes.Signal(f"{name}({', '.join(groups)})", vehicles, axes)
 
-    def _refuse_misspelt(self, name: Any, opening: Any, arguments: Any) -> None:
+    def _refuse_misspelt(self, name: Token, opening: Token, arguments: Sequence[Tree[Token]]) -> None:
         trees = [_strip_groups(argument) for argument in arguments]
-        words = [str(tree.children[0]) for tree in trees if tree.data == "signal"]
+        words = [str(get_token(tree, 0)) for tree in trees if tree.data == "signal"]
         if any(word == "ego" or word in self.scope.names for word in words):
             return
         plain = all(tree.data in ("signal", "number", "negative") for tree in trees)
@@ -237,15 +249,15 @@ class FormulaTransformer:
             message = f"unexpected '(': {name} is not an operator or function"
             raise make_error(self.text, opening, message, hint)
 
-    def _vehicle(self, name: Any, argument: Any) -> str:
+    def _vehicle(self, name: Token, argument: Tree[Token]) -> str:
         tree = _strip_groups(argument)
         if tree.data != "signal":
             numeric = tree.data in ("number", "negative")
             message = f"{name} takes vehicles, not {'numbers' if numeric else 'formulas'}"
             raise make_error(self.text, tree.meta, message, f"compare its value: {name}(o, ego) > 3")
-        return self.scope.resolve_vehicle(self.text, tree.children[0])
+        return self.scope.resolve_vehicle(self.text, get_token(tree, 0))
 
-    def _use(self, found: Definition, name: Any, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
+    def _use(self, found: Definition, name: Token, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
         wanted = len(found.parameters)
         if len(vehicles) != wanted:
             shown = f"{name}({', '.join(found.parameters)})" if wanted else str(name)
@@ -261,9 +273,9 @@ class FormulaTransformer:
         return item
 
 
-def _strip_groups(tree: Any) -> Any:
+def _strip_groups(tree: Tree[Token]) -> Tree[Token]:
     while tree.data == "group":
-        tree = tree.children[0]
+        tree = get_subtree(tree, 0)
     return tree
 
 
