@@ -12,6 +12,7 @@ import io
 import json
 import os
 import stat
+import sys
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -56,7 +57,11 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
     Raises:
         ValueError: It is one.
     """
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    flags = os.O_RDONLY
+    if sys.platform == "win32":
+        flags |= os.O_BINARY
+    else:
+        flags |= os.O_NONBLOCK
     file = os.fdopen(os.open(path, flags), "rb")
     kind = os.fstat(file.fileno()).st_mode
     if stat.S_ISREG(kind):
@@ -104,7 +109,7 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     return found
 
 
-def seal(content: Mapping[str, object]) -> dict[str, Any]:
+def seal(content: Mapping[str, object]) -> dict[str, object]:
     """Return a JSON object with its checksum; wall times, keys ``seconds``, do not count."""
     return {**content, CHECKSUM: _checksum(content)}
 
@@ -127,7 +132,7 @@ def _checksum(content: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def _without_seconds(value: object) -> Any:
+def _without_seconds(value: object) -> object:
     if isinstance(value, Mapping):
         return {key: _without_seconds(item) for key, item in value.items() if key != "seconds"}
     return [_without_seconds(item) for item in value] if isinstance(value, list | tuple) else value

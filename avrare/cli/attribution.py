@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.causes.attribution import Attribution, attribute
 from avrare.analysis.causes.failure_sample import FailureSample
@@ -46,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
 
 def _identify(
     run: Run, names: list[str], variants: dict[str, LoadedScenario], args: argparse.Namespace
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "specifications": names,
         "fresh": args.fresh,

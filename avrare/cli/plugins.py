@@ -9,7 +9,6 @@ import os
 import sys
 import time
 from importlib.metadata import entry_points
-from typing import Any
 
 from rich import box
 from rich.markup import escape
@@ -48,7 +47,7 @@ def _import_seconds() -> dict[str, float]:
     return seconds
 
 
-def _entry(row: Row, seconds: dict[str, float] | None) -> dict[str, Any]:
+def _entry(row: Row, seconds: dict[str, float] | None) -> dict[str, object]:
     entry = {key: getattr(row, key) for key in _COLUMNS}
     return entry if seconds is None else {**entry, "import_seconds": seconds.get(row.distribution)}
 

@@ -83,7 +83,7 @@ def _blob(text: str) -> str:
     try:
         return Path(text[1:]).read_text(encoding="ascii")
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
+        reason = (error.strerror if isinstance(error, OSError) else None) or "not a text file"
         raise UsageError(f"{text[1:]}: cannot be read: {reason}", "give --blob @FILE") from None
 
 

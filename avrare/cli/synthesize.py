@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.cli.options import at_least
@@ -97,7 +97,7 @@ def execute(args: argparse.Namespace) -> int:
     return _execute_any(args)
 
 
-def _refuse(args: argparse.Namespace, defaults: dict[str, Any], what: str) -> None:
+def _refuse(args: argparse.Namespace, defaults: Mapping[str, object], what: str) -> None:
     for name, default in defaults.items():
         if getattr(args, name) != default:
             raise UsageError(f"--{name} is no option for {what}", "see `avrare synthesize --help`")

@@ -210,7 +210,7 @@ def _estimator(name: str, options: dict[str, object]) -> Estimator:
     return component.build(config)  # type: ignore[no-any-return]
 
 
-def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings) -> dict[str, Any]:
+def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings) -> dict[str, object]:
     # names do not identify a system or a score: the loop replays a stored chunk to compare those
     row = default_registry().find("estimator", name)
     formula = problem.monitors[0].formula
@@ -233,10 +233,11 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
         },
         "versions": {"avrare": version.__version__, row.distribution: row.version},
     }
-    return json.loads(json.dumps(task, default=_plain))  # type: ignore[no-any-return]
+    content: dict[str, object] = json.loads(json.dumps(task, default=_plain))
+    return content
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     if hasattr(value, "tolist"):
         return value.tolist()
     return getattr(value, "__qualname__", type(value).__qualname__)

@@ -272,13 +272,13 @@ def _with_names(item: object, labels: Mapping[str, str]) -> Any:
     return dataclasses.replace(item, **{x.name: _with_names(getattr(item, x.name), labels) for x in fields})
 
 
-def to_single_trace(signals: Mapping[str, Any], node: nodes.Node) -> Mapping[str, Any]:
+def to_single_trace(signals: Mapping[str, object], node: nodes.Node) -> Mapping[str, object]:
     """Return the signals of one trace, (T, ...) or (1, T, ...) each, as (1, T, ...).
 
     The formula's relations determine how many axes a sample has. Invalid signals are refused later.
     """
     names: Sequence[str] = nodes.signals(node) or list(signals)[:1]
-    arrays = {name: signals[name] for name in names if isinstance(signals.get(name), np.ndarray)}
+    arrays = {name: x for name in names if isinstance(x := signals.get(name), np.ndarray)}
     parts = list(nodes.walk(node))
     axes = {part.name: len(part.axes) for part in parts if isinstance(part, nodes.Signal) and part.arguments}
     lead = {arrays[name].ndim - count for name, count in axes.items() if name in arrays}

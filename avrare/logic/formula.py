@@ -10,7 +10,6 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.base.errors import FormulaError
 from avrare.logic.explanation import Explanation, FormulaValues, explain, to_single_trace
@@ -214,7 +213,7 @@ def _follow(monitor: Any, trace: Trace) -> Iterator[Any]:
         yield verdict
 
 
-def _finish(values: NDArray[Any], trace: Trace) -> NDArray[Any]:
+def _finish(values: Floats, trace: Trace) -> Floats:
     _reject_nan(values)
     return values[0] if trace.single else values
 

@@ -182,7 +182,8 @@ class Component:
 
     def load_factory(self) -> Callable[..., Any]:
         """Import the function that builds the component; may import heavy packages."""
-        return late_import(self.factory)  # type: ignore[no-any-return]
+        factory: Callable[..., Any] = late_import(self.factory)
+        return factory
 
     def build(self, config: Any, scene: Scene | None = None) -> Any:
         """Build the part; it has the members of its kind's base class (``avrare.protocols``)."""

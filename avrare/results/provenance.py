@@ -7,7 +7,6 @@ import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
@@ -59,7 +58,7 @@ class Provenance:
         )
         return provenance, ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the content of provenance.json."""
         date = None if self.date is None else self.date.isoformat(timespec="seconds")
         return {**vars(self), "command": list(self.command), "commit": self.commit or None, "date": date}

@@ -174,7 +174,7 @@ class CrossCheck(_Model):
         return f"{self.estimator} is of the same family as {estimator}"
 
 
-def _as_cross_check(value: object) -> Any:
+def _as_cross_check(value: object) -> object:
     if isinstance(value, bool):
         return CrossCheck() if value else None
     return value

@@ -201,7 +201,7 @@ def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[st
     return [warning for name, spec in stack.specifications.items() for warning in _lint(scenario, name, spec)]
 
 
-def _has_nan(part: Any) -> bool:
+def _has_nan(part: object) -> bool:
     leaves: list[NDArray[np.generic]] = []
     with suppress(UsageError):  # no batch: a controller may give whatever its simulator takes
         plain = isinstance(part, (float, np.generic, np.ndarray))

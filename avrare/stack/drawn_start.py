@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
-from avrare.driving.values import Scene
+from avrare.driving.values import Scene, World
 from avrare.protocols import Bools, Floats, Signals, Simulator, Specification
 from avrare.scenario.draws import Draws
 
@@ -96,7 +96,7 @@ class DrawnStart:
         named = {path: values[:, k] for k, path in enumerate(self.draws.paths)}
         return values, self._simulator.reset_drawn(rest, named)
 
-    def _judge(self, world: Any, values: Floats) -> tuple[Bools, Bools]:
+    def _judge(self, world: World, values: Floats) -> tuple[Bools, Bools]:
         # Rows to draw again, and rows that are errors.
         settings, none = self.draws.settings, np.zeros(len(values), dtype=bool)
         overlapping = none if self._scene is None else _overlaps(world, self._scene)
@@ -120,7 +120,7 @@ class DrawnStart:
         return broken
 
 
-def _overlaps(world: Any, scene: Scene) -> Bools:
+def _overlaps(world: World, scene: Scene) -> Bools:
     others = other_rectangles(world.others, scene)
     distance = signed_distance(ego_rectangle(world.ego, scene), others)
     overlapping = np.asarray((distance <= 0.0).any(axis=1))
@@ -133,7 +133,7 @@ def _overlaps(world: Any, scene: Scene) -> Bools:
     return overlapping
 
 
-def _put(old: NDArray[Any], rows: NDArray[np.int64], new: NDArray[Any]) -> NDArray[Any]:
+def _put(old: NDArray[np.generic], rows: NDArray[np.int64], new: NDArray[np.generic]) -> NDArray[np.generic]:
     leaf = old.copy()
     leaf[rows] = new
     return leaf

@@ -166,7 +166,7 @@ def build(config: FunctionConfig, scene: Scene | None) -> FunctionController:
         UsageError: The file cannot be run, or has no such function.
     """
     module = _run(Path(config.file))
-    function = getattr(module, config.function, None)
+    function = vars(module).get(config.function)
     if not callable(function):
         names = [name for name, value in vars(module).items() if callable(value) and name[:1] != "_"]
         hint = did_you_mean(config.function, names) or f"def {config.function}(observation): ..."

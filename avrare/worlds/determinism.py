@@ -16,9 +16,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, UsageError
@@ -33,6 +34,7 @@ _ROUNDING = 1e-5
 """Difference that still counts as rounding, as a share of the signal's largest value."""
 
 Samples = list[dict[str, Any]]
+State = TypeVar("State")
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,9 @@ class _Trial:
         for difference in rows:
             self._note("differs", difference, "with the other rows of its batch")
 
-    def _watched(self, rows: object, step: Callable[[object, Floats], object]) -> tuple[Samples, list[Any]]:
+    def _watched(
+        self, rows: NDArray[np.int64], step: Callable[[object, Floats], object]
+    ) -> tuple[Samples, list[object]]:
         stored, samples = [], []
         for state in self._states(rows, step):
             stored.append((state, _copy(state)))
@@ -121,20 +125,24 @@ class _Trial:
             self.found.setdefault("rounding" if difference.small else name, f"{difference} {when}")
 
     def _states(
-        self, rows: Any, step: Callable[[Any, Floats], Any], t: int = -1, state: Any = None
-    ) -> Iterator[Any]:
+        self,
+        rows: NDArray[np.int64],
+        step: Callable[[object, Floats], object],
+        t: int = -1,
+        state: object = None,
+    ) -> Iterator[object]:
         for now in range(t + 1, self.steps + 1):
             noise = np.ascontiguousarray(self.tape[rows, now])
             state = step(state, noise) if now else self.system.initial(noise)
             yield state
 
-    def _samples(self, rows: object, t: int = -1, state: object = None) -> Samples:
+    def _samples(self, rows: NDArray[np.int64], t: int = -1, state: object = None) -> Samples:
         return [self._sample(state) for state in self._states(rows, self.system.step, t, state)]
 
-    def _sample(self, state: object) -> dict[str, Any]:
+    def _sample(self, state: object) -> dict[str, NDArray[np.generic]]:
         return {name: np.array(values) for name, values in self.system.signals(state).items()}
 
-    def _read_only_step(self, state: object, noise: Floats) -> Any:
+    def _read_only_step(self, state: object, noise: Floats) -> object:
         try:
             return self.system.step(_read_only(state), _read_only(noise))
         except ValueError as error:
@@ -146,8 +154,8 @@ class _Trial:
         return self.system.step(_copy(state), noise.copy())
 
 
-def _read_only(state: object) -> Any:
-    def view(leaf: Any) -> Any:
+def _read_only(state: State) -> State:
+    def view(leaf: NDArray[np.generic]) -> NDArray[np.generic]:
         own = leaf.view()
         own.flags.writeable = False
         return own
@@ -157,7 +165,7 @@ def _read_only(state: object) -> Any:
     return state
 
 
-def _copy(state: object) -> Any:
+def _copy(state: State) -> State | None:
     with suppress(UsageError):
         return batch.separated(state)
     return None
@@ -173,7 +181,7 @@ def _changed(state: object, copy: object) -> bool:
     return not all(map(_same, batch.leaves(state), batch.leaves(copy)))
 
 
-def _same(one: Any, two: Any) -> bool:
+def _same(one: NDArray[np.generic], two: NDArray[np.generic]) -> bool:
     if one.dtype.kind == "O":
         return all(a is b for a, b in zip(one.flat, two.flat, strict=True))
     return np.array_equal(one, two, equal_nan=one.dtype.kind == "f")

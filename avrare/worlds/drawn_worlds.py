@@ -31,7 +31,7 @@ class DrawnWorlds(Worlds):
         self._plain, self._names = (make, options), tuple(names)
         self.noise_size -= len(self._names)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         make, options = self._plain
         return partial(type(self), make, self._names, **options), ()
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import signal
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from avrare.base.errors import UsageError
+
+Answer = TypeVar("Answer")
 
 
 class StepTimeout(Exception):
@@ -46,7 +49,7 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, *timer)
             self._before = None
 
-    def call(self, function: Any, *arguments: Any) -> Any:
+    def call(self, function: Callable[..., Answer], *arguments: object) -> Answer:
         """Call ``function(*arguments)`` under the time limit, or raise ``StepTimeout``."""
         if self.seconds is None:
             return function(*arguments)

@@ -107,7 +107,7 @@ def close(world: World) -> None:
 class ByName:
     """Readout of worlds by the names of their signals."""
 
-    def one(self, world: World) -> Any:
+    def one(self, world: World) -> tuple[Mapping[str, object], object]:
         """Read signals and observation."""
         signals = world.signals()
         return signals, observed(world, signals)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from avrare.protocols import Controller, Floats, Signals, Simulator, System, ada
 from avrare.worlds.step_timeout import Watchdog
 from avrare.worlds.world import Copy, World, choose_readout
 from avrare.worlds.world_histories import Branches, InputHistory, WorldPool
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class Worlds(Simulator):
         self._branches = Branches(self._pool, self._watchdog, self._readout)
         self._pool.put_away(first)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return self._again, ()
 
     def reset(self, noise: Floats) -> WorldState:
@@ -110,7 +112,7 @@ class Worlds(Simulator):
         zeros = np.zeros(len(noise), dtype=np.int64)
         return self._state(zeros, histories, zeros)
 
-    def step(self, world: WorldState, action: Any, noise: Floats) -> WorldState:
+    def step(self, world: WorldState, action: object, noise: Floats) -> WorldState:
         """Return worlds one step later; ``action`` is an array with leading axis N, or None.
 
         Raises:
@@ -147,7 +149,7 @@ class Worlds(Simulator):
         return {"replayed_steps": world.replayed} if self._pool.copying == "replay" else {}
 
     def _recall_worlds(
-        self, histories: list[InputHistory], at: list[int], inputs: list[tuple[Any, Floats]]
+        self, histories: list[InputHistory], at: list[int], inputs: list[tuple[object, Floats]]
     ) -> None:
         settled = [
             history
@@ -166,7 +168,7 @@ class Worlds(Simulator):
             raise self._record_fault(history, error) from error
         return history
 
-    def _advance(self, history: InputHistory, action: Any, noise: Floats) -> None:
+    def _advance(self, history: InputHistory, action: object, noise: Floats) -> None:
         # Advance by one step; an exception is stored, and the step is not tried again.
         history.latest = None
         history.actions.append(action)
@@ -196,7 +198,7 @@ class Worlds(Simulator):
         return WorldState(step, column, signals, seen, replayed)
 
 
-def _rows(action: Any, n: int) -> Iterator[Any] | Sequence[None]:
+def _rows(action: object, n: int) -> Iterable[object]:
     if action is None:
         return [None] * n
     if not isinstance(action, np.ndarray) or action.shape[:1] != (n,):
@@ -208,7 +210,7 @@ def _rows(action: Any, n: int) -> Iterator[Any] | Sequence[None]:
     return iter(_frozen(action))
 
 
-def _frozen(values: NDArray[Any]) -> NDArray[Any]:
+def _frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:
     # Histories hold views of the rows, which must not change.
     view = values.view()
     view.flags.writeable = False
@@ -263,7 +265,7 @@ class WorldSystem(System):
         """Return the signals of the worlds."""
         return self.worlds.signals(state.world)
 
-    def counts(self, state: LoopState) -> dict[str, NDArray[Any]]:
+    def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:
         """Return the counters of the worlds and of the controller."""
         counts = self.controller.counts(state.memory) if self.controller is not None else {}
         return {**self.worlds.counts(state.world), **counts}

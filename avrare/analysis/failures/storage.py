@@ -10,7 +10,7 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +79,8 @@ class FailureDatabase:
             return False
         header, arrays = _to_arrays(failure)
         content = io.BytesIO()
-        np.savez_compressed(content, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
+        save: Callable[..., None] = np.savez_compressed
+        save(content, header=np.array(json.dumps(header)), **arrays)
         with explain_file_errors(f"{self.folder}: cannot write", "choose another folder for failures"):
             self.folder.mkdir(parents=True, exist_ok=True)
             write_atomic(path, content.getvalue())

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from avrare.analysis.rates.allocation import allocate
 from avrare.analysis.rates.catalogue import Catalogue
@@ -172,7 +171,7 @@ class CatalogueRates(Answer):
         }
 
 
-def _own_entries(estimates: SceneEstimates) -> dict[str, Any]:
+def _own_entries(estimates: SceneEstimates) -> dict[str, object]:
     own = {
         rule: {name: estimate.result.to_dict()[name] for name in _OWN_FIELDS}
         for rule, estimate in estimates.items()
@@ -182,7 +181,7 @@ def _own_entries(estimates: SceneEstimates) -> dict[str, Any]:
     return ({"estimates": own} if own else {}) | ({"warnings": warnings} if warnings else {})
 
 
-def _rule_entry(rate: RuleRate) -> dict[str, Any]:
+def _rule_entry(rate: RuleRate) -> dict[str, object]:
     totals = {f"per_{unit}": asdict(total) for unit, total in rate.totals.items()}
     blind = {f"blind_bound_per_{unit}": bound for unit, bound in rate.blind.items()}
     thresholds = [

@@ -316,7 +316,7 @@ def decode(content: bytes) -> tuple[Rollouts, float, str]:
     return outcome, float(arrays[_SECONDS]), str(arrays[_KEY])
 
 
-def _checksum(arrays: Mapping[str, Any]) -> str:
+def _checksum(arrays: Arrays) -> str:
     hashed = hashlib.blake2b(digest_size=16)
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])

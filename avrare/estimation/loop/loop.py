@@ -210,8 +210,9 @@ class _Loop:
             yield outcome
 
     def _repeat(self, chunk: Request) -> Rollouts:
+        outcome: Rollouts
         (outcome,) = self.executor.map([chunk])
-        return outcome  # type: ignore[no-any-return]
+        return outcome
 
     def _check_shape(self, name: str, chunk: Request, outcome: Rollouts) -> None:
         wanted = (chunk.rows, len(self.plan.names)), self.plan.steps + 1 if self.work.scored else 0

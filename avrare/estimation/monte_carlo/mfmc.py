@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -242,7 +241,7 @@ class _Work:
         )
         return text if needed is None else f"{text}, where Monte Carlo would need about {needed:,}"
 
-    def _numbers(self, design: Design, column: int) -> dict[str, Any]:
+    def _numbers(self, design: Design, column: int) -> dict[str, object]:
         return {
             "cost": self.cost,
             "rate": design.rate,

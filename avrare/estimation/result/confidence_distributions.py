@@ -7,9 +7,10 @@ probability is at most q" and of "the probability is at least q".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
+from types import MethodType
 from typing import Any, Protocol
 
 import numpy as np
@@ -154,7 +155,7 @@ class Tabulated:
         """Return the tail of the last interval whose upper end excludes ``value``."""
         return self._tail(self.upper, value, self.lower[0] <= 0.0)
 
-    def _tail(self, ends: Any, value: float, one_sided: bool) -> float:
+    def _tail(self, ends: Iterable[float], value: float, one_sided: bool) -> float:
         excluding = [tail for tail, end in zip(self.tails, ends, strict=True) if end < value]
         return excluding[-1] * (1.0 if one_sided else 0.5) if excluding else 1.0
 
@@ -181,16 +182,17 @@ def derive_distribution(result: Result) -> ConfidenceDistribution:
         fields = {_FIELDS.get(name, name): value for name, value in at.keywords.items()}
         found: ConfidenceDistribution = _LAWS_BY_INTERVAL[at.func](*at.args, **fields)
         return found
-    owner = getattr(at, "__self__", None)
+    owner = at.__self__ if isinstance(at, MethodType) else None
     if isinstance(owner, (Binomial, InverseBinomial, LogNormal, Tabulated)):
         return owner
     return Tabulated.from_intervals(at)
 
 
-def encode_distribution(distribution: ConfidenceDistribution) -> dict[str, Any]:
+def encode_distribution(distribution: ConfidenceDistribution) -> dict[str, object]:
     """Return a distribution as JSON-ready data."""
     name = next(name for name, law in _LAWS.items() if isinstance(distribution, law))
-    return {"law": name, **asdict(distribution)}  # type: ignore[call-overload]
+    assert isinstance(distribution, (Binomial, InverseBinomial, LogNormal, Tabulated))
+    return {"law": name, **asdict(distribution)}
 
 
 def decode_distribution(content: Mapping[str, Any]) -> ConfidenceDistribution:

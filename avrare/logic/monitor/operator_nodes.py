@@ -78,7 +78,8 @@ class _ComparisonNode(MonitorNode):
         value = now.algebra.compare(self.formula, left, right)
         if not isinstance(value, np.ndarray):
             value = np.full(now.rows, value)
-        return value.reshape((1,) * now.n + value.shape) if now.n else value  # type: ignore[no-any-return]
+        verdicts: Array = value.reshape((1,) * now.n + value.shape) if now.n else value
+        return verdicts
 
     def open(self, samples: OpenSamples) -> Array:
         newest = samples.now.tables[self.index][-1]
@@ -189,7 +190,8 @@ class _PairNode(_TemporalNode):
             return self.value(now, now.t - self.delay)
         near, far = self._rows
         settled = now.tables[self._child.index]
-        return self.join(settled[near], settled[far])  # type: ignore[no-any-return]
+        verdicts: Array = self.join(settled[near], settled[far])
+        return verdicts
 
     def value(self, now: SampleContext, i: int) -> Array:
         # The values inside the trace; neutral if there are none.

@@ -15,6 +15,8 @@ from avrare.logic.semantics.window_operators import Array
 from avrare.logic.syntax.nodes import Arithmetic, Call, Comparison, Negative, Number, Term
 
 Range = tuple[float, float]
+Value = Array | float
+"""Values of a term: an array, or a number where it reads no signal."""
 
 TINY = float(np.finfo(np.float64).tiny)
 """Represents a margin of 0 that is true, its negative one that is false; reported as 0.0."""
@@ -23,7 +25,7 @@ _ANY: Range = (-math.inf, math.inf)
 _TRUE_AT_ZERO = {"<": False, "<=": True, ">": False, ">=": True, "==": True, "!=": False}
 
 
-def subtract(left: Any, right: Any) -> Any:
+def subtract(left: Value, right: Value) -> Any:
     """Return ``left - right``, and 0 for equal infinities, which have no margin between them."""
     if type(right) is float and right == 0.0:  # no subtraction is needed, only a new array
         return np.positive(left, order="C")
@@ -56,7 +58,7 @@ class RobustnessAlgebra:
         """Return the shape of a formula's values without trailing axes."""
         return steps, rows
 
-    def compare(self, node: Comparison, left: object, right: object) -> Any:
+    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the value of a comparison of two terms: a new array, or a number."""
         if node.op in (">", ">="):
             return subtract(left, right)
@@ -94,7 +96,7 @@ class SignedAlgebra(RobustnessAlgebra):
     Minimum, maximum and negation preserve signs; iff and xor do not.
     """
 
-    def compare(self, node: Comparison, left: object, right: object) -> Any:
+    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the margin, with 0 replaced by the smallest number of the right sign."""
         value = RobustnessAlgebra.compare(self, node, left, right)
         if np.count_nonzero(value) < value.size:
@@ -111,7 +113,7 @@ class SignedAlgebra(RobustnessAlgebra):
 class TruthAlgebra(SignedAlgebra):
     """Truth values: infinity for true, minus infinity for false."""
 
-    def compare(self, node: Comparison, left: object, right: object) -> Any:
+    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the truth of a comparison of two terms; NaN stays NaN."""
         return np.multiply(super().compare(node, left, right), math.inf)
 
@@ -148,7 +150,7 @@ class IntervalAlgebra(RobustnessAlgebra):
         """Return the shape of a formula's intervals without trailing axes."""
         return self.steps, 2, rows
 
-    def compare(self, node: Comparison, left: object, right: object) -> Any:
+    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the exact value at seen samples, the comparison's range after them."""
         known = self.exact.compare(node, left, right)
         if not isinstance(known, np.ndarray):

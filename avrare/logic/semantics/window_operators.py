@@ -30,7 +30,7 @@ def get_dual(join: np.ufunc) -> np.ufunc:
     return np.maximum if join is np.minimum else np.minimum
 
 
-def shift(x: Array, by: int, fill: object) -> Array:
+def shift(x: Array, by: int, fill: float) -> Array:
     """Return ``y[i] = x[i + by]``, and ``fill`` outside the trace."""
     if by == 0:
         return x

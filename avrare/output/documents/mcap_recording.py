@@ -62,7 +62,7 @@ def write_mcap(path: Path, recording: Recording, frames: Sequence[Frame]) -> Non
                 channels[topic] = writer.register_channel(topic, "json", schemas[schema])
             time = round(1e9 * step * recording.dt)
             writer.add_message(channels[topic], time, json.dumps(content).encode(), time)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def _describe(recording: Recording) -> dict[str, dict[str, object]]:

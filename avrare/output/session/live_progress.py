@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from avrare.estimation.plan.plan import Info
 from avrare.output.terminal.progress_line import Progress
@@ -16,7 +15,9 @@ _SECONDS_BETWEEN = 0.25
 
 
 @contextmanager
-def show_progress(label: str, problem: Problem, confidence: float | None) -> Iterator[Any]:
+def show_progress(
+    label: str, problem: Problem, confidence: float | None
+) -> Iterator[Progress | _NotebookLine]:
     """Show the progress of one estimate until the context ends; gives what is called with each ``Info``."""
     line = Progress(label, problem, "auto", confidence)
     if not _in_notebook():

@@ -156,7 +156,7 @@ def _list_ways(
 
 
 def _outgoing(incoming: IncomingGroup, turn: str) -> set[int]:
-    return set(getattr(incoming, f"outgoing_{turn}", None) or ())
+    return set(getattr(incoming, f"outgoing_{turn}") or ())
 
 
 def _signs(network: LaneletNetwork, lanelet: Lanelet) -> set[str]:
@@ -166,7 +166,7 @@ def _signs(network: LaneletNetwork, lanelet: Lanelet) -> set[str]:
 
 def _stop_line(lanelet: Lanelet) -> Floats:
     # the middle of the line, or of the lanelet's end where the file gives no line
-    line = getattr(lanelet, "stop_line", None)
+    line = lanelet.stop_line
     if line is None or line.start is None or line.end is None:
         return np.asarray(lanelet.center_vertices)[-1, :2]
     return np.asarray(0.5 * (np.asarray(line.start)[:2] + np.asarray(line.end)[:2]))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from avrare.driving.lanes import ENDLESS
 from avrare.protocols import Floats
 from avrare.results.recordings.plane_drives import Obstacle, PlaneDrives
 from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+
+if TYPE_CHECKING:
+    from commonroad.scenario.lanelet import LaneletNetwork
 
 _END = "_tracks.csv"
 _MOTION = ("xVelocity", "yVelocity", "xAcceleration", "yAcceleration")
@@ -40,7 +43,7 @@ def is_drone_recording(path: Path) -> bool:
 
 
 def open_drone_recording(
-    path: str, road: Road | None = None, network: tuple[Any, float] | None = None
+    path: str, road: Road | None = None, network: tuple[LaneletNetwork, float] | None = None
 ) -> CarriagewayDrives | PlaneDrives:
     """Read a recording by its file of tracks.
 

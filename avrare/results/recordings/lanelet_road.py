@@ -141,12 +141,12 @@ def find_neighbours(known: Mapping[int, Lanelet], name: int) -> set[int]:
 
 
 def _neighbour(known: Mapping[int, Lanelet], name: int, side: str) -> int | None:
-    other = getattr(known[name], f"adj_{side}", None)
+    other = getattr(known[name], f"adj_{side}")
     return int(other) if other is not None and other in known else None
 
 
 def _links(known: Mapping[int, Lanelet], name: int, kind: str) -> list[int]:
-    return [int(other) for other in getattr(known[name], kind, None) or () if other in known]
+    return [int(other) for other in getattr(known[name], kind) or () if other in known]
 
 
 def _straightness(one: Lanelet, other: Lanelet) -> float:
@@ -207,7 +207,7 @@ def _chain(sections: Mapping[int, _Section], path: Sequence[int], opposing: bool
     pairs = [
         (one.name, other)
         for one in mine.values()
-        for other in map(int, getattr(one.source, "successor", None) or ())
+        for other in map(int, one.source.successor or ())
         if other in mine and mine[other].kind == one.kind and _follows(one, mine[other], opposing)
     ]
 
@@ -277,7 +277,7 @@ def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[
                 continue
             if is_broad(one.source, "left"):
                 found.add(index)
-            neighbour = getattr(one.source, "adj_right", None)
+            neighbour = one.source.adj_right
             if is_broad(one.source, "right") and neighbour is not None and neighbour in lane_of:
                 found.add(lane_of[int(neighbour)])
     return found
@@ -285,5 +285,5 @@ def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[
 
 def is_broad(lanelet: Lanelet, side: str) -> bool:
     """Tell whether the marking of a lanelet's side is broad."""
-    marking = getattr(lanelet, f"line_marking_{side}_vertices", None)
-    return str(getattr(marking, "value", marking)) in _BROAD
+    marking = getattr(lanelet, f"line_marking_{side}_vertices")
+    return str(marking.value) in _BROAD

@@ -143,7 +143,9 @@ def _require_lanes(source: str, signals: Mapping[str, Floats], scene: Scene) -> 
         raise UsageError(f"{source}: no moving vehicle but the ego is ever in a lane", hint)
 
 
-def _is_in_lane(road: Road, signals: Mapping[str, Floats], who: str, length: object, width: object) -> Any:
+def _is_in_lane(
+    road: Road, signals: Mapping[str, Floats], who: str, length: Floats | float, width: Floats | float
+) -> Any:
     x, y = signals[f"{who}_x"], signals[f"{who}_y"]
     half_length, half_width = (np.broadcast_to(0.5 * np.asarray(size), x.shape) for size in (length, width))
     return np.asarray(lane_overlap(road, x, y, half_length, half_width) > 0.0).any(axis=0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Floats
 from avrare.results.recordings.lanelet_road import is_broad
+
+if TYPE_CHECKING:
+    from commonroad.scenario.lanelet import Lanelet
 
 _MAX_BEND = 0.3  # largest deviation of a centre line from straight, and of lane widths from each other [m]
 _LANE_TOLERANCE = 0.5  # centre lines nearer than this belong to one lane [m]
@@ -34,7 +37,7 @@ class _LaneSegment:
     broad: tuple[bool, bool]  # its left and its right marking
 
 
-def find_straight_lanes(path: str, lanelets: Sequence[Any]) -> tuple[Road, float]:
+def find_straight_lanes(path: str, lanelets: Sequence[Lanelet]) -> tuple[Road, float]:
     """Return the lanes parallel to the longest lanelet, with x along them, and the direction of x [rad].
 
     Curved lanelets beside straight ones, such as the taper of a ramp, are ignored.
@@ -61,7 +64,7 @@ def rotate(points: Floats, angle: float) -> Floats:
     return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
 
 
-def _make_segment(lanelet: Any, angle: float) -> _LaneSegment:
+def _make_segment(lanelet: Lanelet, angle: float) -> _LaneSegment:
     lines = (lanelet.center_vertices, lanelet.left_vertices, lanelet.right_vertices)
     centre, left, right = (rotate(np.asarray(line), angle) for line in lines)
     y = float(np.median(centre[:, 1]))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+import gymnasium
 import numpy as np
 
 from avrare.base.special_functions import uniform_from_normal as uniform
 from avrare.protocols import Floats
+
+Observation = TypeVar("Observation")
 
 _FIXED = 0
 """Seed if every rollout has the same numbers."""
@@ -140,7 +143,9 @@ class Stream:
         self.by, self.at_steps = by, at_steps
         self.noise_size = {"seed": 1, "tape": numbers}.get(by, 0)
 
-    def reset(self, env: Any, noise: Floats, options: dict[str, Any] | None) -> Any:
+    def reset(
+        self, env: gymnasium.Env[Observation, object], noise: Floats, options: dict[str, object] | None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Reset an environment with the first numbers of a row and return what its ``reset`` returns."""
         noise = noise[: self.noise_size]
         if self.by == "tape":
@@ -151,7 +156,7 @@ class Stream:
         seed = {"seed": lambda: bits(noise), "none": lambda: _FIXED}.get(self.by, lambda: None)()
         return env.reset(seed=seed, options=options)
 
-    def step(self, env: Any, noise: Floats) -> None:
+    def step(self, env: gymnasium.Env[object, object], noise: Floats) -> None:
         """Set the generator before a step from the first numbers of a row."""
         if not self.at_steps or not self.noise_size:
             return

@@ -119,7 +119,7 @@ def _fit(plan: Plan, states: Floats, labels: Floats) -> Network:
     for _ in range(plan.epochs):
         for part in torch.randperm(len(inputs))[: per_epoch * plan.batch].view(per_epoch, -1):
             optimiser.zero_grad()
-            torch.nn.functional.mse_loss(net(inputs[part]), targets[part]).backward()  # type: ignore[no-untyped-call]
+            torch.nn.functional.mse_loss(net(inputs[part]), targets[part]).backward()
             optimiser.step()
             schedule.step()
     return _exported(plan, layers, mean, scale, gain.numpy(), len(states))

@@ -73,11 +73,11 @@ def _covariances(factor: Floats) -> list[object]:
     return _plain(np.asarray(np.einsum("sij,skj->sik", factor, factor)))
 
 
-def _gain(value: Floats) -> dict[str, Any]:
+def _gain(value: Floats) -> dict[str, object]:
     return {"gain": _plain(value)}
 
 
-_OPTIONS: dict[str, tuple[str, Callable[[Floats], Any]]] = {
+_OPTIONS: dict[str, tuple[str, Callable[[Floats], object]]] = {
     "process_noise": ("process_noise", _covariances),
     "measurement_noise": ("measurement_noise", _covariances),
     "reference": ("reference", _plain),

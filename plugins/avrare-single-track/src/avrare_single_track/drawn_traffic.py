@@ -15,6 +15,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Vehicles
@@ -112,7 +113,7 @@ class DrawnTraffic:
                 weights[:, v, j] = weight
         return Mixture(weights, shifts["x"], shifts["y"])
 
-    def at(self, step: Any, mixture: Mixture) -> Vehicles:
+    def at(self, step: NDArray[np.int64], mixture: Mixture) -> Vehicles:
         """Return vehicles (N, V) at each particle's step."""
         total = [np.zeros(mixture.x.shape) for _ in range(5)]
         for j, plan in enumerate(self._plans):

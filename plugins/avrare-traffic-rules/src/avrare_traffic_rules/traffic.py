@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +146,7 @@ def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents
         UsageError: A signal is missing.
     """
 
-    def bodies(who: str, length: Floats, width: Floats, number: Any) -> Bodies:
+    def bodies(who: str, length: Floats, width: Floats, number: NDArray[np.int64]) -> Bodies:
         try:
             x, y, heading, speed, acceleration = (signals[f"{who}_{name}"] for name in _MOTION)
         except KeyError as error:

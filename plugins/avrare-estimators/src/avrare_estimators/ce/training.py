@@ -55,7 +55,7 @@ def _descend(batch: TrainingBatch, start: TiltNetwork, options: NetworkFamilyCon
     for _ in range(options.epochs):
         optimiser.zero_grad()
         loss = _loss(_forward(layers, inputs), batch)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         optimiser.step()
     return TiltNetwork(start.centre, start.spread, tuple(layer.detach().numpy().copy() for layer in layers))
 

@@ -8,17 +8,19 @@ OpenBLAS takes twelve at a time and sums the first six in another order than the
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Real = TypeVar("Real", np.float32, np.float64)
 
 BLOCK = 8
 """Rows of every product."""
 
 
 def evaluate_in_blocks(
-    function: Callable[[NDArray[Any]], NDArray[Any]], rows: NDArray[Any], outputs: int, together: int
+    function: Callable[[NDArray[Real]], NDArray[Real]], rows: NDArray[Real], outputs: int, together: int
 ) -> NDArray[np.float64]:
     """Evaluate ``function`` on blocks of rows, the last block padded with zeros.
 
@@ -32,7 +34,7 @@ def evaluate_in_blocks(
         (n, outputs) in double precision.
     """
     count, inputs = rows.shape
-    blocks = np.zeros((-(-count // BLOCK), BLOCK, inputs), rows.dtype)
+    blocks: NDArray[Real] = np.zeros((-(-count // BLOCK), BLOCK, inputs), rows.dtype)
     blocks.reshape(-1, inputs)[:count] = rows
     out = np.empty((*blocks.shape[:2], outputs))
     for i in range(0, len(blocks), together):
@@ -40,6 +42,6 @@ def evaluate_in_blocks(
     return out.reshape(-1, outputs)[:count]
 
 
-def pad_columns(array: NDArray[Any], tile: int) -> NDArray[Any]:
+def pad_columns(array: NDArray[Real], tile: int) -> NDArray[Real]:
     """Append columns of zeros up to a whole number of tiles."""
     return np.pad(array, ((0, 0), (0, -array.shape[1] % tile)))

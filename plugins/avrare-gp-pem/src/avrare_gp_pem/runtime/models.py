@@ -270,7 +270,8 @@ class NaivePem:
         for error, sd in errors:
             seen = seen + normal_log_density(np.where(observation.detected, error, 0.0), sd)
         missed = math.log1p(-config.detection)
-        return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
+        density: Floats = np.where(observation.detected, seen, missed).sum(axis=-1)
+        return density
 
 
 def build_naive(config: NaivePemConfig, scene: Scene) -> Any:

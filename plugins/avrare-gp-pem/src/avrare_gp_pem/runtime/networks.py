@@ -58,7 +58,8 @@ class Networks:
         for weight, bias in self.padded[1:]:
             hidden = np.maximum(hidden, np.float32(0.0)) @ weight
             hidden += bias
-        return hidden[..., :outputs].sum(axis=1) / np.float32(members)  # type: ignore[no-any-return]
+        mean: Singles = hidden[..., :outputs].sum(axis=1) / np.float32(members)
+        return mean
 
 
 def networks(weights: tuple[Floats, ...], biases: tuple[Floats, ...]) -> Networks:

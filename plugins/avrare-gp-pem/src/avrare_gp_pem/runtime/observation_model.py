@@ -109,7 +109,8 @@ class ObservationLaw:
         errors = (cos * dx + sin * dy, cos * dy - sin * dx)
         for axis, error in enumerate(errors):
             seen = seen + self._error_log_density(axis, error)
-        return np.where(observation.detected, seen, missed).sum(axis=-1)  # type: ignore[no-any-return]
+        density: Floats = np.where(observation.detected, seen, missed).sum(axis=-1)
+        return density
 
     def _first_axis(self, world: World) -> tuple[Floats, Floats]:
         if self.in_ego_frame:  # to the right, then forward

@@ -50,7 +50,8 @@ class HermiteTable:
         v = 1.0 - u
         left = self.values[cell] * (1 + 2 * u) + self.step * u * self.slopes[cell]
         right = self.values[cell + 1] * (1 + 2 * v) - self.step * v * self.slopes[cell + 1]
-        return v * v * left + u * u * right  # type: ignore[no-any-return]
+        value: Floats = v * v * left + u * u * right
+        return value
 
 
 @dataclass(frozen=True)

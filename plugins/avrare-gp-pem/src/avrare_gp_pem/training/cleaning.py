@@ -87,7 +87,8 @@ class CleanedData:
 
 def off_axis(yaw: Floats) -> Floats:
     """Return the angle between a vehicle and the nearest axis of the ego, 0 to 45 [degrees]."""
-    return np.abs((np.degrees(yaw) + 45) % 90 - 45)  # type: ignore[no-any-return]
+    deviation: Floats = np.abs((np.degrees(yaw) + 45) % 90 - 45)
+    return deviation
 
 
 def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog | None = None) -> CleanedData:

@@ -157,7 +157,8 @@ def export(process: VariationalSparseGP, *, diagonal: bool = False) -> SparseGp 
     """Convert the fitted process to NumPy arrays; of ``diagonal`` factors only the diagonals."""
 
     def array(tensor: Any) -> Floats:  # Pyro declares its parameters as descriptors
-        return tensor.detach().numpy().astype(np.float64)  # type: ignore[no-any-return]
+        numbers: Floats = tensor.detach().numpy().astype(np.float64)
+        return numbers
 
     process.set_mode("guide")
     prior: Any = process.mean_function

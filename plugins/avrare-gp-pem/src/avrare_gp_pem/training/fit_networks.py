@@ -163,7 +163,7 @@ class _Trainer:
                 group["lr"] = self.recipe.rate * 0.5 * (1 + math.cos(math.pi * step / self.steps))
             optimiser.zero_grad()
             output = self.forward(self.x[rows], self.recipe.dropout)
-            self._loss(output, rows, self.freedom).mean(dim=1).sum().backward()  # type: ignore[no-untyped-call]
+            self._loss(output, rows, self.freedom).mean(dim=1).sum().backward()
             optimiser.step()
             if step % self.per_epoch == 0 or step == self.steps:
                 self._check(step)

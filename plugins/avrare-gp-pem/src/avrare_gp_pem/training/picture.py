@@ -104,7 +104,8 @@ def _sample_errors(one: ScoredRows, axis: int) -> Floats:
     ranks = np.random.default_rng(0).standard_normal((len(scale), 20))
     power = np.ones(1) if one.law.power is None else one.law.power[detected, axis]
     drawn = student(one.law.dof[axis]).truncated(ranks, (one.law.limit / scale)[:, None], power[:, None])
-    return location[:, None] + scale[:, None] * drawn  # type: ignore[no-any-return]
+    positions: Floats = location[:, None] + scale[:, None] * drawn
+    return positions
 
 
 def _tails(axes: Axes, one: ScoredRows) -> None:

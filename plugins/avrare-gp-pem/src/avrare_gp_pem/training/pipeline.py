@@ -194,7 +194,8 @@ def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
             return -float(student_t.logpdf(error, dof, scale=scale).mean())
 
         best = minimize(loss, np.log([0.05, 0.005, 2.5]), method="Nelder-Mead")
-        return np.maximum(np.exp(best.x[:2]), (_MIN_SCALE, 0.0))  # type: ignore[no-any-return]
+        parameters: Floats = np.maximum(np.exp(best.x[:2]), (_MIN_SCALE, 0.0))
+        return parameters
 
     return np.stack([fit(errors[:, 0]), fit(errors[:, 1])])
 

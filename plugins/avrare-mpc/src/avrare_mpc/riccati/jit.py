@@ -49,7 +49,8 @@ def entry(function: Function) -> Function:
     try:
         return _Entry(function)  # type: ignore[return-value]
     except RuntimeError:  # neither the package nor the user's cache folder is writable
-        return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+        compiled: Function = numba.njit(**_OPTIONS)(function)
+        return compiled
 
 
 class _Entry:

@@ -172,8 +172,8 @@ class _Builder:
         try:
             self.parser.Parse(content, True)
         except (xml.parsers.expat.ExpatError, UnicodeError, LookupError, ValueError) as error:
-            code = getattr(error, "code", None)
-            reason = str(error) if code is None else xml.parsers.expat.ErrorString(code)
+            expat = xml.parsers.expat
+            reason = expat.ErrorString(error.code) if isinstance(error, expat.ExpatError) else str(error)
             raise UsageError(f"{self._here()}: no XML: {reason}") from None
         assert self.top is not None  # an empty file is an error of the parser
         return self.top
