@@ -89,7 +89,7 @@ class FunctionController(Controller):
 
     horizon = 1
 
-    def __init__(self, function: Callable[[object], object], batched: bool, scene: Scene | None) -> None:
+    def __init__(self, function: Callable[..., object], batched: bool, scene: Scene | None) -> None:
         self.function, self.batched, self.scene = function, batched, scene
 
     def start(self, n: int) -> None:

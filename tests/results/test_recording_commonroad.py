@@ -103,10 +103,16 @@ def lanelet(number, points, width=3.5, kinds=()):
     along = np.gradient(centre, axis=0)
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
     kinds = [SimpleNamespace(value=kind) for kind in kinds]
+    unmarked = SimpleNamespace(value="no_marking")
     return SimpleNamespace(
-        lanelet_id=number, center_vertices=centre, lanelet_type=kinds,
-        left_vertices=centre + 0.5 * width * normal, right_vertices=centre - 0.5 * width * normal,
-    )  # fmt: skip
+        lanelet_id=number,
+        center_vertices=centre,
+        lanelet_type=kinds,
+        left_vertices=centre + 0.5 * width * normal,
+        right_vertices=centre - 0.5 * width * normal,
+        line_marking_left_vertices=unmarked,
+        line_marking_right_vertices=unmarked,
+    )
 
 
 def line(y, begin=0.0, end=100.0, count=11, angle=0.0):

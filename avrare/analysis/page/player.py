@@ -214,7 +214,9 @@ def _tabulate_view(
     return content
 
 
-def _encode_trajectory(frames: Sequence[Frame], who: str, at: object) -> dict[str, list[float]]:
+def _encode_trajectory(
+    frames: Sequence[Frame], who: str, at: int | tuple[int, int]
+) -> dict[str, list[float]]:
     vehicles = [getattr(frame.world, who) for frame in frames]
     fields = (("x", "x", 2), ("y", "y", 2), ("h", "heading", 4), ("v", "speed", 2))
     series = {

@@ -119,7 +119,7 @@ class Evaluator:
     def _shape(self) -> tuple[int, ...]:
         return self.algebra.shape(self.steps, self.rows)
 
-    def _full(self, value: object) -> Array:
+    def _full(self, value: float) -> Array:
         return np.full(self._shape, value)
 
 

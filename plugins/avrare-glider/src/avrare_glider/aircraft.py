@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 NAMES = ("x", "z", "pitch", "elevator", "vx", "vz", "pitch_rate")
 """Forward, up [m]; nose up, elevator against the fuselage, trailing edge down [rad]; rates of x, z, pitch."""
@@ -65,7 +66,7 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
     )
 
 
-def advance(state: Columns, elevator_rate: object) -> Columns:
+def advance(state: Columns, elevator_rate: ArrayLike) -> Columns:
     """Return the columns one step later at a constant input, by the classical Runge-Kutta method."""
     first = rates(state, elevator_rate)
     second = rates(_moved(state, first, 0.5 * DT), elevator_rate)

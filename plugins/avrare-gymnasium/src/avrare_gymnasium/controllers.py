@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Controller, Floats
@@ -33,7 +33,9 @@ class Feedback(Controller):
 
     horizon = 0
 
-    def __init__(self, gain: object, reference: object = None, offset: object = None) -> None:
+    def __init__(
+        self, gain: ArrayLike, reference: ArrayLike | None = None, offset: ArrayLike | None = None
+    ) -> None:
         self.gain = np.asarray(gain, dtype=np.float64)
         self.reference = np.zeros(self.gain.shape[1]) if reference is None else np.asarray(reference)
         self.offset = np.zeros(self.gain.shape[0]) if offset is None else np.asarray(offset)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats, System
@@ -99,7 +100,7 @@ def estimate_log_hessian(
 
 
 def compute_sensitivity(
-    build: Callable[[object], System], parameter: Floats, steps: int, names: Sequence[str]
+    build: Callable[[NDArray[np.complex128]], System], parameter: Floats, steps: int, names: Sequence[str]
 ) -> Sensitivity:
     """Compute the derivatives of a trajectory's distribution in a parameter by complex steps.
 

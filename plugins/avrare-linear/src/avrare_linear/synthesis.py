@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.loop.loop import run
@@ -150,7 +151,7 @@ def estimate_parameter_gradient(
     names = AffineFormula.of(formula).signals
     gaussian = TrajectoryGaussian.of(system, steps, names)
 
-    def build(entries: Any) -> LinearSystem:
+    def build(entries: NDArray[np.complex128]) -> LinearSystem:
         return _changed(system, parameter, entries.reshape(value.shape))
 
     derivatives = compute_sensitivity(build, value.ravel(), steps, names)
@@ -159,7 +160,7 @@ def estimate_parameter_gradient(
     return DescentStep(value, failing.probability, gradient.reshape(value.shape))
 
 
-def _changed(system: LinearSystem, parameter: str, value: object) -> LinearSystem:
+def _changed(system: LinearSystem, parameter: str, value: Floats | NDArray[np.complex128]) -> LinearSystem:
     changes: dict[str, Any] = {parameter: value}
     return replace(system, **changes)
 

@@ -7,6 +7,7 @@ import os
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from avrare.base.errors import UsageError
@@ -121,7 +122,7 @@ class MetaDriveWorld(World):
         suspended, self._numbers = snapshot
         self._process = suspended.fork()
 
-    def picture(self, width: int = 800, height: int = 300, scaling: float = 5.0) -> Any:
+    def picture(self, width: int = 800, height: int = 300, scaling: float = 5.0) -> NDArray[np.uint8]:
         """Return a top view (height, width, 3), drawn in a copy so that the world is unaffected.
 
         Args:
@@ -129,7 +130,8 @@ class MetaDriveWorld(World):
             height: Height [pixels].
             scaling: Scale [pixels/m].
         """
-        return self._running().fork().call("picture", width, height, scaling)
+        picture: NDArray[np.uint8] = self._running().fork().call("picture", width, height, scaling)
+        return picture
 
     def close(self) -> None:
         """End the process."""

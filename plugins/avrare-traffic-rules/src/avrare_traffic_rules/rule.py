@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import FormulaError, UsageError, did_you_mean
 from avrare.driving import Road, Scene
 from avrare.logic.formula import FormulaMonitor
+from avrare.logic.monitor.monitors import MonitorState
 from avrare.logic.semantics.trace_evaluator import Evaluator
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
@@ -85,11 +85,11 @@ class TrafficRule(Specification):
         """Return the monitor state before sample 0."""
         return self._monitor.start(n)
 
-    def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
+    def update(self, state: MonitorState, signals: Signals) -> tuple[MonitorState, Verdict]:
         """Return monitor state and verdict after one more sample of the simulator's signals."""
         return self._monitor.update(state, self.sample(signals))
 
-    def margin(self, state: Any) -> Floats | None:
+    def margin(self, state: MonitorState) -> Floats | None:
         """Return the (N,) robustness of the rule's body at the newest sample; None if it looks ahead."""
         return self._monitor.margin(state)
 
