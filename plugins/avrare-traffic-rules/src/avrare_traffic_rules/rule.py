@@ -81,7 +81,7 @@ class TrafficRule(Specification):
         self.excluded = tuple(name for name in scene.names if name not in {*self.names, *asked})
         self._monitor = FormulaMonitor(self.formula)
 
-    def start(self, n: int) -> Any:
+    def start(self, n: int) -> MonitorState:
         """Return the monitor state before sample 0."""
         return self._monitor.start(n)
 
