@@ -209,6 +209,16 @@ class Prediction:
     y: Floats
 
 
+def extrapolate(others: Vehicles, steps: int, dt: float) -> Prediction:
+    """Return the positions of vehicles (N, V) now and over ``steps`` steps at their present velocities."""
+    times = dt * np.arange(steps + 1)
+    way = others.speed[:, :, None] * times
+    heading = others.heading[:, :, None]
+    return Prediction(
+        others.x[:, :, None] + way * np.cos(heading), others.y[:, :, None] + way * np.sin(heading)
+    )
+
+
 @dataclass(frozen=True)
 class Action:
     """Command of a controller for one step.

@@ -70,6 +70,10 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-mpc": {"controller": ("mpc",)},
     "avrare-policy": {"controller": ("policy",)},
     "avrare-ray": {"executor": ("ray",)},
+    "avrare-reference-drivers": {
+        "controller": ("reference_driver", "cruise", "hold"),
+        "specification": ("avoidable_collision",),
+    },
     "avrare-single-track": {"simulator": ("single_track", "commonroad", "openscenario")},
     "avrare-traffic-rules": {"specification": ("traffic_rules",)},
 }

@@ -239,10 +239,13 @@ class Controller(ABC):
 
     Attributes:
         horizon: Number of steps that it wants predicted.
+        sees_truth: True where it is given the true vehicles in place of the tracker's, such as a reference
+            for a stack under test. Default: False.
         arrays: Arrays by name that the option ``arrays`` replaces, such as a network's. Default: none.
     """
 
     horizon: int
+    sees_truth: bool = False
     arrays: Mapping[str, Any] = {}
 
     @abstractmethod

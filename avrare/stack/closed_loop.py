@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Observation, Prediction
+from avrare.driving.values import extrapolate
 from avrare.protocols import (
     Bools,
     Controller,
@@ -138,7 +139,12 @@ class ClosedLoop(System):
         return LoopState(world, observation, track, memory, latent, state.drawn)
 
     def predict(self, state: LoopState) -> Prediction | None:
-        """Return the others over the controller's horizon, as the tracker predicts them; None without one."""
+        """Return the others over the controller's horizon, as the tracker predicts them; None without one.
+
+        A controller that sees the truth gets their true positions, at their present velocities.
+        """
+        if self.controller is not None and self.controller.sees_truth:
+            return extrapolate(state.world.others, self.controller.horizon, self.simulator.dt)
         if self.tracker is None or self.controller is None:
             return None
         return self.tracker.predict(state.track, self.controller.horizon)

@@ -1,0 +1,187 @@
+import numpy as np
+import pytest
+
+import avrare
+from avrare.base.errors import UsageError
+from avrare.driving import Prediction, Road, Scene, Vehicles
+from avrare.testing.conformance import Subject, checks_of
+from avrare_reference_drivers.config import CruiseConfig, EmergencyConfig, HoldConfig, ReferenceDriverConfig
+from avrare_reference_drivers.cruise import build_cruise, build_hold
+from avrare_reference_drivers.drivers import DRIVERS, following_distance
+from avrare_reference_drivers.reference_driver import build
+
+DT = 0.1
+SCENARIO = """
+name: cut_in
+steps: 60
+simulator:
+  plugin: single_track
+  road: {lane_centres: [0.0, 3.5]}
+  ego: {x: 0.0, y: 0.0, speed: 25.0}
+  vehicles: [{name: slow, x: 60.0, y: 0.0, speed: 15.0}]
+perception: {plugin: parametric}
+tracker: {plugin: imm}
+controller: {plugin: reference_driver, model: fsm}
+specifications: {no_collision: {stl: always (gap > 0)}}
+"""
+
+
+def scene(vehicles=1):
+    size = np.full(vehicles, 4.3), np.full(vehicles, 1.9)
+    names = tuple(f"car_{k}" for k in range(vehicles))
+    road = Road(lane_centres=(0.0, 3.5), lane_width=3.5)
+    return Scene(DT, road, 4.3, 1.9, names, *size, np.ones(vehicles, dtype=bool))
+
+
+def ego(speed, x=0.0, y=0.0):
+    speed = np.atleast_1d(np.asarray(speed, dtype=float))
+    zeros = np.zeros_like(speed)
+    return Vehicles(zeros + x, zeros + y, zeros, speed, zeros)
+
+
+def ahead(centre, speed, y=0.0):
+    times = DT * np.arange(2)
+    centre, speed = np.atleast_1d(np.asarray(centre, float)), np.atleast_1d(np.asarray(speed, float))
+    return Prediction((centre[:, None] + speed[:, None] * times)[:, None], np.full((len(centre), 1, 2), y))
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "options"),
+    [("controller", "reference_driver", {"model": model}) for model in DRIVERS]
+    + [("controller", "reference_driver", {"sees": "track"})]
+    + [
+        ("controller", "cruise", {}),
+        ("controller", "hold", {}),
+        ("specification", "avoidable_collision", {}),
+    ],
+)
+def test_conforms(kind, name, options):
+    outcomes = [check.run(Subject.installed(kind, name, **options)) for check in checks_of(kind)]
+    assert outcomes
+    assert [(outcome.check, outcome.reason) for outcome in outcomes if outcome.status != "passed"] == []
+
+
+def drive(controller, speed, centre, other_speed, steps=150):
+    # semi-implicit steps, as in JRC's simulator; all rows at once
+    n = len(centre)
+    memory, x, least = controller.start(n), np.zeros(n), np.full(n, np.inf)
+    speed, centre = np.full(n, float(speed)), np.asarray(centre, float).copy()
+    braked = []
+    for _ in range(steps):
+        action, memory = controller.act(memory, ego(speed, x), ahead(centre, np.full(n, float(other_speed))))
+        braked.append(action.acceleration)
+        speed = np.maximum(speed + action.acceleration * DT, 0.0)
+        x, centre = x + speed * DT, centre + other_speed * DT
+        least = np.minimum(least, centre - x - 4.3)
+    return least, speed, np.array(braked)
+
+
+def test_the_careful_driver_delays_ramps_and_releases_the_pedal():
+    controller = build(ReferenceDriverConfig(model="cc", follows=False, ttc_reading="waits"), scene())
+    _, _, braked = drive(controller, 20.0, [4.3 + 15.0], 10.0, steps=20)
+    np.testing.assert_allclose(braked[:8, 0], -0.4)
+    np.testing.assert_allclose(braked[8:13, 0], -(0.4 + 1.265 * np.arange(1, 6)))
+    assert braked.min() == pytest.approx(-0.774 * 9.81)
+
+
+def test_who_waits_for_two_seconds_collides_and_who_settles_does_not():
+    far = [4.3 + 120.0]
+    for reading, collides in (("waits", True), ("settled", False)):
+        controller = build(ReferenceDriverConfig(model="cc", ttc_reading=reading), scene())
+        least, _, _ = drive(controller, 36.0, far, 19.0)
+        assert bool(least[0] < 0.0) is collides
+
+
+@pytest.mark.parametrize("model", DRIVERS)
+def test_drivers_end_behind_the_car_ahead_and_never_speed_up(model):
+    controller = build(ReferenceDriverConfig(model=model), scene())
+    least, speed, braked = drive(controller, 20.0, [4.3 + 60.0], 12.0, steps=400)
+    assert least[0] > 0.0
+    assert speed[0] <= 12.01
+    assert braked.max() <= 0.0
+
+
+def test_a_vehicle_behind_aside_or_without_a_track_is_no_danger():
+    controller = build(ReferenceDriverConfig(model="fsm"), scene())
+    for seen in (ahead(-8.0, 30.0), ahead(8.0, 20.0, y=3.5), ahead(np.inf, 0.0)):
+        action, _ = controller.act(controller.start(1), ego(20.0), seen)
+        assert action.acceleration == pytest.approx(0.0)
+
+
+def test_the_distance_of_the_regulation():
+    speeds = np.array([0.0, 7.2, 10.0, 30.0, 60.0]) / 3.6
+    times = np.array([1.0, 1.0, 1.1, 1.3, 1.6])
+    np.testing.assert_allclose(following_distance(speeds), np.maximum(speeds * times, 2.0))
+
+
+def test_cruise_reaches_its_speed_and_its_distance():
+    controller = build_cruise(CruiseConfig(set_speed=25.0), scene())
+    _, speed, braked = drive(controller, 20.0, [1e5], 20.0, steps=300)
+    assert speed[0] == pytest.approx(25.0, abs=0.01)
+    assert braked.max() <= 1.5
+    least, speed, braked = drive(controller, 25.0, [4.3 + 100.0], 15.0, steps=900)
+    assert speed[0] == pytest.approx(15.0, abs=0.01)
+    assert least[0] == pytest.approx(float(following_distance(np.array(15.0))), abs=0.1)
+    assert braked.min() >= -3.0
+
+
+def test_emergency_braking_waits_and_rises():
+    emergency = EmergencyConfig(ttc=1.5, delay=0.2, ramp=0.5, braking=8.0)
+    controller = build_hold(HoldConfig(emergency=emergency), scene())
+    _, _, braked = drive(controller, 20.0, [4.3 + 10.0], 10.0, steps=8)
+    np.testing.assert_allclose(braked[:8, 0], [0.0, 0.0, -1.6, -3.2, -4.8, -6.4, -8.0, -8.0], atol=1e-12)
+    without = build_hold(HoldConfig(emergency=None), scene())
+    assert drive(without, 20.0, [4.3 + 10.0], 10.0)[0][0] < 0.0
+
+
+def test_hold_follows_its_path():
+    path = ((0.0, 0.0), (40.0, 0.0), (60.0, 10.0), (200.0, 80.0))
+    controller = build_hold(HoldConfig(speed=10.0, path=path, emergency=None), scene())
+    memory, state = controller.start(1), ego(8.0)
+    for _ in range(120):
+        action, memory = controller.act(memory, state, None)
+        speed, heading = state.speed + DT * action.acceleration, state.heading + DT * action.yaw_rate
+        x, y = state.x + DT * speed * np.cos(heading), state.y + DT * speed * np.sin(heading)
+        state = Vehicles(x, y, heading, speed, action.acceleration)
+    assert state.speed[0] == pytest.approx(10.0)
+    assert state.x[0] > 80.0
+    assert state.y[0] == pytest.approx(10.0 + 0.5 * (state.x[0] - 60.0), abs=0.2)
+
+
+def test_drivers_come_back_to_their_lane():
+    for heading in (0.0, 0.05):
+        controller, state = build_cruise(CruiseConfig(), scene()), ego(20.0, y=0.6)
+        state = Vehicles(state.x, state.y, state.heading + heading, state.speed, state.acceleration)
+        for _ in range(150):
+            action, _ = controller.act(controller.start(1), state, ahead(1e5, 20.0))
+            turned = state.heading + DT * action.yaw_rate
+            y = state.y + DT * state.speed * np.sin(turned)
+            state = Vehicles(state.x, y, turned, state.speed, state.acceleration)
+        assert abs(state.y[0]) < 0.02
+
+
+def test_a_stack_without_a_tracker_is_refused():
+    controller = build_cruise(CruiseConfig(), scene())
+    with pytest.raises(UsageError, match="cruise needs predictions"):
+        controller.act(controller.start(1), ego(20.0), None)
+
+
+@pytest.mark.parametrize(("sees", "same"), [("truth", True), ("track", False)])
+def test_errors_of_perception_reach_a_driver_who_sees_the_track(tmp_path, sees, same):
+    path = tmp_path / "cut_in.yaml"
+    path.write_text(SCENARIO)
+    loop = avrare.load(path, [f"controller.sees={sees}"]).stack.loop
+    noise = np.random.default_rng(1).standard_normal((61, 2, loop.noise_size))
+    state = loop.initial(noise[0])
+    for row in noise[1:]:
+        state = loop.step(state, row)
+    assert (state.world.ego.x[0] == state.world.ego.x[1]) == same
+    assert (state.world.ego.speed < 25.0).all()
+
+
+def test_a_driver_who_sees_the_truth_needs_no_tracker(tmp_path):
+    path = tmp_path / "cut_in.yaml"
+    lines = SCENARIO.splitlines()
+    path.write_text("\n".join(line for line in lines if not line.startswith(("perception", "tracker"))))
+    result = avrare.estimate(avrare.load(path).problem("no_collision"), "mc", rollouts=10, seed=1)
+    assert result.probability == 0.0
