@@ -224,10 +224,7 @@ class Tracker(ABC):
 
     @abstractmethod
     def predict(self, track: Any, steps: int) -> Prediction:
-        """Return positions now and over ``steps`` further steps, inf for a vehicle without a track.
-
-        Called before each step, with the horizon of the controller.
-        """
+        """Return positions now and over the controller's horizon, before each step; inf without a track."""
 
     def features(self, track: Any) -> Floats | None:
         """Return (N, F) numbers as ``System.features`` does. Default: None, the errors of the tracks."""
@@ -239,8 +236,7 @@ class Controller(ABC):
 
     Attributes:
         horizon: Number of steps that it wants predicted.
-        sees_truth: True where it is given the true vehicles in place of the tracker's, such as a reference
-            for a stack under test. Default: False.
+        sees_truth: True where its predictions are of the true vehicles, not the tracker's. Default: False.
         arrays: Arrays by name that the option ``arrays`` replaces, such as a network's. Default: none.
     """
 

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -185,3 +187,17 @@ def test_a_driver_who_sees_the_truth_needs_no_tracker(tmp_path):
     path.write_text("\n".join(line for line in lines if not line.startswith(("perception", "tracker"))))
     result = avrare.estimate(avrare.load(path).problem("no_collision"), "mc", rollouts=10, seed=1)
     assert result.probability == 0.0
+
+
+def test_the_shipped_scene_orders_the_drivers_as_the_grids_do():
+    collisions = {}
+    for model in ("cc", "fsm"):
+        path = Path(__file__).parents[3] / "scenarios" / "motorway_cut_in.yaml"
+        loop = avrare.load(path, [f"controller={{plugin: reference_driver, model: {model}}}"]).stack.loop
+        noise = np.random.default_rng(1).standard_normal((80, 200, loop.noise_size))
+        state, gap = loop.initial(noise[0]), np.full(200, np.inf)
+        for row in noise[1:]:
+            state = loop.step(state, row)
+            gap = np.minimum(gap, loop.signals(state)["gap"])
+        collisions[model] = int((gap <= 0.0).sum())
+    assert 0 < collisions["fsm"] < collisions["cc"] < 40
