@@ -67,6 +67,7 @@ class EmergencyBraking(Controller):
     def __init__(self, controller: Controller, options: Aeb, scene: Scene) -> None:
         self._controller, self._options, self._scene = adapt(Controller, controller), options, scene
         self.horizon = max(controller.horizon, 1)
+        self.sees_truth = controller.sees_truth
 
     def start(self, n: int) -> BrakeMemory:
         """Return the memory of ``n`` particles before the first step."""

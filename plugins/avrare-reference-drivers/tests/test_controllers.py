@@ -7,7 +7,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.testing.conformance import Subject, checks_of
-from avrare_reference_drivers.config import CruiseConfig, EmergencyConfig, HoldConfig, ReferenceDriverConfig
+from avrare_reference_drivers.config import CruiseConfig, HoldConfig, ReferenceDriverConfig
 from avrare_reference_drivers.cruise import build_cruise, build_hold
 from avrare_reference_drivers.drivers import DRIVERS, following_distance
 from avrare_reference_drivers.reference_driver import build
@@ -127,18 +127,21 @@ def test_cruise_reaches_its_speed_and_its_distance():
     assert braked.min() >= -3.0
 
 
-def test_emergency_braking_waits_and_rises():
-    emergency = EmergencyConfig(ttc=1.5, delay=0.2, ramp=0.5, braking=8.0)
-    controller = build_hold(HoldConfig(emergency=emergency), scene())
-    _, _, braked = drive(controller, 20.0, [4.3 + 10.0], 10.0, steps=8)
-    np.testing.assert_allclose(braked[:8, 0], [0.0, 0.0, -1.6, -3.2, -4.8, -6.4, -8.0, -8.0], atol=1e-12)
-    without = build_hold(HoldConfig(emergency=None), scene())
-    assert drive(without, 20.0, [4.3 + 10.0], 10.0)[0][0] < 0.0
+@pytest.mark.parametrize(("aeb", "collides"), [("null", True), ("{needed_deceleration: 4.0}", False)])
+def test_emergency_braking_is_put_into_hold(tmp_path, aeb, collides):
+    path = tmp_path / "hold.yaml"
+    path.write_text(SCENARIO.replace("perception: {plugin: parametric}\n", ""))
+    loop = avrare.load(path, ["controller={plugin: hold}", f"aeb={aeb}"]).stack.loop
+    noise = np.zeros((1, loop.noise_size))
+    states = [loop.initial(noise)]
+    for _ in range(60):
+        states.append(loop.step(states[-1], noise))
+    assert bool(min(loop.signals(state)["gap"][0] for state in states) < 0.0) is collides
 
 
 def test_hold_follows_its_path():
     path = ((0.0, 0.0), (40.0, 0.0), (60.0, 10.0), (200.0, 80.0))
-    controller = build_hold(HoldConfig(speed=10.0, path=path, emergency=None), scene())
+    controller = build_hold(HoldConfig(speed=10.0, path=path), scene())
     memory, state = controller.start(1), ego(8.0)
     for _ in range(120):
         action, memory = controller.act(memory, state, None)

@@ -20,7 +20,7 @@ def avrare_components() -> list[Component]:
             name="cruise",
             config="avrare_reference_drivers.config:CruiseConfig",
             factory="avrare_reference_drivers.cruise:build_cruise",
-            summary="set speed, following distance of R157 5.2.3.3, emergency braking",
+            summary="set speed and following distance of R157 5.2.3.3",
             driving=True,
         ),
         Component(
@@ -28,7 +28,7 @@ def avrare_components() -> list[Component]:
             name="hold",
             config="avrare_reference_drivers.config:HoldConfig",
             factory="avrare_reference_drivers.cruise:build_hold",
-            summary="a given speed along a given path, with emergency braking",
+            summary="a given speed along a given path",
             driving=True,
         ),
         Component(

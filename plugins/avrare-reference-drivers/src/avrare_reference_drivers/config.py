@@ -45,16 +45,6 @@ class ReferenceDriverConfig(_Lateral):
     )
 
 
-class EmergencyConfig(_Options):
-    """Emergency braking for a vehicle in the ego's way."""
-
-    ttc: float = Field(default=1.5, gt=0.0, description="time to collision below which it acts [s]")
-    delay: float = Field(default=0.2, ge=0.0, description="time from that to the first braking [s]")
-    ramp: float = Field(default=0.6, ge=0.0, description="time from the first to the full braking [s]")
-    braking: float = Field(default=8.3, gt=0.0, description="full braking [m/s^2]")
-    margin: float = Field(default=0.0, description="free gap across below which a vehicle is in the way [m]")
-
-
 class CruiseConfig(_Lateral):
     """Options of the controller ``cruise``."""
 
@@ -64,9 +54,6 @@ class CruiseConfig(_Lateral):
     gap_gain: float = Field(default=0.2, gt=0.0, description="acceleration per metre of gap [1/s^2]")
     speed_gain: float = Field(default=0.8, gt=0.0, description="acceleration per m/s of speed [1/s]")
     margin: float = Field(default=0.3, description="free gap across below which it follows a vehicle [m]")
-    emergency: EmergencyConfig | None = Field(
-        default=EmergencyConfig(), description="emergency braking; null: none"
-    )
 
 
 class HoldConfig(_Lateral):
@@ -78,9 +65,6 @@ class HoldConfig(_Lateral):
         default=(), description="x and y of the points of its path [m]; default: its lane"
     )
     lookahead: float = Field(default=6.0, gt=0.0, description="distance of the point that it steers to [m]")
-    emergency: EmergencyConfig | None = Field(
-        default=EmergencyConfig(), description="emergency braking; null: none"
-    )
 
     @field_validator("path")
     @classmethod
