@@ -48,6 +48,7 @@ COMMAND_GROUP = "avrare.commands"
 PROVIDED = {
     "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
+    "scenes": ("avrare-single-track", "tell which OpenSCENARIO files are read, or act one out"),
     "policy": ("avrare-policy", "convert a trained policy network to a file of the plugin"),
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_single_track.openscenario.conditions import Traffic, holds
@@ -122,7 +123,7 @@ class ActedTraffic:
         self.lengths = np.array([body.length for body in file.bodies])
         self.widths = np.array([body.width for body in file.bodies])
         self.ahead = np.array([body.ahead for body in file.bodies])
-        self.count = len(file.bodies) - 1
+        self.count = len(file.bodies) - file.ego
         self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
 
     def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
@@ -139,8 +140,8 @@ class ActedTraffic:
             np.full((n, len(story.events)), -1),
             np.full((n, len(story.conditions)), -1),
             np.zeros((n, len(story.conditions), int(self.delays.max(initial=0)) + 1), np.bool_),
-            np.zeros((n, vehicles + 1)),
-            np.zeros((n, vehicles + 1)),
+            np.zeros_like(speed),
+            np.zeros_like(speed),
             heading[:, :vehicles],
             Course.idle(n, vehicles),
             Course.idle(n, vehicles),
@@ -150,16 +151,35 @@ class ActedTraffic:
         )
         return ego, others, memory
 
+    def check_start(self) -> None:
+        """Raise an error where a vehicle starts off the road, or the ego against it.
+
+        Raises:
+            UsageError: Such a vehicle.
+        """
+        ego, others, _ = self.start(1, {})
+        starts = [(others.x[0, k], others.heading[0, k]) for k in range(self.count)]
+        starts += [(ego.x[0], ego.heading[0])] if self.file.ego else []
+        length = self.roads.line.length
+        for body, (station, heading) in zip(self.file.bodies, starts, strict=True):
+            if not np.isfinite(station):
+                raise UsageError(f"{self.file.path}: {body.name!r} is on no road at the start")
+            if not 0.0 <= station <= length:
+                text = f"{self.file.path}: {body.name!r} begins at {station:.6g} m of its road"
+                raise UsageError(text, f"the road goes from 0 to {length:.6g} m")
+            if self.file.ego and body is self.file.bodies[-1] and np.cos(heading) < 0.0:
+                text = f"{self.file.path}: {body.name!r} drives against the reference line of its road"
+                raise UsageError(text, "only an ego that drives along it is supported")
+
     def step(
-        self, memory: StoryMemory, step: Integers, ego: Vehicles, others: Vehicles
+        self, memory: StoryMemory, step: Integers, ego: Vehicles | None, others: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
-        """Return the memory and the others one step later; the ego is the one of this step."""
-        pairs = zip(vars(others).values(), vars(ego).values(), strict=True)
-        every = Vehicles(*(np.column_stack([part, own]) for part, own in pairs))
-        memory = self._trigger(memory, step, every)
+        """Return the memory and the others one step later; the ego, if there is one, is that of this step."""
+        memory = self._trigger(memory, step, _join(others, ego))
         memory, found = self._move(memory, others)
-        driven = np.column_stack([0.5 * (others.speed + found.speed), ego.speed]) * self.dt
-        resting = np.column_stack([found.speed, ego.speed]) < _AT_REST
+        mean = replace(found, speed=0.5 * (others.speed + found.speed))
+        driven = _join(mean, ego).speed * self.dt
+        resting = _join(found, ego).speed < _AT_REST
         memory = replace(
             memory,
             travelled=memory.travelled + driven,
@@ -302,6 +322,13 @@ class ActedTraffic:
             over = (memory.begun[:, index] >= 0) & (ended[:, index] < 0) & ~busy
             ended[:, index] = np.where(over, step, ended[:, index])
         return replace(memory, ended=ended)
+
+
+def _join(others: Vehicles, ego: Vehicles | None) -> Vehicles:
+    if ego is None:
+        return others
+    pairs = zip(vars(others).values(), vars(ego).values(), strict=True)
+    return Vehicles(*(np.column_stack(pair) for pair in pairs))
 
 
 def _span(transition: Transition, change: Floats, value: Floats) -> Floats:

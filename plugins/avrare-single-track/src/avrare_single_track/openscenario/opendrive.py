@@ -43,6 +43,7 @@ class RoadMap:
         begins: Station at which each road of the file begins [m].
         lanes: Index of each lane, by its id.
         centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
+        notes: What of its file is left out, with its places.
     """
 
     road: Road
@@ -50,6 +51,7 @@ class RoadMap:
     begins: Mapping[str, float]
     lanes: Mapping[int, int]
     centres: Mapping[int, float]
+    notes: tuple[str, ...] = ()
 
 
 def read_opendrive(path: str) -> RoadMap:

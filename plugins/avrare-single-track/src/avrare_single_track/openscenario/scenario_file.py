@@ -51,7 +51,9 @@ class ScenarioFile:
         parameters: Its parameters; all numbers of the storyboard are columns of their table.
         roads: Its road.
         bodies: Bodies of the vehicles, the ego last.
+        ego: Whether the last one is an ego that a stack drives; else all obey the file.
         story: What happens.
+        notes: What is left out, with its places.
     """
 
     path: str
@@ -60,12 +62,14 @@ class ScenarioFile:
     parameters: Parameters
     roads: RoadMap
     bodies: tuple[Body, ...]
+    ego: bool
     story: Storyboard
+    notes: tuple[str, ...]
 
 
 def read_scenario(
     path: str,
-    ego: str,
+    ego: str | None,
     dt: float,
     given: Mapping[str, float | str],
     road: str | None = None,
@@ -77,7 +81,7 @@ def read_scenario(
 
     Args:
         path: The file.
-        ego: Name of the entity that is the ego.
+        ego: Name of the entity that is the ego; None: all entities obey the storyboard.
         dt: Step [s].
         given: Values of parameters, in place of the declared ones.
         road: Road file in place of the one that the file names.
@@ -108,20 +112,26 @@ def read_scenario(
     names = [body.name for body in bodies]
     board = top.child("Storyboard")
     places, speeds = _read_starts(board.child("Init"), parameters, roads, names)
-    reader = StoryReader(parameters, roads, names, dt, ignore_ego, entries)
+    driven = None if ego is None else len(names) - 1
+    reader = StoryReader(parameters, roads, names, dt, driven, ignore_ego, entries)
     story = reader.read(board, places, speeds)
     top.refuse_unread()
     entries.refuse_unread()
-    return ScenarioFile(path, file, tuple(entries.used), parameters, roads, bodies, story)
+    notes = (*top.notes(), *entries.notes(), *roads.notes)
+    return ScenarioFile(
+        path, file, tuple(entries.used), parameters, roads, bodies, ego is not None, story, notes
+    )
 
 
-def _read_bodies(entities: Element, parameters: Parameters, catalogs: Catalogs, ego: str) -> tuple[Body, ...]:
+def _read_bodies(
+    entities: Element, parameters: Parameters, catalogs: Catalogs, ego: str | None
+) -> tuple[Body, ...]:
     bodies = [_read_body(one, parameters, catalogs) for one in entities.list("ScenarioObject")]
     names = [body.name for body in bodies]
-    if ego not in names:
+    if ego is not None and ego not in names:
         hint = did_you_mean(ego, names) or f"choose it with `entity`; there are: {', '.join(names)}"
         raise entities.error(f"there is no entity {ego!r}", hint)
-    if wrong := sorted({"ego", "others"} & {name for name in names if name != ego}):
+    if ego is not None and (wrong := sorted({"ego", "others"} & {name for name in names if name != ego})):
         raise entities.error(f"{wrong[0]!r} is a reserved name in formulas", "give the entity another name")
     if len(set(names)) < len(names):
         raise entities.error("two entities have the same name")

@@ -64,20 +64,7 @@ class OpenScenario(SingleTrack):
             np.array([body.width for body in others]),
             np.array([speeds[k] > 0.0 or k in driven for k in range(len(others))], dtype=bool),
         )
-        self._check_start()
-
-    def _check_start(self) -> None:
-        ego, others, _ = self.acted.start(1, {})
-        for name, k in ((self.options.entity, -1), *((name, k) for k, name in enumerate(self.scene.names))):
-            s, heading = (ego.x[0], ego.heading[0]) if k < 0 else (others.x[0, k], others.heading[0, k])
-            if not np.isfinite(s):
-                raise UsageError(f"{self.file.path}: {name!r} is on no road at the start")
-            if not 0.0 <= s <= self.file.roads.line.length:
-                text = f"{self.file.path}: {name!r} begins at {s:.6g} m of its road"
-                raise UsageError(text, f"the road goes from 0 to {self.file.roads.line.length:.6g} m")
-            if k < 0 and np.cos(heading) < 0.0:
-                text = f"{self.file.path}: {name!r} drives against the reference line of its road"
-                raise UsageError(text, "only an ego that drives along it is supported")
+        self.acted.check_start()
 
     def drawing(self, laws: Mapping[str, object]) -> OpenScenario:
         """Return the simulator itself: every rollout has its own numbers anyway.

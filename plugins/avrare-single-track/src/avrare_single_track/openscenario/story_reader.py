@@ -52,6 +52,7 @@ class StoryReader:
         roads: Its road.
         names: Names of the entities, the ego last.
         dt: Step [s].
+        ego: Index of the entity that a stack drives; None: all obey the storyboard.
         ignore_ego: Whether actions of the ego are passed over.
         catalogs: Catalogs of maneuvers.
     """
@@ -62,11 +63,12 @@ class StoryReader:
         roads: RoadMap,
         names: Sequence[str],
         dt: float,
+        ego: int | None,
         ignore_ego: bool,
         catalogs: Catalogs,
     ) -> None:
         self.parameters, self.roads, self.names, self.dt = parameters, roads, names, dt
-        self.ignore_ego, self.catalogs = ignore_ego, catalogs
+        self.ego, self.ignore_ego, self.catalogs = ego, ignore_ego, catalogs
         self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
@@ -127,12 +129,11 @@ class StoryReader:
                 self._read_maneuver(maneuver, act, chosen)
 
     def _read_maneuver(self, maneuver: Element, act: int, actors: list[int]) -> None:
-        ego = len(self.names) - 1
-        if ego in actors:
+        if self.ego in actors:
             if not self.ignore_ego:
                 text = "the ego is driven by the controller under test, not by the storyboard"
                 raise maneuver.error(text, "take it out, or set `ignore_ego_events: true`")
-            actors = [one for one in actors if one != ego]
+            actors = [actor for actor in actors if actor != self.ego]
         for event in maneuver.list("Event"):
             with self._named(event, "event"):
                 self._read_event(event, act, actors)

@@ -42,6 +42,7 @@ class Element:
     children: list[Element] = field(default_factory=list)
     _asked: set[str] = field(default_factory=set)
     _known: bool = False
+    _note: str = ""
 
     def error(self, text: str, hint: str | None = None) -> UsageError:
         """Return the error with this message about the element."""
@@ -106,6 +107,19 @@ class Element:
         for tag in tags:
             for one in self.list(tag):
                 one.skip()
+
+    def pass_over(self, note: str) -> None:
+        """Skip the element, and note what is left out by it."""
+        self.skip()
+        self._note = note
+
+    def note(self, text: str) -> None:
+        """Note how the element is read where a file may mean more."""
+        self._note = text
+
+    def notes(self) -> list[str]:
+        """Return the notes on it and all within it, each with its place."""
+        return [f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self._walk() if one._note]
 
     def refuse_unread(self) -> None:
         """Raise an error at the first element or attribute in it that was not asked for.

@@ -1,0 +1,50 @@
+"""States of a scene that is acted out without a stack, in the plane of its road file."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Floats
+from avrare_single_track.openscenario.acted_traffic import ActedTraffic
+from avrare_single_track.openscenario.scenario_file import ScenarioFile
+from avrare_single_track.openscenario.starts import move_along_body
+
+
+def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
+    """Return times (T,) and states (T, V, 4): x, y, heading and speed of each point of reference.
+
+    Args:
+        file: The scene, all of whose entities obey the storyboard.
+        dt: Step [s].
+        until: End [s].
+    """
+    traffic = ActedTraffic(file, dt)
+    _, others, memory = traffic.start(1, {})
+    count = round(until / dt)
+    states = [_describe(traffic, others)]
+    for step in range(count):
+        memory, others = traffic.step(memory, np.array([step]), None, others)
+        states.append(_describe(traffic, others))
+    return np.arange(count + 1) * dt, np.stack(states)
+
+
+def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None:
+    """Write the columns time, entity, x, y, heading, speed."""
+    times, states = act_out(file, dt, until)
+    with path.open("w", newline="", encoding="utf-8") as target:
+        writer = csv.writer(target)
+        writer.writerow(("time", "entity", "x", "y", "heading", "speed"))
+        for time, row in zip(times, states, strict=True):
+            for body, state in zip(file.bodies, row, strict=True):
+                writer.writerow((f"{time:.6g}", body.name, *(f"{number:.6f}" for number in state)))
+
+
+def _describe(traffic: ActedTraffic, others: Vehicles) -> Floats:
+    roads = traffic.roads
+    s, d, heading = move_along_body(roads, others.x, others.y, others.heading, -traffic.ahead)
+    x, y = roads.line.to_plane(s, d)
+    return np.stack([x[0], y[0], heading[0] + roads.line.heading(s)[0], others.speed[0]], axis=-1)
