@@ -15,7 +15,14 @@ _REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
 _SUFFIX = ".xosc"
 _MOST = 100_000
 """Most elements that entries put into a scenario."""
-READ = ("VehicleCatalog", "PedestrianCatalog", "MiscObjectCatalog", "ManeuverCatalog")
+READ = (
+    "VehicleCatalog",
+    "PedestrianCatalog",
+    "MiscObjectCatalog",
+    "ManeuverCatalog",
+    "TrajectoryCatalog",
+    "RouteCatalog",
+)
 """Locations that are looked into."""
 
 
@@ -147,10 +154,11 @@ def _values(entry: Element, reference: Element) -> dict[str, str]:
     for one in block.list("ParameterDeclaration") if block is not None else ():
         one.get("parameterType")
         values[one.attribute("name")] = one.attribute("value")
-        if "$" in one.attribute("value"):
-            raise one.error("its value depends on another parameter", "assign one where it is referred to")
+        for group in one.list("ConstraintGroup"):
+            group.skip()
     if block is not None:
         block.refuse_unread()
+    assigned_names: set[str] = set()
     assigned = reference.find("ParameterAssignments")
     for one in assigned.list("ParameterAssignment") if assigned is not None else ():
         name = one.attribute("parameterRef").removeprefix("$")
@@ -158,6 +166,10 @@ def _values(entry: Element, reference: Element) -> dict[str, str]:
             hint = did_you_mean(name, values)
             raise one.error(f"the entry {entry.get('name')!r} has no parameter {name!r}", hint)
         values[name] = one.attribute("value")
+        assigned_names.add(name)
+    for name, text in values.items():  # a value may refer to those before it; one assigned, to the scenario's
+        if name not in assigned_names:
+            values[name] = _put_in(entry, text, values)
     return values
 
 

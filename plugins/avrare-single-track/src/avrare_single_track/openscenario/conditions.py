@@ -14,6 +14,7 @@ from avrare.protocols import Bools, Floats
 from avrare_single_track.openscenario.opendrive import RoadMap
 from avrare_single_track.openscenario.starts import move_along_body, place_point
 from avrare_single_track.openscenario.story import Condition
+from avrare_single_track.openscenario.trajectories import list_places
 
 _TOLERANCE = 1e-9
 """Relative difference below which numbers are equal: 3 x 0.1 s is no more than 0.3 s."""
@@ -31,6 +32,7 @@ class Traffic:
         ahead: (V + 1,) how far the middles are ahead of the points of reference [m].
         travelled: (N, V + 1) way so far [m].
         still: (N, V + 1) time at rest so far [s].
+        variables: (N, P) values of variables.
     """
 
     time: Floats
@@ -40,6 +42,7 @@ class Traffic:
     ahead: Floats
     travelled: Floats
     still: Floats
+    variables: Floats
 
 
 def holds(
@@ -67,6 +70,8 @@ def holds(
         return compare(condition.rule, traffic.time, value)
     if condition.kind == "state":
         return _state_holds(condition, acts, begun, ended)
+    if condition.kind == "variable":
+        return compare(condition.rule, traffic.variables[:, condition.variable], value)
     found = np.stack(
         [
             compare(condition.rule, _measure(condition, entity, traffic, roads, table), value)
@@ -125,7 +130,19 @@ def _measure(condition: Condition, entity: int, traffic: Traffic, roads: RoadMap
         case "acceleration":
             return traffic.vehicles.acceleration[:, entity]
         case "relative_speed":
+            turned = traffic.vehicles.heading[:, other] - traffic.vehicles.heading[:, entity]
+            if condition.direction == "longitudinal":
+                return np.asarray(speeds[:, entity] - np.cos(turned) * speeds[:, other])
+            if condition.direction == "lateral":
+                return np.asarray(-np.sin(turned) * speeds[:, other])
             return np.asarray(speeds[:, entity] - speeds[:, other])
+        case "collision":
+            return _touches(condition, entity, traffic, roads)
+        case "road_end":
+            station = traffic.vehicles.x[:, entity]
+            return np.asarray((station <= 0.0) | (station >= roads.line.length), dtype=np.float64)
+        case "off_road":
+            return _off_road(_pick(traffic.vehicles, entity), roads)
     if condition.place is not None:
         return _distance_to_place(condition, entity, traffic, roads, table)
     distance = _distance(condition, entity, other, traffic, roads)
@@ -156,7 +173,11 @@ def _distance_to_place(
     condition: Condition, entity: int, traffic: Traffic, roads: RoadMap, table: Floats
 ) -> Floats:
     assert condition.place is not None
-    s, d, heading = place_point(condition.place, roads, table, {})
+    references = {}
+    for k in list_places(condition.place):
+        seen = _reference(roads, _pick(traffic.vehicles, k), traffic.ahead[k])
+        references[k] = seen.x, seen.y, seen.heading
+    s, d, heading = place_point(condition.place, roads, table, references)
     goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
     here = _pick(traffic.vehicles, entity)
     if not condition.free:
@@ -168,6 +189,22 @@ def _distance_to_place(
     nothing = np.zeros_like(point.x)
     spot = Rectangle(point.x, point.y, point.heading, nothing, nothing)
     return np.asarray(np.maximum(signed_distance(_box(roads, here, traffic, entity), spot), 0.0))
+
+
+def _touches(condition: Condition, one: int, traffic: Traffic, roads: RoadMap) -> Floats:
+    touches = np.zeros(len(traffic.time), np.bool_)
+    mine = _box(roads, _pick(traffic.vehicles, one), traffic, one)
+    for other in condition.against:
+        if other != one:
+            theirs = _box(roads, _pick(traffic.vehicles, other), traffic, other)
+            touches |= signed_distance(mine, theirs) <= 0.0
+    return touches.astype(np.float64)
+
+
+def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:
+    middles, reach = roads.middles(vehicle.x), 0.5 * roads.road.lane_width
+    aside = (np.abs(vehicle.y[:, None] - middles) > reach).all(axis=1)
+    return np.asarray(aside | (vehicle.x < 0.0) | (vehicle.x > roads.line.length), dtype=np.float64)
 
 
 def _box(roads: RoadMap, vehicles: Vehicles, traffic: Traffic, k: int) -> Rectangle:

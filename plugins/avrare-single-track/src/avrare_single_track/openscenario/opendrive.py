@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from avrare.driving import Road
 from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.driving.values import Lane
+from avrare.protocols import Floats
 from avrare_single_track.openscenario.xml_tree import Element, read_xml
 
 _APART = 0.01
@@ -31,6 +32,8 @@ _KINDS = {
     "stop": "shoulder",
 }
 """Types of lanes that are lanes of the road; others only take their width."""
+_IDLE = ("speed", "material", "access", "height", "rule")
+"""Elements of a lane that change nothing."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,17 @@ class RoadMap:
     centres: Mapping[int, float]
     notes: tuple[str, ...] = ()
 
+    def middles(self, s: Floats) -> Floats:
+        """Return y (..., L) of the centre of each lane at stations (...) [m]."""
+        if not self.road.lanes:
+            return np.broadcast_to(np.array(self.road.lane_centres), (*s.shape, len(self.road.lane_centres)))
+        s = np.clip(s, 0.0, self.line.length)
+        centres = [
+            np.interp(s, lane.stations, 0.5 * (lane.right + lane.left), np.nan, np.nan)
+            for lane in self.road.lanes
+        ]
+        return np.stack(centres, axis=-1)
+
 
 def read_opendrive(path: str) -> RoadMap:
     """Read the roads of a file, which must follow one another in a single line.
@@ -63,6 +77,7 @@ def read_opendrive(path: str) -> RoadMap:
     """
     top = read_xml(path, "OpenDRIVE")
     top.skip_children("header")
+    top.skip_everywhere("userData", "dataQuality")
     chain = _chain(top, top.list("road"))
     if junctions := top.list("junction"):
         raise junctions[0].error("is not read", "give a file whose roads follow one another")
@@ -87,13 +102,27 @@ def read_opendrive(path: str) -> RoadMap:
         if _read_lanes(road) != lanes:
             raise road.error("its lanes differ from those of the road before it", "lanes must go on")
     for road in chain:
-        road.skip_children("elevationProfile", "lateralProfile", "objects", "signals", "type")
+        for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
+            _pass_over_profile(profile)
+        road.skip_children("objects", "signals", "type", "surface")
         for name in ("name", "length", "junction"):
             road.get(name)
         if road.get("rule") == "LHT":
             raise road.error("traffic on the left is not read")
     top.refuse_unread()
-    return _assemble(line, begins, lanes)
+    return replace(_assemble(line, begins, lanes), notes=tuple(top.notes()))
+
+
+def _pass_over_profile(profile: Element) -> None:
+    flat = all(
+        child.attributes.get(name, "0").strip("+-0.eE") == ""
+        for child in profile.children
+        for name in "abcd"
+    )
+    if flat:
+        profile.skip()
+    else:
+        profile.pass_over("the road is read as flat")
 
 
 def _chain(top: Element, roads: list[Element]) -> list[Element]:
@@ -194,7 +223,7 @@ def _read_section(section: Element, offset: float) -> list[tuple[int, str, float
 
 def _lane_width(lane: Element) -> float:
     lane.get("level")
-    lane.skip_children("link", "speed", "userData")
+    lane.skip_children("link", *_IDLE)
     widths = {_constant(one) for one in lane.list("width")}
     if len(widths) != 1:
         raise lane.error("its width changes" if widths else "has no width", "widths must be constant")
@@ -202,10 +231,13 @@ def _lane_width(lane: Element) -> float:
 
 
 def _is_broad(lane: Element) -> bool:
-    lane.get("level")
+    for name in ("level", "type", "direction", "advisory", "dynamicLaneDirection"):
+        lane.get(name)
     marks = lane.list("roadMark")
     weights = {mark.attributes.get("weight") for mark in marks}
-    lane.skip_children("roadMark", "link")
+    lane.skip_children("roadMark", "link", *_IDLE)
+    if lane.attribute("id") == "0":
+        lane.skip_children("width", "border")
     return weights == {"bold"}
 
 

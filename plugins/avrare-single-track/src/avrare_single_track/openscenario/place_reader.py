@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
 
 from avrare.base.errors import did_you_mean
 from avrare_single_track.openscenario.opendrive import RoadMap
@@ -10,15 +12,37 @@ from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.story import Place
 from avrare_single_track.openscenario.xml_tree import Element
 
+if TYPE_CHECKING:
+    from avrare_single_track.openscenario.story import Trajectory
+
 POSITIONS = (
     "WorldPosition, LanePosition, RoadPosition, RelativeLanePosition, RelativeRoadPosition, "
-    "RelativeObjectPosition"
+    "RelativeObjectPosition, RelativeWorldPosition, TrajectoryPosition"
 )
 
 
-def read_place(position: Element, parameters: Parameters, roads: RoadMap, names: Sequence[str]) -> Place:
+class CurveReader(Protocol):
+    """Reader of the trajectory in an element."""
+
+    def read_curve(self, holder: Element, actor: int, timed: bool) -> Trajectory:
+        """Return the trajectory."""
+
+
+def read_place(
+    position: Element,
+    parameters: Parameters,
+    roads: RoadMap,
+    names: Sequence[str],
+    curves: CurveReader | None = None,
+) -> Place:
     """Read the element ``Position``; ``names`` are those of the entities, the ego last."""
-    one = position.choice()
+    place = _read_kind(position.choice(), parameters, roads, names, curves)
+    return replace(place, turned=place.turned or position.children[0].find("Orientation") is not None)
+
+
+def _read_kind(
+    one: Element, parameters: Parameters, roads: RoadMap, names: Sequence[str], curves: CurveReader | None
+) -> Place:
 
     def number(name: str, default: float | None = None) -> Number:
         return parameters.number(one, name, default)
@@ -27,7 +51,17 @@ def read_place(position: Element, parameters: Parameters, roads: RoadMap, names:
         case "WorldPosition":
             for name in ("z", "p", "r"):
                 one.get(name)
-            return Place("plane", number("x"), number("y"), number("h", 0.0), absolute=True)
+            turned = one.get("h") is not None
+            return Place("plane", number("x"), number("y"), number("h", 0.0), absolute=True, turned=turned)
+        case "RelativeWorldPosition":
+            other = find_entity(one, "entityRef", parameters, names)
+            one.get("dz")
+            heading, absolute = _read_orientation(one, parameters)
+            return Place("shifted", number("dx"), number("dy"), heading, None, other, absolute)
+        case "TrajectoryPosition" if curves is not None:
+            heading, absolute = _read_orientation(one, parameters)
+            curve = curves.read_curve(one.find("TrajectoryRef") or one, -1, False)
+            return Place("curve", number("s"), number("t", 0.0), heading, absolute=absolute, curve=curve)
         case "LanePosition":
             begin, lane = _begin(one, parameters, roads), find_lane(one, "laneId", parameters, roads)
             heading, absolute = _read_orientation(one, parameters)
@@ -41,7 +75,8 @@ def read_place(position: Element, parameters: Parameters, roads: RoadMap, names:
             other = find_entity(one, "entityRef", parameters, names)
             heading, absolute = _read_orientation(one, parameters)
             across = parameters.whole(one, "dLane")
-            ahead, offset = number("ds"), number("offset", 0.0)
+            ahead = number("ds" if one.get("dsLane") is None else "dsLane")
+            offset = number("offset", 0.0)
             return Place("beside", ahead, offset, heading, across, other, absolute)
         case "RelativeRoadPosition":
             other = find_entity(one, "entityRef", parameters, names)

@@ -7,14 +7,26 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrare.base.errors import did_you_mean
+from avrare_single_track.openscenario.action_reader import ActionReader
 from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
 from avrare_single_track.openscenario.opendrive import RoadMap, read_opendrive
 from avrare_single_track.openscenario.parameters import Number, Parameters
-from avrare_single_track.openscenario.place_reader import read_place
-from avrare_single_track.openscenario.story import Place, Storyboard
+from avrare_single_track.openscenario.place_reader import find_entity
+from avrare_single_track.openscenario.starts import Starts
+from avrare_single_track.openscenario.story import (
+    Action,
+    Gap,
+    Place,
+    SpeedChange,
+    Storyboard,
+    TargetSpeed,
+    Teleport,
+    Trajectory,
+    Transition,
+)
 from avrare_single_track.openscenario.story_reader import StoryReader
-from avrare_single_track.openscenario.xml_tree import Element, parse_number, read_xml
+from avrare_single_track.openscenario.xml_tree import Element, read_xml
 
 _BODIES = ("Vehicle", "Pedestrian", "MiscObject")
 
@@ -30,6 +42,7 @@ class Body:
         ahead: Distance of its middle ahead of the middle of the rear axle, its point of reference [m].
         wheelbase: Distance of the axles [m]; None where there are no axles.
         speed_max: Top speed [m/s].
+        kind: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
     """
 
     name: str
@@ -38,6 +51,7 @@ class Body:
     ahead: float
     wheelbase: float | None
     speed_max: float | None
+    kind: str
 
 
 @dataclass(frozen=True)
@@ -111,10 +125,11 @@ def read_scenario(
     bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
     names = [body.name for body in bodies]
     board = top.child("Storyboard")
-    places, speeds = _read_starts(board.child("Init"), parameters, roads, names)
+    kinds = [body.kind for body in bodies]
     driven = None if ego is None else len(names) - 1
-    reader = StoryReader(parameters, roads, names, dt, driven, ignore_ego, entries)
-    story = reader.read(board, places, speeds)
+    variables = _read_variables(top, parameters)
+    reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
+    story = reader.read(board, _read_starts(board.child("Init"), reader.reading))
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
@@ -148,13 +163,13 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     box = kind.child("BoundingBox")
     box.skip()
     centre, size = box.child("Center"), box.child("Dimensions")
-    kind.skip_children("Properties", "ParameterDeclarations")
+    kind.skip_children("Properties", "ParameterDeclarations", "TrailerHitch", "TrailerCoupler")
+    for trailer in kind.list("Trailer"):
+        trailer.pass_over("trailers are left out")
     for name in kind.attributes:
         kind.get(name)
 
-    def read(element: Element, name: str) -> float:
-        return _constant(parameters, element, name)
-
+    read = parameters.fixed
     top_speed, performance = None, kind.find("Performance")
     if performance is not None:
         performance.skip()
@@ -168,43 +183,52 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     length, width = read(size, "length"), read(size, "width")
     if min(length, width) <= 0.0:
         raise size.error("length and width should be above 0")
-    return Body(parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed)
+    return Body(parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed, kind.tag)
 
 
-def _constant(parameters: Parameters, element: Element, name: str) -> float:
-    return parse_number(element, name, parameters.text(element, name))
-
-
-def _read_starts(
-    init: Element, parameters: Parameters, roads: RoadMap, names: Sequence[str]
-) -> tuple[tuple[Place, ...], tuple[Number, ...]]:
-    places: dict[str, Place] = {}
-    speeds: dict[str, Number] = {}
+def _read_starts(init: Element, reader: ActionReader) -> Starts:
+    places: dict[int, Place] = {}
+    speeds: dict[int, TargetSpeed] = {}
+    gaps: list[Gap] = []
+    later: list[Action] = []
     for actions in init.list("Actions"):
+        for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
+            later += [action for action in [reader.read_global(kind)] if action is not None]
         for private in actions.list("Private"):
-            name = parameters.text(private, "entityRef")
-            if name not in names:
-                raise private.error(f"there is no entity {name!r}", did_you_mean(name, names))
+            actor = find_entity(private, "entityRef", reader.parameters, reader.names)
             for one in private.list("PrivateAction"):
-                action = one.choice()
-                if action.tag == "TeleportAction":
-                    places[name] = read_place(action.child("Position"), parameters, roads, names)
-                elif action.tag == "LongitudinalAction" and action.find("SpeedAction") is not None:
-                    speeds[name] = _read_speed(action.child("SpeedAction"), parameters)
-                elif action.tag in ("ControllerAction", "ActivateControllerAction"):
-                    action.skip()
-                else:
-                    raise action.unknown("TeleportAction, SpeedAction in a LongitudinalAction")
-    for name in names:
-        if name not in places:
+                match reader.read_private(one, actor):
+                    case Teleport(place=place):
+                        places[actor] = place
+                    case SpeedChange(transition=Transition(form="step"), continuous=False, target=speed):
+                        speeds[actor] = speed
+                    case Gap(acceleration=None, across=False) as gap:
+                        gaps.append(gap)
+                        later += [gap] if gap.continuous else []
+                    case action if action is not None:
+                        later.append(action)
+    curves = {action.actor: action for action in later if isinstance(action, Trajectory)}
+    for actor, name in enumerate(reader.names):
+        if actor not in places and actor in curves:  # it begins where its trajectory does
+            places[actor] = curves[actor].vertices[0]
+        if actor not in places:
             raise init.error(f"{name!r} has no start", "give it a TeleportAction")
-    still = parameters.constant(0.0)
-    return tuple(places[name] for name in names), tuple(speeds.get(name, still) for name in names)
+    still = TargetSpeed(reader.parameters.constant(0.0))
+    every = range(len(reader.names))
+    return Starts(
+        tuple(places[actor] for actor in every),
+        tuple(speeds.get(actor, still) for actor in every),
+        tuple(gaps),
+        tuple(later),
+    )
 
 
-def _read_speed(action: Element, parameters: Parameters) -> Number:
-    action.child("SpeedActionDynamics").skip()
-    if action.child("SpeedActionDynamics").attributes.get("dynamicsShape") != "step":
-        raise action.error("the speed at the start should be reached in a step")
-    target = action.child("SpeedActionTarget").child("AbsoluteTargetSpeed")
-    return parameters.number(target, "value", low=0.0)
+def _read_variables(top: Element, parameters: Parameters) -> dict[str, Number]:
+    # Value of each parameter and variable at the start, as conditions see them.
+    variables: dict[str, Number] = {}
+    for block, tag in (("ParameterDeclarations", "ParameterDeclaration"), ("VariableDeclarations", "VariableDeclaration")):
+        declarations = top.find(block)
+        for element in declarations.list(tag) if declarations is not None else ():
+            element.get("variableType")
+            variables[element.attribute("name")] = parameters.value(element, "value")
+    return variables

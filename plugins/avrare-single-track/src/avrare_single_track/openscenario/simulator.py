@@ -16,6 +16,8 @@ from avrare_single_track.config import EgoConfig, SingleTrackConfig
 from avrare_single_track.file_config import OpenScenarioConfig
 from avrare_single_track.openscenario.acted_traffic import ActedTraffic, StoryMemory
 from avrare_single_track.openscenario.scenario_file import Body, ScenarioFile, read_scenario
+from avrare_single_track.openscenario.starts import speed_all
+from avrare_single_track.openscenario.story import Assignment
 from avrare_single_track.simulator import SingleTrack, TrackWorld
 
 PREFIX = "parameters."
@@ -52,8 +54,8 @@ class OpenScenario(SingleTrack):
         own = _build_ego(config, file, ego)
         super().__init__(SingleTrackConfig(dt=config.dt, ego=own, after_impact=config.after_impact))
         self.acted = ActedTraffic(file, config.dt)
-        driven = {action.actor for action in file.story.actions}
-        speeds = file.parameters.table({}, 1)[0, list(file.story.speeds)]
+        driven = {action.actor for action in file.story.actions if not isinstance(action, Assignment)}
+        speeds = speed_all(file.story, file.parameters.table({}, 1))[0]
         self.scene = Scene(
             config.dt,
             file.roads.road,
@@ -62,7 +64,7 @@ class OpenScenario(SingleTrack):
             tuple(body.name for body in others),
             np.array([body.length for body in others]),
             np.array([body.width for body in others]),
-            np.array([speeds[k] > 0.0 or k in driven for k in range(len(others))], dtype=bool),
+            np.array([speeds[k] != 0.0 or k in driven for k in range(len(others))], dtype=bool),
         )
         self.acted.check_start()
 
@@ -125,8 +127,8 @@ def _build_ego(config: OpenScenarioConfig, file: ScenarioFile, body: Body) -> Eg
     options: dict[str, Any] = {"length": body.length, "width": body.width}
     options |= {} if body.wheelbase is None else {"wheelbase": body.wheelbase}
     options |= {} if body.speed_max is None else {"speed_max": body.speed_max}
-    table = file.parameters.table({}, 1)[0]
-    options |= {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": float(table[file.story.speeds[-1]])}
+    speed = float(speed_all(file.story, file.parameters.table({}, 1))[0, -1])
+    options |= {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": speed}
     if wrong := sorted(set(options) & set(config.ego)):
         hint = "set a parameter of the file in `parameters`, or change the file"
         raise UsageError(f"ego.{wrong[0]}: that of the ego is given by {file.path}", hint)

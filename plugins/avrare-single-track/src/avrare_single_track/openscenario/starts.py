@@ -2,34 +2,64 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 from avrare_single_track.openscenario.opendrive import RoadMap
-from avrare_single_track.openscenario.story import Place, Storyboard
+from avrare_single_track.openscenario.story import (
+    Action,
+    Gap,
+    Place,
+    Storyboard,
+    TargetSpeed,
+    Trajectory,
+)
+from avrare_single_track.openscenario.trajectories import Path, Pose, list_places
 
 Integers = NDArray[np.int64]
 
 
-def nearest_lane(roads: RoadMap, y: Floats) -> Integers:
-    """Return the index of the lane whose centre is nearest to offsets of any shape."""
-    centres = np.array(roads.road.lane_centres)
-    return np.asarray(np.abs(np.asarray(y)[..., None] - centres).argmin(axis=-1))
+def nearest_lane(roads: RoadMap, y: Floats, s: Floats) -> Integers:
+    """Return the index of the lane whose centre is nearest to offsets at stations of the same shape."""
+    centres = roads.middles(np.asarray(s))
+    apart = np.abs(np.asarray(y)[..., None] - centres)
+    return np.asarray(np.where(np.isnan(apart), np.inf, apart).argmin(axis=-1))
 
 
-def lane_middle(roads: RoadMap, lane: Integers) -> Floats:
-    """Return y of the centre of lanes [m], NaN where there is no such lane."""
-    centres = np.array(roads.road.lane_centres)
-    inside = (lane >= 0) & (lane < len(centres))
-    return np.where(inside, centres[np.where(inside, lane, 0)], np.nan)
+def lane_middle(roads: RoadMap, lane: Integers, s: Floats) -> Floats:
+    """Return y of the centre of lanes at stations [m], NaN where there is no such lane."""
+    centres = roads.middles(np.asarray(s))
+    inside = (lane >= 0) & (lane < centres.shape[-1])
+    chosen = np.take_along_axis(centres, np.where(inside, lane, 0)[..., None], axis=-1)[..., 0]
+    return np.where(inside, chosen, np.nan)
 
 
-def lane_direction(roads: RoadMap, y: Floats) -> Floats:
+def lane_direction(roads: RoadMap, y: Floats, s: Floats) -> Floats:
     """Return 1 where traffic goes along the road, -1 where it comes towards it."""
-    opposing = np.isin(nearest_lane(roads, y), roads.road.opposing)
+    opposing = np.isin(nearest_lane(roads, y, s), roads.road.opposing)
     return np.where(opposing, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """What the file says of the start.
+
+    Attributes:
+        places: Place of each vehicle.
+        speeds: Its speed.
+        gaps: Distances that are set at once.
+        actions: Actions that begin with the scene.
+    """
+
+    places: tuple[Place, ...]
+    speeds: tuple[TargetSpeed, ...]
+    gaps: tuple[Gap, ...]
+    actions: tuple[Action, ...]
 
 
 def place_all(
@@ -46,17 +76,42 @@ def place_all(
     Raises:
         UsageError: Places are relative to each other in a circle.
     """
-    found: dict[int, tuple[Floats, Floats, Floats]] = {}
-    waiting = list(range(len(story.places)))
-    while waiting:
-        ready = [k for k in waiting if story.places[k].other < 0 or story.places[k].other in found]
-        if not ready:
-            raise UsageError("the starts of vehicles are relative to each other in a circle")
-        for k in ready:
-            found[k] = place_point(story.places[k], roads, table, found)
-        waiting = [k for k in waiting if k not in found]
+    needs = [list_places(place) for place in story.places]
+    found: dict[int, Pose] = {}
+    for k in _order(needs):
+        found[k] = place_point(story.places[k], roads, table, found)
     s, d, heading = (np.stack([found[k][part] for k in range(len(found))], axis=1) for part in range(3))
     return move_along_body(roads, s, d, heading, ahead)
+
+
+def speed_all(story: Storyboard, table: Floats) -> Floats:
+    """Return the speeds (N, V + 1) of all vehicles at the start."""
+    speeds = np.zeros((len(table), len(story.speeds)))
+    for k in _order([[speed.other] if speed.other >= 0 else [] for speed in story.speeds]):
+        speeds[:, k] = resolve_speed(story.speeds[k], table, speeds)
+    return speeds
+
+
+def resolve_speed(target: TargetSpeed, table: Floats, speeds: Floats) -> Floats:
+    """Return a speed (N,), given those of all vehicles (N, V + 1); a relative one is never below 0."""
+    value = table[:, target.value]
+    if target.other < 0:
+        return value
+    theirs = speeds[:, target.other]
+    return np.maximum(value * theirs if target.factor else value + theirs, 0.0)
+
+
+def _order(needs: Sequence[Sequence[int]]) -> list[int]:
+    # Vehicles such that each comes after those that it is relative to.
+    order: list[int] = []
+    waiting = list(range(len(needs)))
+    while waiting:
+        ready = [k for k in waiting if set(needs[k]) <= set(order)]
+        if not ready:
+            raise UsageError("the starts of vehicles are relative to each other in a circle")
+        order += ready
+        waiting = [k for k in waiting if k not in order]
+    return order
 
 
 def move_along_body(
@@ -71,29 +126,50 @@ def move_along_body(
 
 
 def place_point(
-    place: Place, roads: RoadMap, table: Floats, others: dict[int, tuple[Floats, Floats, Floats]]
-) -> tuple[Floats, Floats, Floats]:
+    place: Place, roads: RoadMap, table: Floats, others: dict[int, Pose]
+) -> Pose:
     """Return station, offset and heading (N,) of one place; ``others`` are those found before."""
     x, y, heading = (table[:, number] for number in (place.x, place.y, place.heading))
-    if place.kind == "plane":
+    if place.kind in ("plane", "curve"):
+        if place.curve is not None:
+            path = build_path(place.curve, roads, table, others)
+            at_x, at_y, along = path.at(x)
+            x, y = at_x - y * np.sin(along), at_y + y * np.cos(along)
+            heading = heading if place.absolute else heading + along
         s, d = roads.line.to_road(x, y)
         return s, d, heading - roads.line.heading(s)
     if place.kind == "road":
         s, d = x, y
     elif place.kind == "lane":
         assert place.lane is not None
-        s, d = x, y + roads.road.lane_centres[place.lane]
+        s, d = x, y + lane_middle(roads, np.full(len(x), place.lane), x)
     else:
         their_s, their_d, their_heading = others[place.other]
-        along = lane_direction(roads, their_d)
+        along = lane_direction(roads, their_d, their_s)
         if place.kind == "ahead":
-            cos, sin = np.cos(their_heading), np.sin(their_heading)
-            s, d = their_s + cos * x - sin * y, their_d + sin * x + cos * y
-        elif place.lane is None:
+            s, d, own = move_along_body(roads, their_s, their_d, their_heading, x)
+            s, d, _ = move_along_body(roads, s, d, own + 0.5 * np.pi, y)
+            return s, d, heading - roads.line.heading(s) if place.absolute else own + heading
+        if place.kind == "shifted":
+            their_x, their_y = roads.line.to_plane(their_s, their_d)
+            s, d = roads.line.to_road(their_x + x, their_y + y)
+            turned = heading - roads.line.heading(s) if place.absolute else their_heading + heading
+            return s, d, turned
+        if place.lane is None:
             s, d = their_s + x, their_d + y
         else:
-            lane = nearest_lane(roads, their_d) + (along * place.lane).astype(np.int64)
-            s, d = their_s + along * x, lane_middle(roads, lane) + y
+            lane = nearest_lane(roads, their_d, their_s) + (along * place.lane).astype(np.int64)
+            s = their_s + along * x
+            d = lane_middle(roads, lane, s) + y
     if place.absolute:
         return s, d, heading - roads.line.heading(s)
-    return s, d, heading + np.where(lane_direction(roads, d) < 0.0, np.pi, 0.0)
+    return s, d, heading + np.where(lane_direction(roads, d, s) < 0.0, np.pi, 0.0)
+
+
+def build_path(curve: Trajectory, roads: RoadMap, table: Floats, others: dict[int, Pose]) -> Path:
+    """Return the points of a trajectory in the plane."""
+    poses = []
+    for vertex in curve.vertices:
+        s, d, heading = place_point(vertex, roads, table, others)
+        poses.append((*roads.line.to_plane(s, d), heading + roads.line.heading(s)))
+    return Path.build(curve, poses)

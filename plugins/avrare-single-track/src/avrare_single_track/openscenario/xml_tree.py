@@ -108,6 +108,11 @@ class Element:
             for one in self.list(tag):
                 one.skip()
 
+    def skip_everywhere(self, *tags: str) -> None:
+        """Skip the elements with these names at any depth."""
+        for element in self._walk():
+            element.skip_children(*tags)
+
     def pass_over(self, note: str) -> None:
         """Skip the element, and note what is left out by it."""
         self.skip()

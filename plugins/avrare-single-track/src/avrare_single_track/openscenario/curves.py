@@ -1,0 +1,48 @@
+"""Points of curves: clothoids and rational splines of trajectories, polynomials of roads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from avrare.driving.reference_line import CurvedLine, Piece
+from avrare.protocols import Floats
+
+_STEP = 0.25
+"""Distance of points [m]."""
+_POINTS = 400
+"""Points of a spline."""
+
+
+def sample_clothoids(pieces: Sequence[tuple[float, float, float]]) -> tuple[tuple[float, float, float], ...]:
+    """Return x, y and heading of points of pieces (length, curvature at the begin and at the end)."""
+    line = CurvedLine(tuple(Piece(*piece) for piece in pieces))
+    stations = np.linspace(0.0, line.length, max(2, 1 + round(line.length / _STEP)))
+    x, y, heading, _ = line.frame(stations)
+    return tuple(zip(x.tolist(), y.tolist(), heading.tolist(), strict=True))
+
+
+def sample_nurbs(
+    order: int, weights: Sequence[float], knots: Sequence[float]
+) -> tuple[tuple[float, ...], ...]:
+    """Return (M, P) shares of the P control points in each of M points of a rational spline."""
+    ends = knots[order - 1], knots[len(weights)]
+    u = np.linspace(*ends, _POINTS)
+    u[-1] = np.nextafter(ends[1], ends[0])
+    table = np.array(knots)
+    basis = ((table[:-1] <= u[:, None]) & (u[:, None] < table[1:])).astype(np.float64)
+    for degree in range(1, order):
+        left, right = table[degree:-1] - table[: -degree - 1], table[degree + 1 :] - table[1:-degree]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rising = np.where(left > 0.0, (u[:, None] - table[: -degree - 1]) / left, 0.0)
+            falling = np.where(right > 0.0, (table[degree + 1 :] - u[:, None]) / right, 0.0)
+        basis = rising * basis[:, :-1] + falling * basis[:, 1:]
+    shares = basis * np.array(weights)
+    return tuple(map(tuple, (shares / shares.sum(axis=1, keepdims=True)).tolist()))
+
+
+def polynomial(coefficients: Sequence[float], u: Floats) -> Floats:
+    """Return a + b u + c u^2 + d u^3."""
+    a, b, c, d = coefficients
+    return a + u * (b + u * (c + u * d))

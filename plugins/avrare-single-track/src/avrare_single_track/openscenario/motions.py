@@ -1,0 +1,369 @@
+"""Motions of vehicles along a road: what actions do, step by step, all particles at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Bools, Floats
+from avrare_single_track.openscenario.courses import Course, Integers, transition_span
+from avrare_single_track.openscenario.scenario_file import ScenarioFile
+from avrare_single_track.openscenario.starts import (
+    build_path,
+    lane_middle,
+    move_along_body,
+    nearest_lane,
+    place_point,
+    resolve_speed,
+)
+from avrare_single_track.openscenario.story import (
+    Gap,
+    LaneChange,
+    Place,
+    SpeedChange,
+    SpeedProfile,
+    Synchronize,
+    Teleport,
+    Trajectory,
+)
+from avrare_single_track.openscenario.synchronization import synchronize_speed
+from avrare_single_track.openscenario.trajectories import Path, Pose, list_places
+
+_CRAWL = 0.5
+"""Speed below which a heading does not follow a lane change [m/s]."""
+_STIFFNESS = 0.4
+"""Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
+
+
+class Motions:
+    """Motions of the vehicles of a file.
+
+    Args:
+        file: The file.
+        dt: Step [s].
+    """
+
+    def __init__(self, file: ScenarioFile, dt: float) -> None:
+        self.story, self.roads, self.dt = file.story, file.roads, dt
+        self.bodies = file.bodies
+        self.ahead = np.array([body.ahead for body in file.bodies])
+
+    def begin(
+        self,
+        number: int,
+        rows: Bools,
+        table: Floats,
+        speed: Course,
+        across: Course,
+        every: Vehicles,
+        others: Vehicles,
+    ) -> tuple[Course, Course, Vehicles]:
+        """Begin an action in some rows; the courses and vehicles (N, V) after it."""
+        action = self.story.actions[number]
+        forever = np.full(len(rows), np.inf)
+        match action:
+            case SpeedChange():
+                return self._begin_speed(speed, number, action, rows, table, every), across, others
+            case LaneChange():
+                return speed, self._begin_across(across, number, action, rows, table, every), others
+            case Teleport():
+                return speed, across, self._teleport(action, rows, table, every, others)
+            case Gap() if action.acceleration is None and not action.continuous:
+                moved = self.set_gap(action, table, others if others.x.shape == every.x.shape else every)
+                return speed, across, _choose(rows, action.actor, moved, others)
+            case Trajectory():
+                timed = bool(action.times)
+                course = across.begin(
+                    number, action.actor, rows, start=0.0, target=0.0, span=forever, form=0, by_way=not timed
+                )
+                return (speed.finish(action.actor, rows) if timed else speed), course, others
+            case Gap(across=True):
+                y = every.y[:, action.actor]
+                course = across.begin(
+                    number, action.actor, rows, start=y, target=y, span=forever, form=0, by_way=False
+                )
+                return speed, course, others
+            case Gap() | SpeedProfile() | Synchronize():
+                now = every.speed[:, action.actor]
+                course = speed.begin(
+                    number, action.actor, rows, start=now, target=now, span=forever, form=0, by_way=False
+                )
+                return course, across, others
+        raise AssertionError(action)
+
+    def set_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Vehicles:
+        """Put a vehicle at its distance to another one, with the other's speed."""
+        parts = {name: np.array(part) for name, part in vars(every).items()}
+        place = self._gap_place(gap, table, every)
+        if gap.across:
+            parts["y"][:, gap.actor] = place
+        else:
+            parts["x"][:, gap.actor] = place
+            parts["speed"][:, gap.actor] = every.speed[:, gap.other]
+        return Vehicles(**parts)
+
+    def move(
+        self,
+        table: Floats,
+        heading: Floats,
+        speed: Course,
+        across: Course,
+        step: Integers,
+        every: Vehicles,
+        count: int,
+    ) -> tuple[Course, Course, Floats, Vehicles]:
+        """Return the courses, the headings against the lanes, and the first vehicles one step later."""
+        others = Vehicles(*(part[:, :count] for part in vars(every).values()))
+        active = speed.action >= 0
+        begun = speed
+        speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))
+        velocity = np.where(active, wanted, others.speed)
+        speed, velocity = self._steer(table, begun, speed, across, velocity, every)
+        start = np.where(active & (begun.span <= 0.0), velocity, others.speed)  # a step has no way
+        way = 0.5 * (start + velocity) * self.dt
+        changing = across.action >= 0
+        across, aside, slope = across.advance(self.dt, np.abs(way))
+        y = np.where(changing, aside, others.y)
+        direction = np.where(np.cos(heading) < 0.0, -1.0, 1.0)
+        line = self.roads.road.line
+        x = others.x + direction * way
+        if line is not None:
+            x = line.advance(others.x, 0.5 * (others.y + y), direction * way)
+        drift = np.where(changing & (velocity > _CRAWL), slope * np.where(across.by_way, velocity, 1.0), 0.0)
+        turned = heading + direction * np.arctan2(drift, np.maximum(velocity, _CRAWL))
+        found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
+        return self._follow(table, heading, speed, across, step, every, found)
+
+    def _begin_speed(
+        self, course: Course, number: int, action: SpeedChange, rows: Bools, table: Floats, every: Vehicles
+    ) -> Course:
+        now, target = every.speed[:, action.actor], resolve_speed(action.target, table, every.speed)
+        transition, value = action.transition, table[:, action.transition.value]
+        if transition.form != "step" and transition.dimension == "distance":
+            with np.errstate(divide="ignore", invalid="ignore"):  # the way's time at the mean of both speeds
+                span = 2.0 * value / np.abs(now + target)
+        else:
+            span = transition_span(transition, target - now, value)
+        form = Course.form_index(transition)
+        return course.begin(
+            number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False
+        )
+
+    def _begin_across(
+        self, course: Course, number: int, action: LaneChange, rows: Bools, table: Floats, every: Vehicles
+    ) -> Course:
+        now, offset = every.y[:, action.actor], table[:, action.offset]
+        station = every.x[:, action.actor]
+        if action.exact:
+            target = every.y[:, action.other] + offset
+        else:
+            lane = np.full(len(rows), action.lane)
+            if action.other >= 0:
+                along = np.sign(np.cos(every.heading[:, action.other])).astype(np.int64)
+                y, s = every.y[:, action.other], every.x[:, action.other]
+                lane = nearest_lane(self.roads, y, s) + along * action.lane
+            target = lane_middle(self.roads, lane, station) + offset
+        return course.begin(
+            number,
+            action.actor,
+            rows,
+            start=now,
+            target=target,
+            span=transition_span(action.transition, target - now, table[:, action.transition.value]),
+            form=Course.form_index(action.transition),
+            by_way=action.transition.dimension == "distance",
+        )
+
+    def _teleport(
+        self, action: Teleport, rows: Bools, table: Floats, every: Vehicles, others: Vehicles
+    ) -> Vehicles:
+        pose = place_point(action.place, self.roads, table, self._references(action.place, every))
+        s, d, heading = move_along_body(self.roads, *pose, self.ahead[action.actor])
+        parts = {name: np.array(part) for name, part in vars(others).items()}
+        for name, value in (("x", s), ("y", d), ("heading", heading)):
+            parts[name][:, action.actor] = value
+        return _choose(rows, action.actor, Vehicles(**parts), others)
+
+    def _steer(
+        self,
+        table: Floats,
+        begun: Course,
+        course: Course,
+        across: Course,
+        velocity: Floats,
+        every: Vehicles,
+    ) -> tuple[Course, Floats]:
+        # Speeds of actions that look at others, or at a table of times.
+        velocity = np.array(velocity)
+        for number, action in enumerate(self.story.actions):
+            if not isinstance(action, SpeedChange | SpeedProfile | Gap | Synchronize):
+                continue
+            actor = action.actor
+            if actor >= velocity.shape[1]:
+                continue
+            rows = begun.action[:, actor] == number
+            if isinstance(action, SpeedChange) and not action.continuous or not rows.any():
+                continue
+            clock = begun.clock[:, actor] + self.dt
+            over = np.zeros(len(rows), np.bool_)
+            match action:
+                case SpeedChange():
+                    wanted = resolve_speed(action.target, table, every.speed)
+                    value = np.where(course.action[:, actor] == number, velocity[:, actor], wanted)
+                    keep = np.array(course.action)
+                    keep[:, actor] = np.where(rows, number, keep[:, actor])
+                    target = np.array(course.target)
+                    target[:, actor] = np.where(rows, wanted, target[:, actor])
+                    course = replace(course, action=keep, target=target)
+                case SpeedProfile():
+                    times = np.cumsum(table[:, list(action.durations)], axis=1)
+                    speeds = np.column_stack([begun.start[:, actor], table[:, list(action.speeds)]])
+                    value = _interpolate(clock, np.column_stack([np.zeros(len(times)), times]), speeds)
+                    over = clock >= times[:, -1] - 1e-9
+                case Gap():
+                    value = self._close_gap(action, table, every)
+                case Synchronize():
+                    value, over = self._synchronize(action, table, across, every)
+            velocity[:, actor] = np.where(rows, value, velocity[:, actor])
+            course = course.finish(actor, rows & over)
+        return course, velocity
+
+    def _gap_place(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
+        # Station, or offset, at which the distance is as it should be.
+        value = table[:, gap.value]
+        if gap.timed:
+            value = value * np.abs(every.speed[:, gap.other])
+        here, there = (every.y, every.y) if gap.across else (every.x, every.x)
+        mine, theirs = here[:, gap.actor], there[:, gap.other]
+        along = np.sign(np.cos(every.heading[:, gap.other]))
+        side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
+        sizes = [body.width if gap.across else body.length for body in self.bodies]
+        reach = 0.5 * (sizes[gap.actor] + sizes[gap.other]) if gap.free else 0.0
+        centre = theirs + side * (value + reach)
+        if gap.free or gap.across:
+            return np.asarray(centre)
+        mine_along = np.sign(np.cos(every.heading[:, gap.actor]))
+        return np.asarray(centre + mine_along * self.ahead[gap.actor] - along * self.ahead[gap.other])
+
+    def _close_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
+        lag = (self._gap_place(gap, table, every) - every.x[:, gap.actor]) * np.sign(
+            np.cos(every.heading[:, gap.actor])
+        )
+        now, theirs = every.speed[:, gap.actor], every.speed[:, gap.other]
+        if gap.acceleration is None:
+            return np.asarray(theirs + lag / self.dt)
+        most = table[:, gap.acceleration]
+        stiffness = _STIFFNESS * most
+        demand = np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * (theirs - now), -most, most)
+        fastest = np.inf if gap.speed is None else table[:, gap.speed]
+        return np.clip(now + self.dt * demand, 0.0, fastest)
+
+    def _synchronize(
+        self, action: Synchronize, table: Floats, across: Course, every: Vehicles
+    ) -> tuple[Floats, Bools]:
+        ways = [
+            self._way_to(place, vehicle, table, across, every)
+            for place, vehicle in ((action.target, action.actor), (action.master_target, action.master))
+        ]
+        final = None if action.final is None else resolve_speed(action.final, table, every.speed)
+        steady = np.zeros(len(table)) if action.steady is None else table[:, action.steady]
+        if action.steady_timed and final is not None:
+            steady = steady * final
+        now, pace = every.speed[:, action.actor], np.abs(every.speed[:, action.master])
+        value = synchronize_speed(now, pace, ways[0], ways[1], final, steady, self.dt)
+        over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
+        return np.where(over & (final is not None), now if final is None else final, value), over
+
+    def _way_to(
+        self, place: Place, vehicle: int, table: Floats, across: Course, every: Vehicles
+    ) -> Floats:
+        s, d, _ = place_point(place, self.roads, table, self._references(place, every))
+        x, y = self.roads.line.to_plane(s, d)
+        here_s, here_d, heading = self._reference(every, vehicle)
+        here_x, here_y = self.roads.line.to_plane(here_s, here_d)
+        along = (s - here_s) * np.sign(np.cos(heading))
+        aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
+        way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
+        for number, action in enumerate(self.story.actions):
+            if isinstance(action, Trajectory) and action.actor == vehicle < across.action.shape[1]:
+                rows = across.action[:, vehicle] == number
+                if rows.any():
+                    path = self._path(action, table, every)
+                    way = np.where(rows, path.project(x, y) - path.project(here_x, here_y), way)
+        return np.asarray(way)
+
+    def _follow(
+        self,
+        table: Floats,
+        heading: Floats,
+        speed: Course,
+        across: Course,
+        step: Integers,
+        every: Vehicles,
+        found: Vehicles,
+    ) -> tuple[Course, Course, Floats, Vehicles]:
+        # Vehicles on trajectories, or at a distance across.
+        for number, action in enumerate(self.story.actions):
+            if not isinstance(action, Trajectory | Gap) or action.actor >= found.x.shape[1]:
+                continue
+            rows = across.action[:, action.actor] == number
+            if not rows.any():
+                continue
+            actor = action.actor
+            if isinstance(action, Gap):
+                y = np.array(found.y)
+                y[:, actor] = np.where(rows, self._gap_place(action, table, every), y[:, actor])
+                found = replace(found, y=y)
+                continue
+            path = self._path(action, table, every)
+            clock, velocity = across.clock[:, actor], found.speed[:, actor]
+            begin = 0.0 if action.begin is None else table[:, action.begin]
+            way = clock + begin
+            over = way >= path.ways[:, -1]
+            if action.times:
+                time = (step + 1) * self.dt if action.absolute else clock
+                times = table[:, list(action.times)]
+                way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
+                over = time >= times[:, -1]
+            x, y, turn = path.at(way)
+            turn = np.where(velocity < 0.0, turn + np.pi, turn)
+            s, d = self.roads.line.to_road(x, y)
+            pose = move_along_body(
+                self.roads, s, d, turn - self.roads.line.heading(s), self.ahead[actor]
+            )
+            parts = {name: np.array(part) for name, part in vars(found).items()}
+            for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
+                parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
+            heading = np.array(heading)
+            heading[:, actor] = np.where(rows, np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0), heading[:, actor])
+            found = Vehicles(**parts)
+            across = across.finish(actor, rows & over)
+        return speed, across, heading, found
+
+    def _path(self, action: Trajectory, table: Floats, every: Vehicles) -> Path:
+        return build_path(action, self.roads, table, self._references(action, every))
+
+    def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
+        return {other: self._reference(every, other) for other in list_places(place)}
+
+    def _reference(self, every: Vehicles, vehicle: int) -> Pose:
+        s, d, heading = every.x[:, vehicle], every.y[:, vehicle], every.heading[:, vehicle]
+        return move_along_body(self.roads, s, d, heading, -self.ahead[vehicle])
+
+
+def _choose(rows: Bools, vehicle: int, moved: Vehicles, others: Vehicles) -> Vehicles:
+    # The others, of which one vehicle is moved in some rows.
+    parts = {name: np.array(part) for name, part in vars(others).items()}
+    for name, part in parts.items():
+        part[:, vehicle] = np.where(rows, getattr(moved, name)[:, vehicle], part[:, vehicle])
+    return Vehicles(**parts)
+
+
+def _interpolate(at: Floats, stations: Floats, values: Floats) -> Floats:
+    rows = np.arange(len(at))
+    begin = np.clip((stations <= at[:, None]).sum(axis=1) - 1, 0, stations.shape[1] - 2)
+    low, high = stations[rows, begin], stations[rows, begin + 1]
+    share = np.clip((at - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    return np.asarray(values[rows, begin] + share * (values[rows, begin + 1] - values[rows, begin]))
