@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from avrare.driving import Road
-from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
+from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, ReferenceLine
 from avrare.driving.values import Lane
 from avrare.protocols import Floats
+from avrare_single_track.openscenario.curves import polynomial
+from avrare_single_track.openscenario.road_lanes import KINDS, LaneStrip, read_lanes
 from avrare_single_track.openscenario.xml_tree import Element, read_xml
 
 _APART = 0.01
@@ -21,19 +23,8 @@ _TURNED = 1e-3
 """Most angle between them [rad]."""
 _MOST_TURNED = 100.0
 """Most angle that a spiral may turn by [rad]: more would be computed for hours."""
-_KINDS = {
-    "driving": "driving",
-    "entry": "ramp",
-    "onRamp": "ramp",
-    "exit": "driving",
-    "offRamp": "driving",
-    "connectingRamp": "driving",
-    "shoulder": "shoulder",
-    "stop": "shoulder",
-}
-"""Types of lanes that are lanes of the road; others only take their width."""
-_IDLE = ("speed", "material", "access", "height", "rule")
-"""Elements of a lane that change nothing."""
+_STEP = 0.5
+"""Distance of the points of a curve that is a polynomial [m]."""
 
 
 @dataclass(frozen=True)
@@ -72,45 +63,95 @@ def read_opendrive(path: str) -> RoadMap:
     """Read the roads of a file, which must follow one another in a single line.
 
     Raises:
-        UsageError: The file is no OpenDRIVE, or has what is not read: junctions, other curves, lanes that
-            begin, end or change their widths.
+        UsageError: The file is no OpenDRIVE, or has what is not read: junctions, other curves.
     """
     top = read_xml(path, "OpenDRIVE")
-    top.skip_children("header")
+    top.skip_children("header", "controller")
     top.skip_everywhere("userData", "dataQuality")
     chain = _chain(top, top.list("road"))
     if junctions := top.list("junction"):
         raise junctions[0].error("is not read", "give a file whose roads follow one another")
+    roads = read_chain(chain)
+    top.refuse_unread()
+    return replace(roads, notes=tuple(top.notes()))
+
+
+def read_chain(chain: Sequence[Element]) -> RoadMap:
+    """Return roads that follow one another in a single line.
+
+    Raises:
+        UsageError: They do not join smoothly, or their lanes differ.
+    """
     begins, pieces, at = {}, [], 0.0
+    points: list[Floats] = []
     start: tuple[float, float, float] | None = None
     before: CurvedLine | None = None
     for road in chain:
         begins[road.attribute("id")] = at
         for geometry in road.child("planView").list("geometry"):
             x, y, heading = (geometry.number(name) for name in ("x", "y", "hdg"))
+            if geometry.children and geometry.children[0].tag in ("paramPoly3", "poly3"):
+                points.append(_sample_polynomial(geometry, x, y, heading))
+                before = None
+                at += geometry.number("length")
+                continue
             if before is not None:
                 _check_joint(geometry, before, x, y, heading)
             start = start or (x, y, heading)
             pieces.append(_read_piece(geometry))
             before = CurvedLine((pieces[-1],), x, y, heading)
+            points.append(_sample_line(before))
             at += before.length
-    if start is None:
-        raise top.error("has no geometry")
-    line = CurvedLine(tuple(pieces), *start)
-    lanes = _read_lanes(chain[0])
+    if not points:
+        raise chain[0].error("has no geometry")
+    curved = start is not None and len(pieces) == len(points)
+    line = CurvedLine(tuple(pieces), *start) if curved else PolygonalLine(np.concatenate(points))
+    lanes = read_lanes(chain[0], at if len(chain) == 1 else chain[0].number("length"))
     for road in chain[1:]:
-        if _read_lanes(road) != lanes:
+        if not _same_lanes(read_lanes(road, road.number("length")), lanes):
             raise road.error("its lanes differ from those of the road before it", "lanes must go on")
+    left = {road.get("rule") == "LHT" for road in chain} == {True}
     for road in chain:
         for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
             _pass_over_profile(profile)
         road.skip_children("objects", "signals", "type", "surface")
         for name in ("name", "length", "junction"):
             road.get(name)
-        if road.get("rule") == "LHT":
-            raise road.error("traffic on the left is not read")
-    top.refuse_unread()
-    return replace(_assemble(line, begins, lanes), notes=tuple(top.notes()))
+    return _assemble(line, begins, lanes, left)
+
+
+def _same_lanes(lanes: Sequence[LaneStrip], others: Sequence[LaneStrip]) -> bool:
+    # Constant lanes of the same ids and borders.
+    def describe(lane: LaneStrip) -> tuple[float, ...]:
+        border = lane.border
+        values = border.right[0], border.left[0], np.ptp(border.right), np.ptp(border.left)
+        return lane.name, *np.round(values, 6)
+
+    return [describe(lane) for lane in lanes] == [describe(lane) for lane in others] and not any(
+        np.ptp(lane.border.right) or np.ptp(lane.border.left) for lane in lanes
+    )
+
+
+def _sample_line(piece: CurvedLine) -> Floats:
+    stations = np.linspace(0.0, piece.length, max(2, 1 + int(np.ceil(piece.length / _STEP))))
+    return np.stack(piece.frame(stations)[:2], axis=1)
+
+
+def _sample_polynomial(geometry: Element, x: float, y: float, heading: float) -> Floats:
+    geometry.get("s")
+    shape, length = geometry.choice(), geometry.number("length")
+    if length <= 0.0:
+        raise geometry.error("the length should be above 0")
+    stations = np.linspace(0.0, length, max(2, 1 + int(np.ceil(length / _STEP))))
+    if shape.tag == "poly3":
+        along, across = stations, polynomial([shape.number(name) for name in "abcd"], stations)
+    else:
+        share = stations if shape.get("pRange") == "arcLength" else stations / length
+        along, across = (
+            polynomial([shape.number(f"{name}{axis}") for name in "abcd"], share) for axis in "UV"
+        )
+    cos, sin = math.cos(heading), math.sin(heading)
+    return np.stack([x + cos * along - sin * across, y + sin * along + cos * across], axis=1)
 
 
 def _pass_over_profile(profile: Element) -> None:
@@ -183,106 +224,47 @@ def _check_joint(geometry: Element, before: CurvedLine, x: float, y: float, head
         raise geometry.error(text, "pieces must join smoothly")
 
 
-def _read_lanes(road: Element) -> list[tuple[int, str, float, float, bool]]:
-    # Id, kind, y of the right border, width and a broad left marking of each lane, from right to left.
-    block = road.child("lanes")
-    offsets = {_constant(one) for one in block.list("laneOffset")} or {0.0}
-    sections = block.list("laneSection")
-    if len(offsets) > 1 or not sections:
-        raise block.error("the offset of the lanes changes" if sections else "has no laneSection")
-    found = [_read_section(section, offsets.copy().pop()) for section in sections]
-    for section, lanes in zip(sections, found, strict=True):
-        if lanes != found[0]:
-            raise section.error("its lanes differ from those before it", "lanes must have constant widths")
-    return found[0]
-
-
-def _read_section(section: Element, offset: float) -> list[tuple[int, str, float, float, bool]]:
-    section.get("s")
-    section.get("singleSide")
-    lanes = {}
-    for side in ("left", "center", "right"):
-        for block in section.list(side):
-            for lane in block.list("lane"):
-                lanes[int(lane.number("id"))] = lane
-    count = sum(
-        len(block.list("lane")) for side in ("left", "center", "right") for block in section.list(side)
-    )
-    if count != len(lanes) or 0 not in lanes or len(lanes) != max(lanes) - min(lanes) + 1:
-        raise section.error("the ids of its lanes do not count from 0 at the centre without gaps")
-    widths = {name: _lane_width(lane) for name, lane in lanes.items() if name}
-    marks = {name: _is_broad(lane) for name, lane in lanes.items()}
-    lanes[0].get("type")
-    found, right = [], offset - sum(width for name, width in widths.items() if name < 0)
-    for name in sorted(widths):
-        broad = marks[name if name > 0 else name + 1]
-        found.append((name, lanes[name].attribute("type"), right, widths[name], broad))
-        right += widths[name]
-    return found
-
-
-def _lane_width(lane: Element) -> float:
-    lane.get("level")
-    lane.skip_children("link", *_IDLE)
-    widths = {_constant(one) for one in lane.list("width")}
-    if len(widths) != 1:
-        raise lane.error("its width changes" if widths else "has no width", "widths must be constant")
-    return widths.pop()
-
-
-def _is_broad(lane: Element) -> bool:
-    for name in ("level", "type", "direction", "advisory", "dynamicLaneDirection"):
-        lane.get(name)
-    marks = lane.list("roadMark")
-    weights = {mark.attributes.get("weight") for mark in marks}
-    lane.skip_children("roadMark", "link", *_IDLE)
-    if lane.attribute("id") == "0":
-        lane.skip_children("width", "border")
-    return weights == {"bold"}
-
-
-def _constant(polynomial: Element) -> float:
-    for name in ("s", "sOffset"):
-        polynomial.get(name)
-    if any(polynomial.number(name) for name in "bcd"):
-        raise polynomial.error("changes along the road", "only constant widths and offsets are read")
-    return polynomial.number("a")
-
-
 def _assemble(
-    line: CurvedLine, begins: dict[str, float], lanes: list[tuple[int, str, float, float, bool]]
+    line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStrip], left: bool
 ) -> RoadMap:
-    kept = [one for one in lanes if one[1] in _KINDS]
-    kinds = [_KINDS[kind] for _, kind, _, _, _ in kept]
-    widths = [width for _, _, _, width, _ in kept]
-    centres = [right + 0.5 * width for _, _, right, width, _ in kept]
-    apart = any(abs(one[2] + one[3] - other[2]) > 1e-6 for one, other in pairwise(kept)) or (
-        max(widths, default=0.0) - min(widths, default=0.0) > 1e-6
+    kept = [lane for lane in lanes if lane.kind in KINDS]
+    kinds = [KINDS[lane.kind] for lane in kept]
+    widths = [float(np.median(lane.border.left - lane.border.right)) for lane in kept]
+    centres = {
+        lane.name: float(np.median(0.5 * (lane.border.right + lane.border.left))) for lane in lanes
+    }
+    varies = any(
+        np.ptp(lane.border.right) or np.ptp(lane.border.left) or len(lane.border.stations) > 2
+        for lane in kept
     )
+    apart = varies or any(
+        abs(lane.border.left[0] - other.border.right[0]) > 1e-6 for lane, other in pairwise(kept)
+    )
+    apart |= max(widths, default=0.0) - min(widths, default=0.0) > 1e-6
     ends = np.array([0.0, line.length])
-    bent = any(piece.curvature or piece.end_curvature for piece in line.pieces)
+    bent = not isinstance(line, CurvedLine) or any(
+        piece.curvature or piece.end_curvature for piece in line.pieces
+    )
+    own_frame = CurvedLine(line.pieces) if isinstance(line, CurvedLine) else line
 
     def chosen(test: list[bool]) -> tuple[int, ...]:
         return tuple(index for index, yes in enumerate(test) if yes)
 
+    def lane_of(strip: LaneStrip) -> Lane:
+        return strip.border if varies else Lane(ends, strip.border.right[:1].repeat(2), strip.border.left[:1].repeat(2))
+
     road = Road(
-        tuple(centres),
+        tuple(centres[lane.name] for lane in kept),
         float(np.median(widths)) if widths else 0.0,
         chosen([kind == "ramp" for kind in kinds]),
         0.0,
         line.length,
-        CurvedLine(line.pieces) if bent else None,
-        tuple(Lane(ends, np.full(2, right), np.full(2, right + width)) for _, _, right, width, _ in kept)
-        if apart
-        else (),
+        own_frame if bent else None,
+        tuple(map(lane_of, kept)) if apart else (),
         chosen([kind == "shoulder" for kind in kinds]),
-        chosen([name > 0 for name, _, _, _, _ in kept]),
-        chosen([broad for _, _, _, _, broad in kept]),
+        chosen([(lane.name > 0) != left for lane in kept]),
+        chosen([lane.broad for lane in kept]),
     )
     return RoadMap(
-        road,
-        line,
-        begins,
-        {name: index for index, (name, _, _, _, _) in enumerate(kept)},
-        {name: right + 0.5 * width for name, _, right, width, _ in lanes},
+        road, line, begins, {lane.name: index for index, lane in enumerate(kept)}, centres
     )

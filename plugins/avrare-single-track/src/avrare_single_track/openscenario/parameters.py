@@ -98,16 +98,28 @@ class Parameters:
         self._derived: dict[str, ast.expr] = {}
         self._constraints: list[_Constraint] = []
         self._texts: list[str] = []
-        elements = declarations.list("ParameterDeclaration") if declarations is not None else []
-        for element in elements:
-            element.get("parameterType")
-            name = element.attribute("name")
-            self.values[name] = given[name] if name in given else self._declare(element, name)
+        self._given = given
+        self.declare(declarations)
         for name in given:
             if name not in self.values:
                 raise UsageError(
                     f"{where}: no parameter {name!r} is declared", did_you_mean(name, self.values)
                 )
+
+    def declare(self, declarations: Element | None) -> None:
+        """Add the parameters that an element ``ParameterDeclarations`` has.
+
+        Raises:
+            UsageError: One is declared already, with another value.
+        """
+        elements = declarations.list("ParameterDeclaration") if declarations is not None else []
+        for element in elements:
+            element.get("parameterType")
+            name = element.attribute("name")
+            value = self._given[name] if name in self._given else self._declare(element, name)
+            if self.values.get(name, value) != value:
+                raise element.error(f"the parameter {name!r} is declared already", "give it another name")
+            self.values[name] = value
         for element in elements:
             self._read_constraints(element)
 

@@ -160,6 +160,8 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
         kind = catalogs.resolve(kind, _BODIES)
     if kind.tag not in _BODIES:
         raise kind.unknown(f"{', '.join(_BODIES)}, CatalogReference")
+    if kind.path == entity.path:
+        parameters.declare(kind.find("ParameterDeclarations"))
     box = kind.child("BoundingBox")
     box.skip()
     centre, size = box.child("Center"), box.child("Dimensions")

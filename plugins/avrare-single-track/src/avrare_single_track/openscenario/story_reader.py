@@ -82,7 +82,7 @@ class StoryReader:
             self.actions += starts.actions
             self.events.append(Event("Init", 0, -1, (), tuple(range(len(self.actions))), False))
         for story in board.list("Story"):
-            story.skip_children("ParameterDeclarations")
+            self.parameters.declare(story.find("ParameterDeclarations"))
             with self._named(story, "story"):
                 for act in story.list("Act"):
                     self._read_act(act)
@@ -134,7 +134,8 @@ class StoryReader:
         ]
         referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
         for maneuver in [*referred, *group.list("Maneuver")]:
-            maneuver.skip_children("ParameterDeclarations")
+            if not any(maneuver is entry for entry in referred):
+                self.parameters.declare(maneuver.find("ParameterDeclarations"))
             with self._named(maneuver, "maneuver", act):
                 self._read_maneuver(maneuver, act, chosen)
 
