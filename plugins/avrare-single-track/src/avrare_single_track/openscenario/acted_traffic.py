@@ -69,7 +69,7 @@ class ActedTraffic:
     """
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
-        self.file, self.story, self.roads, self.dt = file, file.story, file.roads, dt
+        self.file, self.story, self.maps, self.dt = file, file.story, file.maps, dt
         self.lengths = np.array([body.length for body in file.bodies])
         self.widths = np.array([body.width for body in file.bodies])
         self.ahead = np.array([body.ahead for body in file.bodies])
@@ -80,7 +80,7 @@ class ActedTraffic:
     def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
         """Return the ego (N,), the others (N, V) and the memory at t = 0, with drawn parameters (N,)."""
         table = self.file.parameters.table(values, n)
-        s, d, heading = place_all(self.story, self.roads, table, self.ahead)
+        s, d, heading = place_all(self.story, self.maps, table, self.ahead)
         speed = speed_all(self.story, table)
         every = Vehicles(s, d, heading, speed, np.zeros_like(speed))
         for gap in self.story.gaps:
@@ -117,8 +117,8 @@ class ActedTraffic:
         ego, others, _ = self.start(1, {})
         starts = [(others.x[0, k], others.heading[0, k]) for k in range(self.count)]
         starts += [(ego.x[0], ego.heading[0])] if self.file.ego else []
-        length = self.roads.line.length
-        for body, (station, heading) in zip(self.file.bodies, starts, strict=True):
+        for body, roads, (station, heading) in zip(self.file.bodies, self.maps, starts, strict=True):
+            length = roads.line.length
             if not np.isfinite(station):
                 raise UsageError(f"{self.file.path}: {body.name!r} is on no road at the start")
             if not 0.0 <= station <= length:
@@ -197,7 +197,7 @@ class ActedTraffic:
             return memory, np.zeros((len(memory.table), 0), np.bool_)
         raw = np.stack(
             [
-                holds(one, traffic, self.roads, memory.table, memory.acts, memory.begun, memory.ended)
+                holds(one, traffic, self.maps, memory.table, memory.acts, memory.begun, memory.ended)
                 for one in conditions
             ],
             axis=1,

@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.curves import sample_clothoids, sample_nurbs
-from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, find_lane, read_place
 from avrare_single_track.openscenario.story import (
@@ -46,7 +46,7 @@ class ActionReader:
 
     Args:
         parameters: Its parameters.
-        roads: Its road.
+        roads: Its roads.
         names: Names of the entities.
         catalogs: Catalogs of trajectories and environments.
         variables: Names of its variables, by index.
@@ -55,7 +55,7 @@ class ActionReader:
     def __init__(
         self,
         parameters: Parameters,
-        roads: RoadMap,
+        roads: Network,
         names: Sequence[str],
         catalogs: Catalogs,
         variables: Sequence[str],
@@ -143,7 +143,8 @@ class ActionReader:
             if found not in known:
                 raise element.error(f"{name} should be one of {', '.join(known)}, found {found!r}")
         check_following(element)
-        value = self.parameters.number(element, "value", 0.0 if form == "step" else None, low=0.0)
+        low = 0.0 if dimension != "rate" else None  # of a rate, the size counts
+        value = self.parameters.number(element, "value", 0.0 if form == "step" else None, low)
         return Transition(form, dimension, value)  # type: ignore[arg-type]  # checked above
 
     def read_speed_change(self, action: Element, actor: int) -> SpeedChange:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import get_args
 
 from avrare_single_track.openscenario.action_reader import ActionReader, read_boolean
-from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, read_place
 from avrare_single_track.openscenario.story import Condition, Edge, Place, Rule
@@ -22,7 +22,7 @@ class ConditionReader:
 
     Args:
         parameters: Its parameters.
-        roads: Its road.
+        roads: Its roads.
         names: Names of the entities.
         kinds: What each of them is.
         dt: Step [s].
@@ -33,7 +33,7 @@ class ConditionReader:
     def __init__(
         self,
         parameters: Parameters,
-        roads: RoadMap,
+        roads: Network,
         names: Sequence[str],
         kinds: Sequence[str],
         dt: float,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ class Traffic:
 def holds(
     condition: Condition,
     traffic: Traffic,
-    roads: RoadMap,
+    maps: Sequence[RoadMap],
     table: Floats,
     acts: Bools,
     begun: NDArray[np.int64],
@@ -59,7 +60,7 @@ def holds(
     Args:
         condition: The condition.
         traffic: The vehicles.
-        roads: The road.
+        maps: The road of each vehicle.
         table: (N, K) numbers of the file.
         acts: (N, A) which acts have begun.
         begun: (N, E) step at which each event began, -1 before.
@@ -74,7 +75,7 @@ def holds(
         return compare(condition.rule, traffic.variables[:, condition.variable], value)
     found = np.stack(
         [
-            compare(condition.rule, _measure(condition, entity, traffic, roads, table), value)
+            compare(condition.rule, _measure(condition, entity, traffic, maps, table), value)
             for entity in condition.entities
         ]
     )
@@ -118,7 +119,10 @@ def _state_holds(
     return np.asarray(all_ended)
 
 
-def _measure(condition: Condition, entity: int, traffic: Traffic, roads: RoadMap, table: Floats) -> Floats:
+def _measure(
+    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Floats:
+    roads = maps[entity]
     speeds, other = traffic.vehicles.speed, condition.other
     match condition.kind:
         case "travelled":
@@ -137,15 +141,15 @@ def _measure(condition: Condition, entity: int, traffic: Traffic, roads: RoadMap
                 return np.asarray(-np.sin(turned) * speeds[:, other])
             return np.asarray(speeds[:, entity] - speeds[:, other])
         case "collision":
-            return _touches(condition, entity, traffic, roads)
+            return _touches(condition, entity, traffic, maps)
         case "road_end":
             station = traffic.vehicles.x[:, entity]
             return np.asarray((station <= 0.0) | (station >= roads.line.length), dtype=np.float64)
         case "off_road":
             return _off_road(_pick(traffic.vehicles, entity), roads)
     if condition.place is not None:
-        return _distance_to_place(condition, entity, traffic, roads, table)
-    distance = _distance(condition, entity, other, traffic, roads)
+        return _distance_to_place(condition, entity, traffic, maps, table)
+    distance = _distance(condition, entity, other, traffic, maps)
     if condition.kind == "distance":
         return distance
     closing = speeds[:, entity]
@@ -157,8 +161,11 @@ def _measure(condition: Condition, entity: int, traffic: Traffic, roads: RoadMap
     return np.where(moving, distance / np.where(moving, closing, 1.0), np.inf)
 
 
-def _distance(condition: Condition, one: int, other: int, traffic: Traffic, roads: RoadMap) -> Floats:
-    here, there = (_pick(traffic.vehicles, k) for k in (one, other))
+def _distance(
+    condition: Condition, one: int, other: int, traffic: Traffic, maps: Sequence[RoadMap]
+) -> Floats:
+    here, there = _pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
+    roads = maps[one]
     if condition.free and condition.along:
         reach = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
         return np.asarray(np.maximum(np.abs(here.x - there.x) - reach, 0.0))
@@ -169,15 +176,27 @@ def _distance(condition: Condition, one: int, other: int, traffic: Traffic, road
     return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
 
 
+def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
+    # Another vehicle along a road, which may not be its own.
+    vehicles = _pick(traffic.vehicles, other)
+    if maps[other] is roads:
+        return vehicles
+    x, y = maps[other].line.to_plane(vehicles.x, vehicles.y)
+    s, d = roads.line.to_road(x, y)
+    heading = vehicles.heading + maps[other].line.heading(vehicles.x) - roads.line.heading(s)
+    return replace(vehicles, x=s, y=d, heading=heading)
+
+
 def _distance_to_place(
-    condition: Condition, entity: int, traffic: Traffic, roads: RoadMap, table: Floats
+    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
 ) -> Floats:
     assert condition.place is not None
+    roads = maps[entity]
     references = {}
     for k in list_places(condition.place):
-        seen = _reference(roads, _pick(traffic.vehicles, k), traffic.ahead[k])
+        seen = _reference(maps[k], _pick(traffic.vehicles, k), traffic.ahead[k])
         references[k] = seen.x, seen.y, seen.heading
-    s, d, heading = place_point(condition.place, roads, table, references)
+    s, d, heading = place_point(condition.place, roads, maps, table, references)
     goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
     here = _pick(traffic.vehicles, entity)
     if not condition.free:
@@ -191,12 +210,12 @@ def _distance_to_place(
     return np.asarray(np.maximum(signed_distance(_box(roads, here, traffic, entity), spot), 0.0))
 
 
-def _touches(condition: Condition, one: int, traffic: Traffic, roads: RoadMap) -> Floats:
+def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap]) -> Floats:
     touches = np.zeros(len(traffic.time), np.bool_)
-    mine = _box(roads, _pick(traffic.vehicles, one), traffic, one)
+    mine = _box(maps[one], _pick(traffic.vehicles, one), traffic, one)
     for other in condition.against:
         if other != one:
-            theirs = _box(roads, _pick(traffic.vehicles, other), traffic, other)
+            theirs = _box(maps[one], _see(traffic, other, maps[one], maps), traffic, other)
             touches |= signed_distance(mine, theirs) <= 0.0
     return touches.astype(np.float64)
 

@@ -89,7 +89,7 @@ def transition_span(transition: Transition, change: Floats, value: Floats) -> Fl
         return np.zeros_like(change)
     with np.errstate(divide="ignore", invalid="ignore"):
         if transition.dimension == "rate":
-            return np.where(change == 0.0, 0.0, _PEAKS[transition.form] * np.abs(change) / value)
+            return np.where(change == 0.0, 0.0, _PEAKS[transition.form] * np.abs(change / value))
         if transition.dimension == "curvature":
             return np.where(change == 0.0, 0.0, np.sqrt(_BENDS[transition.form] * np.abs(change) / value))
     return value

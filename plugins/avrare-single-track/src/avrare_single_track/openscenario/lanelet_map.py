@@ -16,7 +16,7 @@ from avrare.driving import Road
 from avrare.protocols import Floats
 from avrare.results.recordings.commonroad import read_lanelets
 from avrare.results.recordings.lanelet_road import find_road
-from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.opendrive import Network, RoadMap
 from avrare_single_track.openscenario.xml_tree import Element
 from avrare_single_track.recorded import has_constant_lanes
 
@@ -40,7 +40,7 @@ def is_lanelet_map(path: str) -> bool:
         return False  # the reader of the other format says what is wrong
 
 
-def read_lanelet_map(path: str, named: Element) -> RoadMap:
+def read_lanelet_map(path: str, named: Element) -> Network:
     """Read the road of a file.
 
     Args:
@@ -62,7 +62,7 @@ def read_lanelet_map(path: str, named: Element) -> RoadMap:
     _check(named, path, road, line.length)
     indices = {int(one.lanelet_id): lane for one in lanelets if (lane := _lane_of(road, one)) is not None}
     centres = {name: road.lane_centres[lane] for name, lane in indices.items()}
-    return RoadMap(road, line, {_ROAD: 0.0}, indices, centres)
+    return Network((RoadMap(road, line, {_ROAD: 0.0}, indices, centres),))
 
 
 def _middles(lanelets: Sequence[Lanelet]) -> tuple[Floats, Floats]:

@@ -46,7 +46,7 @@ class Motions:
     """
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
-        self.story, self.roads, self.dt = file.story, file.roads, dt
+        self.story, self.maps, self.dt = file.story, file.maps, dt
         self.bodies = file.bodies
         self.ahead = np.array([body.ahead for body in file.bodies])
 
@@ -127,14 +127,22 @@ class Motions:
         across, aside, slope = across.advance(self.dt, np.abs(way))
         y = np.where(changing, aside, others.y)
         direction = np.where(np.cos(heading) < 0.0, -1.0, 1.0)
-        line = self.roads.road.line
-        x = others.x + direction * way
-        if line is not None:
-            x = line.advance(others.x, 0.5 * (others.y + y), direction * way)
+        x = self._advance(others.x, 0.5 * (others.y + y), direction * way)
         drift = np.where(changing & (velocity > _CRAWL), slope * np.where(across.by_way, velocity, 1.0), 0.0)
         turned = heading + direction * np.arctan2(drift, np.maximum(velocity, _CRAWL))
         found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
         return self._follow(table, heading, speed, across, step, every, found)
+
+    def _advance(self, x: Floats, y: Floats, way: Floats) -> Floats:
+        # Stations after a way along the roads, each vehicle on its own.
+        moved = x + way
+        for roads in dict.fromkeys(self.maps[: x.shape[1]]):
+            columns = [k for k, own in enumerate(self.maps[: x.shape[1]]) if own is roads]
+            if (line := roads.road.line) is not None:
+                moved[:, columns] = line.advance(x[:, columns], y[:, columns], way[:, columns])
+            if roads.closed:
+                moved[:, columns] %= roads.line.length
+        return moved
 
     def _begin_speed(
         self, course: Course, number: int, action: SpeedChange, rows: Bools, table: Floats, every: Vehicles
@@ -159,12 +167,14 @@ class Motions:
         if action.exact:
             target = every.y[:, action.other] + offset
         else:
-            lane = np.full(len(rows), action.lane)
+            roads = self.maps[action.actor]
+            lane = np.full(len(rows), roads.lanes.get(action.lane, -1))
             if action.other >= 0:
+                roads = self.maps[action.other]
                 along = np.sign(np.cos(every.heading[:, action.other])).astype(np.int64)
                 y, s = every.y[:, action.other], every.x[:, action.other]
-                lane = nearest_lane(self.roads, y, s) + along * action.lane
-            target = lane_middle(self.roads, lane, station) + offset
+                lane = nearest_lane(roads, y, s) + along * action.lane
+            target = lane_middle(self.maps[action.actor], lane, station) + offset
         return course.begin(
             number,
             action.actor,
@@ -179,8 +189,8 @@ class Motions:
     def _teleport(
         self, action: Teleport, rows: Bools, table: Floats, every: Vehicles, others: Vehicles
     ) -> Vehicles:
-        pose = place_point(action.place, self.roads, table, self._references(action.place, every))
-        s, d, heading = move_along_body(self.roads, *pose, self.ahead[action.actor])
+        pose = place_point(action.place, self.maps[action.actor], self.maps, table, self._references(action.place, every))
+        s, d, heading = move_along_body(self.maps[action.actor], *pose, self.ahead[action.actor])
         parts = {name: np.array(part) for name, part in vars(others).items()}
         for name, value in (("x", s), ("y", d), ("heading", heading)):
             parts[name][:, action.actor] = value
@@ -279,10 +289,11 @@ class Motions:
     def _way_to(
         self, place: Place, vehicle: int, table: Floats, across: Course, every: Vehicles
     ) -> Floats:
-        s, d, _ = place_point(place, self.roads, table, self._references(place, every))
-        x, y = self.roads.line.to_plane(s, d)
+        roads = self.maps[vehicle]
+        s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
+        x, y = roads.line.to_plane(s, d)
         here_s, here_d, heading = self._reference(every, vehicle)
-        here_x, here_y = self.roads.line.to_plane(here_s, here_d)
+        here_x, here_y = roads.line.to_plane(here_s, here_d)
         along = (s - here_s) * np.sign(np.cos(heading))
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
         way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
@@ -329,10 +340,9 @@ class Motions:
                 over = time >= times[:, -1]
             x, y, turn = path.at(way)
             turn = np.where(velocity < 0.0, turn + np.pi, turn)
-            s, d = self.roads.line.to_road(x, y)
-            pose = move_along_body(
-                self.roads, s, d, turn - self.roads.line.heading(s), self.ahead[actor]
-            )
+            roads = self.maps[actor]
+            s, d = roads.line.to_road(x, y)
+            pose = move_along_body(roads, s, d, turn - roads.line.heading(s), self.ahead[actor])
             parts = {name: np.array(part) for name, part in vars(found).items()}
             for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
                 parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
@@ -343,14 +353,16 @@ class Motions:
         return speed, across, heading, found
 
     def _path(self, action: Trajectory, table: Floats, every: Vehicles) -> Path:
-        return build_path(action, self.roads, table, self._references(action, every))
+        return build_path(
+            action, self.maps[action.actor], self.maps, table, self._references(action, every)
+        )
 
     def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
         return {other: self._reference(every, other) for other in list_places(place)}
 
     def _reference(self, every: Vehicles, vehicle: int) -> Pose:
         s, d, heading = every.x[:, vehicle], every.y[:, vehicle], every.heading[:, vehicle]
-        return move_along_body(self.roads, s, d, heading, -self.ahead[vehicle])
+        return move_along_body(self.maps[vehicle], s, d, heading, -self.ahead[vehicle])
 
 
 def _choose(rows: Bools, vehicle: int, moved: Vehicles, others: Vehicles) -> Vehicles:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, ReferenceLine
 from avrare.driving.values import Lane
@@ -27,7 +28,7 @@ _STEP = 0.5
 """Distance of the points of a curve that is a polynomial [m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RoadMap:
     """Road of a file, with the names by which the file calls its parts.
 
@@ -37,7 +38,7 @@ class RoadMap:
         begins: Station at which each road of the file begins [m].
         lanes: Index of each lane, by its id.
         centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
-        notes: What of its file is left out, with its places.
+        closed: Whether its end is its begin.
     """
 
     road: Road
@@ -45,7 +46,7 @@ class RoadMap:
     begins: Mapping[str, float]
     lanes: Mapping[int, int]
     centres: Mapping[int, float]
-    notes: tuple[str, ...] = ()
+    closed: bool = False
 
     def middles(self, s: Floats) -> Floats:
         """Return y (..., L) of the centre of each lane at stations (...) [m]."""
@@ -59,21 +60,48 @@ class RoadMap:
         return np.stack(centres, axis=-1)
 
 
-def read_opendrive(path: str) -> RoadMap:
-    """Read the roads of a file, which must follow one another in a single line.
+@dataclass(frozen=True)
+class Network:
+    """Roads of a file, in lines that each follow one another.
+
+    Attributes:
+        maps: The lines.
+        notes: What of the file is left out, with its places.
+    """
+
+    maps: tuple[RoadMap, ...]
+    notes: tuple[str, ...] = ()
+
+    def find(self, road: str) -> RoadMap | None:
+        """Return the line that a road belongs to."""
+        return next((line for line in self.maps if road in line.begins), None)
+
+    def find_nearest(self, x: float, y: float) -> RoadMap:
+        """Return the line that is nearest to a place in the plane."""
+
+        def distance(roads: RoadMap) -> float:
+            s, d = roads.line.to_road(np.array([x]), np.array([y]))
+            outside = max(0.0 - s[0], s[0] - roads.line.length, 0.0)
+            return float(abs(d[0]) + outside) if np.isfinite(s[0]) else np.inf
+
+        return min(self.maps, key=distance)
+
+
+def read_opendrive(path: str) -> Network:
+    """Read the roads of a file.
 
     Raises:
-        UsageError: The file is no OpenDRIVE, or has what is not read: junctions, other curves.
+        UsageError: The file is no OpenDRIVE, or has curves that are not read.
     """
     top = read_xml(path, "OpenDRIVE")
-    top.skip_children("header", "controller")
+    top.skip_children("header", "controller", "junction", "junctionGroup")
     top.skip_everywhere("userData", "dataQuality")
-    chain = _chain(top, top.list("road"))
-    if junctions := top.list("junction"):
-        raise junctions[0].error("is not read", "give a file whose roads follow one another")
-    roads = read_chain(chain)
+    roads = top.list("road")
+    if not roads:
+        raise top.error("has no road")
+    maps = tuple(map(read_chain, _chains(roads)))
     top.refuse_unread()
-    return replace(roads, notes=tuple(top.notes()))
+    return Network(maps, tuple(top.notes()))
 
 
 def read_chain(chain: Sequence[Element]) -> RoadMap:
@@ -166,35 +194,43 @@ def _pass_over_profile(profile: Element) -> None:
         profile.pass_over("the road is read as flat")
 
 
-def _chain(top: Element, roads: list[Element]) -> list[Element]:
-    # Roads in the order in which they follow one another.
-    if not roads:
-        raise top.error("has no road")
+def _chains(roads: Sequence[Element]) -> list[list[Element]]:
+    # Roads that follow one another in the same direction; at a junction, a line ends.
     named = {road.attribute("id"): road for road in roads}
     following = {}
-    for road in roads:
+    for name, road in named.items():
         link = road.find("link")
-        for side in ("predecessor", "successor"):
-            next_one = link.find(side) if link is not None else None
-            if next_one is None:
-                continue
-            kind, name = next_one.get("elementType"), next_one.attribute("elementId")
-            if kind != "road" or name not in named:
-                raise next_one.error(f"the road is not joined to another road but to {kind} {name!r}")
-            contact = "start" if side == "successor" else "end"
-            if next_one.get("contactPoint") != contact:
-                raise next_one.error("the roads that it joins have opposite directions")
-            if side == "successor":
-                following[road.attribute("id")] = name
+        if link is not None:
+            link.skip()
+        after = None if link is None else link.find("successor")
+        if after is not None and after.attributes.get("contactPoint", "start") == "start":
+            following[name] = after.attributes.get("elementId", "")
+    chains = []
     first = [name for name in named if name not in following.values()]
-    if len(first) != 1:
-        raise roads[0].error(f"{len(roads)} roads do not follow one another in a single line")
-    order = first
-    while order[-1] in following and len(order) <= len(roads):
-        order.append(following[order[-1]])
-    if len(order) != len(roads):
-        raise roads[0].error(f"{len(roads)} roads do not follow one another in a single line")
-    return [named[name] for name in order]
+    waiting = dict.fromkeys([*first, *named])  # the others are rings
+    while waiting:
+        chain = [next(iter(waiting))]
+        del waiting[chain[0]]
+        while (after := following.get(chain[-1])) in waiting and _joins(named[chain[-1]], named[after]):
+            chain.append(after)
+            del waiting[after]
+        chains.append([named[name] for name in chain])
+    return chains
+
+
+def _joins(road: Element, after: Element) -> bool:
+    # Whether a road goes on smoothly in another one with the same lanes.
+    last, first = (
+        block.child("planView").list("geometry")[index] for block, index in ((road, -1), (after, 0))
+    )
+    try:
+        end = CurvedLine((_read_piece(last),), *(last.number(name) for name in ("x", "y", "hdg")))
+        _check_joint(first, end, *(first.number(name) for name in ("x", "y", "hdg")))
+        _read_piece(first)
+        lanes = [read_lanes(block, block.number("length")) for block in (road, after)]
+    except UsageError:
+        return False
+    return _same_lanes(*lanes)
 
 
 def _read_piece(geometry: Element) -> Piece:
@@ -265,6 +301,7 @@ def _assemble(
         chosen([(lane.name > 0) != left for lane in kept]),
         chosen([lane.broad for lane in kept]),
     )
-    return RoadMap(
-        road, line, begins, {lane.name: index for index, lane in enumerate(kept)}, centres
-    )
+    tip = np.array([0.0, line.length])
+    closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
+    indices = {lane.name: index for index, lane in enumerate(kept)}
+    return RoadMap(road, line, begins, indices, centres, closed)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from avrare.base.errors import did_you_mean
-from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.opendrive import Network, RoadMap
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.story import Place
 from avrare_single_track.openscenario.xml_tree import Element
@@ -31,7 +31,7 @@ class CurveReader(Protocol):
 def read_place(
     position: Element,
     parameters: Parameters,
-    roads: RoadMap,
+    roads: Network,
     names: Sequence[str],
     curves: CurveReader | None = None,
 ) -> Place:
@@ -41,7 +41,7 @@ def read_place(
 
 
 def _read_kind(
-    one: Element, parameters: Parameters, roads: RoadMap, names: Sequence[str], curves: CurveReader | None
+    one: Element, parameters: Parameters, roads: Network, names: Sequence[str], curves: CurveReader | None
 ) -> Place:
 
     def number(name: str, default: float | None = None) -> Number:
@@ -63,19 +63,27 @@ def _read_kind(
             curve = curves.read_curve(one.find("TrajectoryRef") or one, -1, False)
             return Place("curve", number("s"), number("t", 0.0), heading, absolute=absolute, curve=curve)
         case "LanePosition":
-            begin, lane = _begin(one, parameters, roads), find_lane(one, "laneId", parameters, roads)
+            line = find_road(one, parameters, roads)
+            lane = parameters.whole(one, "laneId")
             heading, absolute = _read_orientation(one, parameters)
-            station = parameters.shifted(number("s"), begin)
-            return Place("lane", station, number("offset", 0.0), heading, lane, absolute=absolute)
+            station, offset = _read_station(one, parameters, line), number("offset", 0.0)
+            if lane in line.lanes:
+                index = line.lanes[lane]
+                return Place("lane", station, offset, heading, index, absolute=absolute, roads=line)
+            if lane not in line.centres:
+                raise one.error(f"there is no lane {lane}", f"lanes of the road: {_list_lanes(line)}")
+            beside = parameters.shifted(offset, line.centres[lane])
+            return Place("road", station, beside, heading, absolute=absolute, roads=line)
         case "RoadPosition":
-            station = parameters.shifted(number("s"), _begin(one, parameters, roads))
+            line = find_road(one, parameters, roads)
+            station = _read_station(one, parameters, line)
             heading, absolute = _read_orientation(one, parameters)
-            return Place("road", station, number("t"), heading, absolute=absolute)
+            return Place("road", station, number("t"), heading, absolute=absolute, roads=line)
         case "RelativeLanePosition":
             other = find_entity(one, "entityRef", parameters, names)
             heading, absolute = _read_orientation(one, parameters)
             across = parameters.whole(one, "dLane")
-            ahead = number("ds" if one.get("dsLane") is None else "dsLane")
+            ahead = number("ds" if one.get("dsLane") is None else "dsLane", 0.0)
             offset = number("offset", 0.0)
             return Place("beside", ahead, offset, heading, across, other, absolute)
         case "RelativeRoadPosition":
@@ -98,21 +106,33 @@ def find_entity(element: Element, name: str, parameters: Parameters, names: Sequ
     return list(names).index(text)
 
 
-def find_lane(element: Element, name: str, parameters: Parameters, roads: RoadMap) -> int:
-    """Return the index of the lane whose id an attribute has."""
+def find_lane(element: Element, name: str, parameters: Parameters, roads: Network) -> int:
+    """Return the id of a lane of one of the roads, which an attribute has."""
     lane = parameters.whole(element, name)
-    if lane not in roads.lanes:
-        known = ", ".join(map(str, sorted(roads.lanes)))
-        what = "nobody drives on lane" if lane in roads.centres else "there is no lane"
-        raise element.error(f"{what} {lane}", f"lanes of the road: {known}")
-    return roads.lanes[lane]
+    if not any(lane in line.lanes for line in roads.maps):
+        driven = any(lane in line.centres for line in roads.maps)
+        text = f"nobody drives on lane {lane}" if driven else f"there is no lane {lane}"
+        raise element.error(text, f"lanes of the road: {_list_lanes(*roads.maps)}")
+    return lane
 
 
-def _begin(element: Element, parameters: Parameters, roads: RoadMap) -> float:
+def find_road(element: Element, parameters: Parameters, roads: Network) -> RoadMap:
+    """Return the road that the attribute ``roadId`` names."""
     road = parameters.text(element, "roadId")
-    if road not in roads.begins:
-        raise element.error(f"there is no road {road!r}", f"there are: {', '.join(roads.begins)}")
-    return roads.begins[road]
+    line = roads.find(road)
+    if line is None:
+        known = ", ".join(name for line in roads.maps for name in line.begins)
+        raise element.error(f"there is no road {road!r}", f"there are: {known}")
+    return line
+
+
+def _list_lanes(*lines: RoadMap) -> str:
+    return ", ".join(map(str, sorted({lane for line in lines for lane in line.lanes})))
+
+
+def _read_station(element: Element, parameters: Parameters, line: RoadMap) -> Number:
+    begin = line.begins[parameters.text(element, "roadId")]
+    return parameters.shifted(parameters.number(element, "s"), begin)
 
 
 def _read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:

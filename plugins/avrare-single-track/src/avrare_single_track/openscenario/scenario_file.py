@@ -10,7 +10,7 @@ from avrare.base.errors import did_you_mean
 from avrare_single_track.openscenario.action_reader import ActionReader
 from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
-from avrare_single_track.openscenario.opendrive import RoadMap, read_opendrive
+from avrare_single_track.openscenario.opendrive import Network, RoadMap, read_opendrive
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity
 from avrare_single_track.openscenario.starts import Starts
@@ -63,7 +63,7 @@ class ScenarioFile:
         road_path: The file of its road.
         catalog_paths: The files of the catalogs that it refers to.
         parameters: Its parameters; all numbers of the storyboard are columns of their table.
-        roads: Its road.
+        maps: The road of each vehicle.
         bodies: Bodies of the vehicles, the ego last.
         ego: Whether the last one is an ego that a stack drives; else all obey the file.
         story: What happens.
@@ -74,11 +74,16 @@ class ScenarioFile:
     road_path: str
     catalog_paths: tuple[str, ...]
     parameters: Parameters
-    roads: RoadMap
+    maps: tuple[RoadMap, ...]
     bodies: tuple[Body, ...]
     ego: bool
     story: Storyboard
     notes: tuple[str, ...]
+
+    @property
+    def roads(self) -> RoadMap:
+        """Road of the ego."""
+        return self.maps[-1]
 
 
 def read_scenario(
@@ -133,9 +138,25 @@ def read_scenario(
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
+    maps = _find_roads(story, roads, parameters)
     return ScenarioFile(
-        path, file, tuple(entries.used), parameters, roads, bodies, ego is not None, story, notes
+        path, file, tuple(entries.used), parameters, maps, bodies, ego is not None, story, notes
     )
+
+
+def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tuple[RoadMap, ...]:
+    # The road on which each vehicle starts.
+    def find(place: Place, asked: tuple[int, ...] = ()) -> RoadMap:
+        if place.roads is not None or len(roads.maps) == 1:
+            return place.roads or roads.maps[0]
+        if place.other >= 0 and place.other not in asked:
+            return find(story.places[place.other], (*asked, place.other))
+        if place.curve is not None:
+            return find(place.curve.vertices[0], asked)
+        x, y = parameters.table({}, 1)[0, [place.x, place.y]]
+        return roads.find_nearest(x, y)
+
+    return tuple(map(find, story.places))
 
 
 def _read_bodies(

@@ -63,13 +63,13 @@ class Starts:
 
 
 def place_all(
-    story: Storyboard, roads: RoadMap, table: Floats, ahead: Floats
+    story: Storyboard, maps: Sequence[RoadMap], table: Floats, ahead: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return stations, offsets and headings (N, V + 1) of the middles of all vehicles at the start.
 
     Args:
         story: Places of the vehicles.
-        roads: The road.
+        maps: The road of each vehicle.
         table: (N, K) numbers of the file.
         ahead: (V + 1,) how far each middle is ahead of the point that a file places [m].
 
@@ -79,9 +79,10 @@ def place_all(
     needs = [list_places(place) for place in story.places]
     found: dict[int, Pose] = {}
     for k in _order(needs):
-        found[k] = place_point(story.places[k], roads, table, found)
-    s, d, heading = (np.stack([found[k][part] for k in range(len(found))], axis=1) for part in range(3))
-    return move_along_body(roads, s, d, heading, ahead)
+        found[k] = place_point(story.places[k], maps[k], maps, table, found)
+    poses = [move_along_body(maps[k], *found[k], ahead[k]) for k in range(len(found))]
+    s, d, heading = (np.stack([pose[part] for pose in poses], axis=1) for part in range(3))
+    return s, d, heading
 
 
 def speed_all(story: Storyboard, table: Floats) -> Floats:
@@ -126,13 +127,33 @@ def move_along_body(
 
 
 def place_point(
-    place: Place, roads: RoadMap, table: Floats, others: dict[int, Pose]
+    place: Place, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
 ) -> Pose:
-    """Return station, offset and heading (N,) of one place; ``others`` are those found before."""
+    """Return station, offset and heading (N,) of one place along a road.
+
+    Args:
+        place: The place.
+        roads: The road.
+        maps: The road of each vehicle.
+        table: (N, K) numbers of the file.
+        others: Poses of vehicles that the place is relative to, each along its own road.
+    """
+    base = maps[place.other] if place.other >= 0 else place.roads or roads
+    s, d, heading = _place_on(place, base, maps, table, others)
+    if base is roads:
+        return s, d, heading
+    turned = heading + base.line.heading(s)
+    s, d = roads.line.to_road(*base.line.to_plane(s, d))
+    return s, d, turned - roads.line.heading(s)
+
+
+def _place_on(
+    place: Place, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
+) -> Pose:
     x, y, heading = (table[:, number] for number in (place.x, place.y, place.heading))
     if place.kind in ("plane", "curve"):
         if place.curve is not None:
-            path = build_path(place.curve, roads, table, others)
+            path = build_path(place.curve, roads, maps, table, others)
             at_x, at_y, along = path.at(x)
             x, y = at_x - y * np.sin(along), at_y + y * np.cos(along)
             heading = heading if place.absolute else heading + along
@@ -166,10 +187,12 @@ def place_point(
     return s, d, heading + np.where(lane_direction(roads, d, s) < 0.0, np.pi, 0.0)
 
 
-def build_path(curve: Trajectory, roads: RoadMap, table: Floats, others: dict[int, Pose]) -> Path:
+def build_path(
+    curve: Trajectory, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
+) -> Path:
     """Return the points of a trajectory in the plane."""
     poses = []
     for vertex in curve.vertices:
-        s, d, heading = place_point(vertex, roads, table, others)
+        s, d, heading = place_point(vertex, roads, maps, table, others)
         poses.append((*roads.line.to_plane(s, d), heading + roads.line.heading(s)))
     return Path.build(curve, poses)

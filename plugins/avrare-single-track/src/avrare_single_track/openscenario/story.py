@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from avrare_single_track.openscenario.opendrive import RoadMap
 from avrare_single_track.openscenario.parameters import Number
 
 Form: TypeAlias = Literal["step", "linear", "cubic", "sinusoidal"]
@@ -47,6 +48,7 @@ class Place:
         absolute: Whether the heading is that in the plane.
         curve: Trajectory of a ``curve``.
         turned: Whether a heading is given.
+        roads: Road of a ``road`` or ``lane``; None: the one of the vehicle that is placed.
     """
 
     kind: Literal["road", "plane", "lane", "beside", "ahead", "shifted", "curve"]
@@ -58,6 +60,7 @@ class Place:
     absolute: bool = False
     curve: Trajectory | None = None
     turned: bool = False
+    roads: RoadMap | None = None
 
 
 @dataclass(frozen=True)
@@ -114,9 +117,9 @@ class LaneChange:
     Attributes:
         actor: Index of the vehicle.
         transition: How.
-        lane: Index of the lane, or number of lanes to the left of the other's.
+        lane: Id of the lane, or number of lanes to the left of the other's.
         offset: Offset from the lane's centre [m].
-        other: Index of the vehicle whose lane counts, -1: ``lane`` is the index.
+        other: Index of the vehicle whose lane counts, -1: ``lane`` is the id.
         exact: Whether the offset is from the other's own place across, not from its lane's centre.
     """
 

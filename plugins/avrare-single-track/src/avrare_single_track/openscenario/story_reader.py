@@ -11,7 +11,7 @@ from typing import Literal
 from avrare_single_track.openscenario.action_reader import ActionReader, read_boolean
 from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.condition_reader import ConditionReader
-from avrare_single_track.openscenario.opendrive import RoadMap
+from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity
 from avrare_single_track.openscenario.starts import Starts
@@ -37,7 +37,7 @@ class StoryReader:
 
     Args:
         parameters: Its parameters.
-        roads: Its road.
+        roads: Its roads.
         names: Names of the entities, the ego last.
         kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         dt: Step [s].
@@ -50,7 +50,7 @@ class StoryReader:
     def __init__(
         self,
         parameters: Parameters,
-        roads: RoadMap,
+        roads: Network,
         names: Sequence[str],
         kinds: Sequence[str],
         dt: float,

@@ -44,7 +44,10 @@ def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None
 
 
 def _describe(traffic: ActedTraffic, others: Vehicles) -> Floats:
-    roads = traffic.roads
-    s, d, heading = move_along_body(roads, others.x, others.y, others.heading, -traffic.ahead)
-    x, y = roads.line.to_plane(s, d)
-    return np.stack([x[0], y[0], heading[0] + roads.line.heading(s)[0], others.speed[0]], axis=-1)
+    states = []
+    for k, roads in enumerate(traffic.maps):
+        along = others.x[:, k], others.y[:, k], others.heading[:, k]
+        s, d, heading = move_along_body(roads, *along, -traffic.ahead[k])
+        x, y = roads.line.to_plane(s, d)
+        states.append((x[0], y[0], heading[0] + roads.line.heading(s)[0], others.speed[0, k]))
+    return np.array(states)
