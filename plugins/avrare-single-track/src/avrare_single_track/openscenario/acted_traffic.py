@@ -14,7 +14,7 @@ from avrare.protocols import Bools, Floats
 from avrare_single_track.openscenario.conditions import Traffic, holds
 from avrare_single_track.openscenario.scenario_file import ScenarioFile
 from avrare_single_track.openscenario.courses import Course
-from avrare_single_track.openscenario.motions import Motions
+from avrare_single_track.openscenario.motions import Drive, Motions
 from avrare_single_track.openscenario.starts import place_all, speed_all
 from avrare_single_track.openscenario.story import Assignment, Trigger
 
@@ -38,10 +38,8 @@ class StoryMemory:
         late: (N, C, D) what held, edges included, at the last D steps, the newest first.
         travelled: (N, V + 1) way so far [m].
         still: (N, V + 1) time at rest so far [s].
-        heading: (N, V) heading of the bodies at the start, which they keep against their lanes [rad].
         variables: (N, P) values of variables.
-        speed: Changes of speed.
-        across: Changes of offset, and trajectories.
+        drive: What the vehicles are doing.
     """
 
     table: Floats
@@ -54,10 +52,8 @@ class StoryMemory:
     late: Bools
     travelled: Floats
     still: Floats
-    heading: Floats
     variables: Floats
-    speed: Course
-    across: Course
+    drive: Drive
 
 
 class ActedTraffic:
@@ -83,9 +79,9 @@ class ActedTraffic:
         s, d, heading = place_all(self.story, self.maps, table, self.ahead)
         speed = speed_all(self.story, table)
         every = Vehicles(s, d, heading, speed, np.zeros_like(speed))
-        for gap in self.story.gaps:
-            every = self.motions.set_gap(gap, table, every)
-        speed = every.speed
+        for action in self.story.adjustments:
+            every = self.motions.put(action, table, every)
+        heading, speed = every.heading, every.speed
         story, vehicles = self.story, self.count
         memory = StoryMemory(
             table,
@@ -98,10 +94,13 @@ class ActedTraffic:
             np.zeros((n, len(story.conditions), int(self.delays.max(initial=0)) + 1), np.bool_),
             np.zeros_like(speed),
             np.zeros_like(speed),
-            heading[:, :vehicles],
             table[:, list(story.variables)],
-            Course.idle(n, vehicles),
-            Course.idle(n, vehicles),
+            Drive(
+                heading[:, :vehicles],
+                Course.idle(n, vehicles),
+                Course.idle(n, vehicles),
+                np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
+            ),
         )
         ego, others = (
             Vehicles(*(part[:, rows] for part in vars(every).values())) for rows in (-1, slice(vehicles))
@@ -132,13 +131,9 @@ class ActedTraffic:
         self, memory: StoryMemory, step: Integers, ego: Vehicles | None, others: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
         """Return the memory and the others one step later; the ego, if there is one, is that of this step."""
-        every = _join(others, ego)
-        memory, others = self._trigger(memory, step, every)
-        moved = self.motions.move(
-            memory.table, memory.heading, memory.speed, memory.across, step, _join(others, ego), self.count
-        )
-        speed, across, heading, found = moved
-        memory = replace(memory, speed=speed, across=across, heading=heading)
+        memory, every = self._trigger(memory, step, _join(others, ego))
+        drive, found = self.motions.move(memory.table, memory.drive, step, every)
+        memory = replace(memory, drive=drive)
         mean = replace(found, speed=0.5 * np.abs(others.speed + found.speed))
         driven = _join(mean, ego).speed * self.dt
         resting = np.abs(_join(found, ego).speed) < _AT_REST
@@ -169,7 +164,6 @@ class ActedTraffic:
             if (stop := self.story.stops[index]) is not None:
                 stopped[:, index] |= acts[:, index] & _meets(stop, met)
         memory = self._stop_events(replace(memory, acts=acts, stopped=stopped), step)
-        others = Vehicles(*(part[:, : self.count] for part in vars(every).values()))
         for index, event in enumerate(self.story.events):
             rows = acts[:, event.act] & ~stopped[:, event.act] & _meets(event.trigger, met)
             rows &= (memory.begun[:, index] < 0) | (memory.ended[:, index] >= 0)
@@ -178,8 +172,8 @@ class ActedTraffic:
                 peers = [k for k, peer in enumerate(self.story.events) if peer.maneuver == event.maneuver]
                 rows &= ~((memory.begun[:, peers] >= 0) & (memory.ended[:, peers] < 0)).any(axis=1)
             if rows.any():
-                memory, others = self._begin_event(memory, index, rows, step, every, others)
-        return memory, others
+                memory, every = self._begin_event(memory, index, rows, step, every)
+        return memory, every
 
     def _stop_events(self, memory: StoryMemory, step: Integers) -> StoryMemory:
         # The events of acts that their stop triggers ended.
@@ -219,7 +213,6 @@ class ActedTraffic:
         rows: Bools,
         step: Integers,
         every: Vehicles,
-        others: Vehicles,
     ) -> tuple[StoryMemory, Vehicles]:
         event = self.story.events[index]
         ended, begun = np.array(memory.ended), np.array(memory.begun)
@@ -243,17 +236,15 @@ class ActedTraffic:
                 )
                 memory = replace(memory, variables=variables)
                 continue
-            speed, across, others = self.motions.begin(
-                number, rows, memory.table, memory.speed, memory.across, every, others
-            )
-            memory = replace(memory, speed=speed, across=across)
-        return memory, others
+            drive, every = self.motions.begin(number, rows, memory.table, memory.drive, every)
+            memory = replace(memory, drive=drive)
+        return memory, every
 
     def _end_events(self, memory: StoryMemory, step: Integers) -> StoryMemory:
         ended = np.array(memory.ended)
         for index, event in enumerate(self.story.events):
             busy = np.zeros(len(ended), np.bool_)
-            for course in (memory.speed, memory.across):
+            for course in (memory.drive.speed, memory.drive.across):
                 busy |= np.isin(course.action, list(event.actions)).any(axis=1)
             over = (memory.begun[:, index] >= 0) & (ended[:, index] < 0) & ~busy
             ended[:, index] = np.where(over, step, ended[:, index])
@@ -261,9 +252,9 @@ class ActedTraffic:
 
 
 def _drop(memory: StoryMemory, actions: Sequence[int], rows: Bools) -> StoryMemory:
-    return replace(
-        memory, speed=memory.speed.stop(actions, rows), across=memory.across.stop(actions, rows)
-    )
+    drive = memory.drive
+    stopped = replace(drive, speed=drive.speed.stop(actions, rows), across=drive.across.stop(actions, rows))
+    return replace(memory, drive=stopped)
 
 
 def _assign(action: Assignment, memory: StoryMemory) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from avrare_single_track.openscenario.starts import (
     resolve_speed,
 )
 from avrare_single_track.openscenario.story import (
+    Assignment,
     Gap,
     LaneChange,
     Place,
@@ -37,6 +38,23 @@ _STIFFNESS = 0.4
 """Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
 
 
+@dataclass(frozen=True)
+class Drive:
+    """What V vehicles of N particles are doing.
+
+    Attributes:
+        heading: (N, V) heading of the bodies against their lanes, lane changes aside [rad].
+        speed: Changes of speed.
+        across: Changes of offset, and trajectories.
+        anchors: (N, T, V + 1, 3) poses of all points of reference where each trajectory began.
+    """
+
+    heading: Floats
+    speed: Course
+    across: Course
+    anchors: Floats
+
+
 class Motions:
     """Motions of the vehicles of a file.
 
@@ -48,50 +66,62 @@ class Motions:
     def __init__(self, file: ScenarioFile, dt: float) -> None:
         self.story, self.maps, self.dt = file.story, file.maps, dt
         self.bodies = file.bodies
+        actions = enumerate(self.story.actions)
+        self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
         self.ahead = np.array([body.ahead for body in file.bodies])
 
     def begin(
-        self,
-        number: int,
-        rows: Bools,
-        table: Floats,
-        speed: Course,
-        across: Course,
-        every: Vehicles,
-        others: Vehicles,
-    ) -> tuple[Course, Course, Vehicles]:
-        """Begin an action in some rows; the courses and vehicles (N, V) after it."""
+        self, number: int, rows: Bools, table: Floats, drive: Drive, every: Vehicles
+    ) -> tuple[Drive, Vehicles]:
+        """Begin an action in some rows; what is done after it, and all vehicles."""
         action = self.story.actions[number]
-        forever = np.full(len(rows), np.inf)
+        assert not isinstance(action, Assignment)
+        actor = action.actor
         match action:
             case SpeedChange():
-                return self._begin_speed(speed, number, action, rows, table, every), across, others
+                speed = self._begin_speed(drive.speed, number, action, rows, table, every)
+                return replace(drive, speed=speed), every
             case LaneChange():
-                return speed, self._begin_across(across, number, action, rows, table, every), others
+                across = self._begin_across(drive.across, number, action, rows, table, every)
+                return replace(drive, across=across), every
             case Teleport():
-                return speed, across, self._teleport(action, rows, table, every, others)
+                moved = self._teleport(action, table, every)
+                heading = np.array(drive.heading)
+                heading[:, actor] = np.where(rows, moved.heading[:, actor], heading[:, actor])
+                across = drive.across.finish(actor, rows)
+                return replace(drive, heading=heading, across=across), _choose(rows, actor, moved, every)
             case Gap() if action.acceleration is None and not action.continuous:
-                moved = self.set_gap(action, table, others if others.x.shape == every.x.shape else every)
-                return speed, across, _choose(rows, action.actor, moved, others)
+                return drive, _choose(rows, actor, self.set_gap(action, table, every), every)
             case Trajectory():
-                timed = bool(action.times)
-                course = across.begin(
-                    number, action.actor, rows, start=0.0, target=0.0, span=forever, form=0, by_way=not timed
-                )
-                return (speed.finish(action.actor, rows) if timed else speed), course, others
+                anchors = np.array(drive.anchors)
+                poses = [np.stack(self._reference(every, k), axis=1) for k in range(every.x.shape[1])]
+                anchors[rows, self.trajectories.index(number)] = np.stack(poses, axis=1)[rows]
+                across = self._begin_endless(drive.across, number, rows, np.zeros(len(rows)), not action.times)
+                speed = drive.speed.finish(actor, rows) if action.times else drive.speed
+                return replace(drive, speed=speed, across=across, anchors=anchors), every
             case Gap(across=True):
-                y = every.y[:, action.actor]
-                course = across.begin(
-                    number, action.actor, rows, start=y, target=y, span=forever, form=0, by_way=False
-                )
-                return speed, course, others
+                across = self._begin_endless(drive.across, number, rows, every.y[:, actor])
+                return replace(drive, across=across), every
             case Gap() | SpeedProfile() | Synchronize():
-                now = every.speed[:, action.actor]
-                course = speed.begin(
-                    number, action.actor, rows, start=now, target=now, span=forever, form=0, by_way=False
-                )
-                return course, across, others
+                speed = self._begin_endless(drive.speed, number, rows, every.speed[:, actor])
+                return replace(drive, speed=speed), every
         raise AssertionError(action)
+
+    def _begin_endless(
+        self, course: Course, number: int, rows: Bools, value: Floats, by_way: bool = False
+    ) -> Course:
+        action = self.story.actions[number]
+        assert not isinstance(action, Assignment)
+        span = np.full(len(rows), np.inf)
+        return course.begin(
+            number, action.actor, rows, start=value, target=value, span=span, form=0, by_way=by_way
+        )
+
+    def put(self, action: Gap | Teleport, table: Floats, every: Vehicles) -> Vehicles:
+        """Put a vehicle to its place, or its distance, in all rows."""
+        if isinstance(action, Gap):
+            return self.set_gap(action, table, every)
+        return self._teleport(action, table, every)
 
     def set_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Vehicles:
         """Put a vehicle at its distance to another one, with the other's speed."""
@@ -105,22 +135,16 @@ class Motions:
         return Vehicles(**parts)
 
     def move(
-        self,
-        table: Floats,
-        heading: Floats,
-        speed: Course,
-        across: Course,
-        step: Integers,
-        every: Vehicles,
-        count: int,
-    ) -> tuple[Course, Course, Floats, Vehicles]:
-        """Return the courses, the headings against the lanes, and the first vehicles one step later."""
-        others = Vehicles(*(part[:, :count] for part in vars(every).values()))
+        self, table: Floats, drive: Drive, step: Integers, every: Vehicles
+    ) -> tuple[Drive, Vehicles]:
+        """Return what is done, and the vehicles (N, V) without the ego, one step later."""
+        heading, speed, across = drive.heading, drive.speed, drive.across
+        others = Vehicles(*(part[:, : heading.shape[1]] for part in vars(every).values()))
         active = speed.action >= 0
         begun = speed
         speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))
         velocity = np.where(active, wanted, others.speed)
-        speed, velocity = self._steer(table, begun, speed, across, velocity, every)
+        speed, velocity = self._steer(table, begun, speed, drive, velocity, every)
         start = np.where(active & (begun.span <= 0.0), velocity, others.speed)  # a step has no way
         way = 0.5 * (start + velocity) * self.dt
         changing = across.action >= 0
@@ -131,7 +155,7 @@ class Motions:
         drift = np.where(changing & (velocity > _CRAWL), slope * np.where(across.by_way, velocity, 1.0), 0.0)
         turned = heading + direction * np.arctan2(drift, np.maximum(velocity, _CRAWL))
         found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
-        return self._follow(table, heading, speed, across, step, every, found)
+        return self._follow(table, replace(drive, speed=speed, across=across), step, every, found)
 
     def _advance(self, x: Floats, y: Floats, way: Floats) -> Floats:
         # Stations after a way along the roads, each vehicle on its own.
@@ -186,22 +210,22 @@ class Motions:
             by_way=action.transition.dimension == "distance",
         )
 
-    def _teleport(
-        self, action: Teleport, rows: Bools, table: Floats, every: Vehicles, others: Vehicles
-    ) -> Vehicles:
-        pose = place_point(action.place, self.maps[action.actor], self.maps, table, self._references(action.place, every))
-        s, d, heading = move_along_body(self.maps[action.actor], *pose, self.ahead[action.actor])
-        parts = {name: np.array(part) for name, part in vars(others).items()}
-        for name, value in (("x", s), ("y", d), ("heading", heading)):
+    def _teleport(self, action: Teleport, table: Floats, every: Vehicles) -> Vehicles:
+        roads = self.maps[action.actor]
+        references = self._references(action.place, every)
+        pose = place_point(action.place, roads, self.maps, table, references)
+        parts = {name: np.array(part) for name, part in vars(every).items()}
+        moved = move_along_body(roads, *pose, self.ahead[action.actor])
+        for name, value in zip(("x", "y", "heading"), moved, strict=True):
             parts[name][:, action.actor] = value
-        return _choose(rows, action.actor, Vehicles(**parts), others)
+        return Vehicles(**parts)
 
     def _steer(
         self,
         table: Floats,
         begun: Course,
         course: Course,
-        across: Course,
+        drive: Drive,
         velocity: Floats,
         every: Vehicles,
     ) -> tuple[Course, Floats]:
@@ -235,7 +259,7 @@ class Motions:
                 case Gap():
                     value = self._close_gap(action, table, every)
                 case Synchronize():
-                    value, over = self._synchronize(action, table, across, every)
+                    value, over = self._synchronize(action, table, drive, every)
             velocity[:, actor] = np.where(rows, value, velocity[:, actor])
             course = course.finish(actor, rows & over)
         return course, velocity
@@ -271,10 +295,10 @@ class Motions:
         return np.clip(now + self.dt * demand, 0.0, fastest)
 
     def _synchronize(
-        self, action: Synchronize, table: Floats, across: Course, every: Vehicles
+        self, action: Synchronize, table: Floats, drive: Drive, every: Vehicles
     ) -> tuple[Floats, Bools]:
         ways = [
-            self._way_to(place, vehicle, table, across, every)
+            self._way_to(place, vehicle, table, drive, every)
             for place, vehicle in ((action.target, action.actor), (action.master_target, action.master))
         ]
         final = None if action.final is None else resolve_speed(action.final, table, every.speed)
@@ -287,7 +311,7 @@ class Motions:
         return np.where(over & (final is not None), now if final is None else final, value), over
 
     def _way_to(
-        self, place: Place, vehicle: int, table: Floats, across: Course, every: Vehicles
+        self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles
     ) -> Floats:
         roads = self.maps[vehicle]
         s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
@@ -298,24 +322,18 @@ class Motions:
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
         way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
         for number, action in enumerate(self.story.actions):
-            if isinstance(action, Trajectory) and action.actor == vehicle < across.action.shape[1]:
-                rows = across.action[:, vehicle] == number
+            if isinstance(action, Trajectory) and action.actor == vehicle < drive.heading.shape[1]:
+                rows = drive.across.action[:, vehicle] == number
                 if rows.any():
-                    path = self._path(action, table, every)
+                    path = self._path(number, table, drive)
                     way = np.where(rows, path.project(x, y) - path.project(here_x, here_y), way)
         return np.asarray(way)
 
     def _follow(
-        self,
-        table: Floats,
-        heading: Floats,
-        speed: Course,
-        across: Course,
-        step: Integers,
-        every: Vehicles,
-        found: Vehicles,
-    ) -> tuple[Course, Course, Floats, Vehicles]:
+        self, table: Floats, drive: Drive, step: Integers, every: Vehicles, found: Vehicles
+    ) -> tuple[Drive, Vehicles]:
         # Vehicles on trajectories, or at a distance across.
+        heading, across = np.array(drive.heading), drive.across
         for number, action in enumerate(self.story.actions):
             if not isinstance(action, Trajectory | Gap) or action.actor >= found.x.shape[1]:
                 continue
@@ -328,7 +346,7 @@ class Motions:
                 y[:, actor] = np.where(rows, self._gap_place(action, table, every), y[:, actor])
                 found = replace(found, y=y)
                 continue
-            path = self._path(action, table, every)
+            path = self._path(number, table, drive)
             clock, velocity = across.clock[:, actor], found.speed[:, actor]
             begin = 0.0 if action.begin is None else table[:, action.begin]
             way = clock + begin
@@ -346,16 +364,17 @@ class Motions:
             parts = {name: np.array(part) for name, part in vars(found).items()}
             for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
                 parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
-            heading = np.array(heading)
             heading[:, actor] = np.where(rows, np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0), heading[:, actor])
             found = Vehicles(**parts)
             across = across.finish(actor, rows & over)
-        return speed, across, heading, found
+        return replace(drive, across=across, heading=heading), found
 
-    def _path(self, action: Trajectory, table: Floats, every: Vehicles) -> Path:
-        return build_path(
-            action, self.maps[action.actor], self.maps, table, self._references(action, every)
-        )
+    def _path(self, number: int, table: Floats, drive: Drive) -> Path:
+        action = self.story.actions[number]
+        assert isinstance(action, Trajectory)
+        anchors = drive.anchors[:, self.trajectories.index(number)]
+        poses = {k: (anchors[:, k, 0], anchors[:, k, 1], anchors[:, k, 2]) for k in range(len(self.maps))}
+        return build_path(action, self.maps[action.actor], self.maps, table, poses)
 
     def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
         return {other: self._reference(every, other) for other in list_places(place)}
@@ -365,9 +384,9 @@ class Motions:
         return move_along_body(self.maps[vehicle], s, d, heading, -self.ahead[vehicle])
 
 
-def _choose(rows: Bools, vehicle: int, moved: Vehicles, others: Vehicles) -> Vehicles:
-    # The others, of which one vehicle is moved in some rows.
-    parts = {name: np.array(part) for name, part in vars(others).items()}
+def _choose(rows: Bools, vehicle: int, moved: Vehicles, every: Vehicles) -> Vehicles:
+    # All vehicles, of which one is moved in some rows.
+    parts = {name: np.array(part) for name, part in vars(every).items()}
     for name, part in parts.items():
         part[:, vehicle] = np.where(rows, getattr(moved, name)[:, vehicle], part[:, vehicle])
     return Vehicles(**parts)

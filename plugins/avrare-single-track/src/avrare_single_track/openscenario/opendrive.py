@@ -39,6 +39,7 @@ class RoadMap:
         lanes: Index of each lane, by its id.
         centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
         closed: Whether its end is its begin.
+        linked: Whether another road or a junction follows its begin, and its end.
     """
 
     road: Road
@@ -47,6 +48,7 @@ class RoadMap:
     lanes: Mapping[int, int]
     centres: Mapping[int, float]
     closed: bool = False
+    linked: tuple[bool, bool] = (False, False)
 
     def middles(self, s: Floats) -> Floats:
         """Return y (..., L) of the centre of each lane at stations (...) [m]."""
@@ -145,7 +147,13 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
         road.skip_children("objects", "signals", "type", "surface")
         for name in ("name", "length", "junction"):
             road.get(name)
-    return _assemble(line, begins, lanes, left)
+    linked = _is_linked(chain[0], "predecessor"), _is_linked(chain[-1], "successor")
+    return _assemble(line, begins, lanes, left, linked)
+
+
+def _is_linked(road: Element, side: str) -> bool:
+    link = road.find("link")
+    return link is not None and link.find(side) is not None
 
 
 def _same_lanes(lanes: Sequence[LaneStrip], others: Sequence[LaneStrip]) -> bool:
@@ -261,7 +269,11 @@ def _check_joint(geometry: Element, before: CurvedLine, x: float, y: float, head
 
 
 def _assemble(
-    line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStrip], left: bool
+    line: ReferenceLine,
+    begins: dict[str, float],
+    lanes: list[LaneStrip],
+    left: bool,
+    linked: tuple[bool, bool],
 ) -> RoadMap:
     kept = [lane for lane in lanes if lane.kind in KINDS]
     kinds = [KINDS[lane.kind] for lane in kept]
@@ -304,4 +316,4 @@ def _assemble(
     tip = np.array([0.0, line.length])
     closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
     indices = {lane.name: index for index, lane in enumerate(kept)}
-    return RoadMap(road, line, begins, indices, centres, closed)
+    return RoadMap(road, line, begins, indices, centres, closed, linked)

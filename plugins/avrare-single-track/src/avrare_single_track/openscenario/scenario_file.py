@@ -212,7 +212,7 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
 def _read_starts(init: Element, reader: ActionReader) -> Starts:
     places: dict[int, Place] = {}
     speeds: dict[int, TargetSpeed] = {}
-    gaps: list[Gap] = []
+    adjustments: list[Gap | Teleport] = []
     later: list[Action] = []
     for actions in init.list("Actions"):
         for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
@@ -221,12 +221,15 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
             actor = find_entity(private, "entityRef", reader.parameters, reader.names)
             for one in private.list("PrivateAction"):
                 match reader.read_private(one, actor):
-                    case Teleport(place=place):
-                        places[actor] = place
+                    case Teleport(place=place) as teleport:
+                        if place.other == actor:  # from where it was put before
+                            adjustments.append(teleport)
+                        else:
+                            places[actor] = place
                     case SpeedChange(transition=Transition(form="step"), continuous=False, target=speed):
                         speeds[actor] = speed
                     case Gap(acceleration=None, across=False) as gap:
-                        gaps.append(gap)
+                        adjustments.append(gap)
                         later += [gap] if gap.continuous else []
                     case action if action is not None:
                         later.append(action)
@@ -241,7 +244,7 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
     return Starts(
         tuple(places[actor] for actor in every),
         tuple(speeds.get(actor, still) for actor in every),
-        tuple(gaps),
+        tuple(adjustments),
         tuple(later),
     )
 

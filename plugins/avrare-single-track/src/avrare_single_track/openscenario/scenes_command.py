@@ -12,16 +12,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from avrare.base.errors import ExitCode, UsageError
 from avrare_single_track.openscenario.acted_traffic import ActedTraffic
 from avrare_single_track.openscenario.scenario_file import ScenarioFile, read_scenario
-from avrare_single_track.openscenario.trace import write_trace
+from avrare_single_track.openscenario.trace import list_stations, write_trace
 from avrare_single_track.openscenario.xml_tree import Element, read_xml
 
 _PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)
 _FEATURE = re.compile(
     r"\w+(Action|Condition|Position|Target|TargetSpeed)|Polyline|Clothoid\w*|Nurbs|ConstraintGroup"
 )
+_STEP, _UNTIL = 0.1, 20.0
+"""Step and end of the drive that tells whether vehicles stay on their roads [s]."""
 _EPILOG = """\
 A file is read, read with notes on what changes nothing, or refused at the first thing that is not read.
 Of a folder, all files .xosc with a storyboard are taken. All entities obey the file, the ego too.
@@ -100,7 +104,9 @@ def judge_scene(path: str) -> Finding:
     try:
         top = read_xml(path, "OpenSCENARIO")
         features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
-        notes = read_acted(path, 0.1).notes
+        file = read_acted(path, _STEP)
+        check_ends(file)
+        notes = file.notes
     except UsageError as error:
         place = _PLACE.fullmatch(error.message)
         if place is None:
@@ -119,6 +125,23 @@ def read_acted(path: str, dt: float) -> ScenarioFile:
     file = read_scenario(path, None, dt, {})
     ActedTraffic(file, dt).check_start()
     return file
+
+
+def check_ends(file: ScenarioFile) -> None:
+    """Raise an error where a vehicle drives on into another road or a junction, which is not acted out.
+
+    Raises:
+        UsageError: Such a vehicle.
+    """
+    if not any(True in roads.linked and not roads.closed for roads in file.maps):
+        return
+    with np.errstate(all="ignore"):
+        times, stations = list_stations(file, _STEP, _UNTIL)
+    for body, roads, way in zip(file.bodies, file.maps, stations.T, strict=True):
+        left = (roads.linked[0] & (way < 0.0)) | (roads.linked[1] & (way > roads.line.length))
+        if left.any() and not roads.closed:
+            text = f"{file.path}: {body.name!r} leaves road {', '.join(roads.begins)} at {times[left.argmax()]:g} s"
+            raise UsageError(text, "a drive from one road into another is not acted out")
 
 
 def _write_trace(args: argparse.Namespace) -> int:

@@ -67,6 +67,10 @@ class OpenScenario(SingleTrack):
             np.array([speeds[k] != 0.0 or k in driven for k in range(len(others))], dtype=bool),
         )
         self.acted.check_start()
+        for body, roads in zip(file.bodies, file.maps, strict=True):
+            if roads is not file.roads:
+                text = f"{file.path}: {body.name!r} starts on another road than {config.entity!r}"
+                raise UsageError(text, "a stack drives on one road so far; `avrare scenes` acts the file out")
 
     def drawing(self, laws: Mapping[str, object]) -> OpenScenario:
         """Return the simulator itself: every rollout has its own numbers anyway.

@@ -17,6 +17,7 @@ from avrare_single_track.openscenario.story import (
     Place,
     Storyboard,
     TargetSpeed,
+    Teleport,
     Trajectory,
 )
 from avrare_single_track.openscenario.trajectories import Path, Pose, list_places
@@ -52,13 +53,13 @@ class Starts:
     Attributes:
         places: Place of each vehicle.
         speeds: Its speed.
-        gaps: Distances that are set at once.
+        adjustments: What moves a vehicle at once from there.
         actions: Actions that begin with the scene.
     """
 
     places: tuple[Place, ...]
     speeds: tuple[TargetSpeed, ...]
-    gaps: tuple[Gap, ...]
+    adjustments: tuple[Gap | Teleport, ...]
     actions: tuple[Action, ...]
 
 
@@ -184,6 +185,8 @@ def _place_on(
             d = lane_middle(roads, lane, s) + y
     if place.absolute:
         return s, d, heading - roads.line.heading(s)
+    if place.turned and (place.kind == "road" or place.lane is None):
+        return s, d, heading  # against the reference line, not the lane
     return s, d, heading + np.where(lane_direction(roads, d, s) < 0.0, np.pi, 0.0)
 
 

@@ -321,7 +321,7 @@ class Storyboard:
     Attributes:
         places: Start of each vehicle.
         speeds: Its speed at the start.
-        gaps: Distances that are set at the start.
+        adjustments: What moves a vehicle from its place at once.
         acts: Start of each act.
         stops: Its end; None: only that of its events.
         events: Events of all acts.
@@ -332,7 +332,7 @@ class Storyboard:
 
     places: tuple[Place, ...]
     speeds: tuple[TargetSpeed, ...]
-    gaps: tuple[Gap, ...]
+    adjustments: tuple[Gap | Teleport, ...]
     acts: tuple[Trigger, ...]
     stops: tuple[Trigger | None, ...]
     events: tuple[Event, ...]

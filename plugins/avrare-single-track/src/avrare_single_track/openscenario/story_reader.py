@@ -91,7 +91,7 @@ class StoryReader:
         return Storyboard(
             starts.places,
             starts.speeds,
-            starts.gaps,
+            starts.adjustments,
             tuple(self.acts),
             tuple(self.stops),
             tuple(self.events),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,22 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
         until: End [s].
     """
     traffic = ActedTraffic(file, dt)
+    states = [_describe(traffic, others) for others in _drive(traffic, until)]
+    return np.arange(len(states)) * dt, np.stack(states)
+
+
+def list_stations(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
+    """Return times (T,) and the station (T, V) of each vehicle along its road."""
+    stations = np.concatenate([others.x for others in _drive(ActedTraffic(file, dt), until)])
+    return np.arange(len(stations)) * dt, stations
+
+
+def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
     _, others, memory = traffic.start(1, {})
-    count = round(until / dt)
-    states = [_describe(traffic, others)]
-    for step in range(count):
+    yield others
+    for step in range(round(until / traffic.dt)):
         memory, others = traffic.step(memory, np.array([step]), None, others)
-        states.append(_describe(traffic, others))
-    return np.arange(count + 1) * dt, np.stack(states)
+        yield others
 
 
 def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None:
