@@ -29,7 +29,7 @@ from openscenario_files import (
 
 
 def test_the_shipped_road():
-    roads = read_opendrive(str(SCENARIOS / "openscenario" / "motorway.xodr"))
+    (roads,) = read_opendrive(str(SCENARIOS / "openscenario" / "motorway.xodr")).maps
     assert roads.road.lane_centres == (-8.75, -5.25, -1.75)
     assert roads.lanes == {-3: 0, -2: 1, -1: 2}
     assert [piece.end_curvature for piece in roads.line.pieces] == [0.0, 0.00125, 0.00125]
@@ -168,7 +168,7 @@ def test_positions(build, position, x, y):
 
 
 def test_world_positions_in_the_bend_and_an_end_on_its_lane(build):
-    roads = read_opendrive(str(SCENARIOS / "openscenario" / "motorway.xodr"))
+    (roads,) = read_opendrive(str(SCENARIOS / "openscenario" / "motorway.xodr")).maps
     x, y = (part.item() for part in roads.line.to_plane(np.array([300.0]), np.array([-8.75])))
     heading = roads.line.heading(np.array([300.0])).item()
     place = f'<WorldPosition x="{x}" y="{y}" h="{heading}"/>'

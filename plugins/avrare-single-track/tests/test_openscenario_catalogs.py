@@ -126,7 +126,7 @@ def test_references_to_nothing_are_named_at_their_place(build, catalogs, old, ne
         (
             'value="0.5"',
             'value="$v"',
-            r"acts\.xosc:3:\d+: ParameterDeclaration: its value depends on another",
+            r"acts\.xosc:3:\d+: Maneuver: no parameter 'v' is declared in this entry",
         ),
         ("/></ParameterD", "><Group a='1'/></ParameterDeclaration></ParameterD", "Group: is not read"),
         ('<Catalog name="acts">', '<Catalog name="cars">', r"there are two catalogs 'cars'"),
@@ -149,7 +149,7 @@ def test_what_is_not_understood_in_a_catalog_is_named_there(build, catalogs, old
 def test_a_catalog_of_what_is_not_read_is_refused(build, catalogs):
     text = document(event(change_lane()))
     text = re.sub(r"<LateralAction>.*</LateralAction>", ROUTE, text)
-    with pytest.raises(UsageError, match="RoutingAction: is not read"):
+    with pytest.raises(UsageError, match="AssignRouteAction: is not read"):
         build(text.replace("<RoadNetwork>", LOCATIONS + "<RoadNetwork>"))
 
 

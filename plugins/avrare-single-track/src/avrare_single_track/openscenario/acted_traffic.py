@@ -12,9 +12,9 @@ from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_single_track.openscenario.conditions import Traffic, holds
-from avrare_single_track.openscenario.scenario_file import ScenarioFile
 from avrare_single_track.openscenario.courses import Course
 from avrare_single_track.openscenario.motions import Drive, Motions
+from avrare_single_track.openscenario.scenario_file import ScenarioFile
 from avrare_single_track.openscenario.starts import place_all, speed_all
 from avrare_single_track.openscenario.story import Assignment, Trigger
 
@@ -144,9 +144,7 @@ class ActedTraffic:
         )
         return self._end_events(memory, step + 1), found
 
-    def _trigger(
-        self, memory: StoryMemory, step: Integers, every: Vehicles
-    ) -> tuple[StoryMemory, Vehicles]:
+    def _trigger(self, memory: StoryMemory, step: Integers, every: Vehicles) -> tuple[StoryMemory, Vehicles]:
         traffic = Traffic(
             np.asarray(step * self.dt, dtype=np.float64),
             every,
@@ -231,9 +229,7 @@ class ActedTraffic:
             action = self.story.actions[number]
             if isinstance(action, Assignment):
                 variables = np.array(memory.variables)
-                variables[:, action.name] = np.where(
-                    rows, _assign(action, memory), variables[:, action.name]
-                )
+                variables[:, action.name] = np.where(rows, _assign(action, memory), variables[:, action.name])
                 memory = replace(memory, variables=variables)
                 continue
             drive, every = self.motions.begin(number, rows, memory.table, memory.drive, every)

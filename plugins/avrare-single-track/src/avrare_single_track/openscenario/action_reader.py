@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
@@ -226,7 +225,7 @@ class ActionReader:
         highest = self._limit(dynamics, "maxLateralAcc")
         transition = Transition("step", "time", self.parameters.constant(0.0))
         if form != "step" and highest is not None:
-            transition = Transition(form, "curvature", highest)  # type: ignore[arg-type]  # checked above
+            transition = Transition(form, "curvature", highest)
         target = action.child("LaneOffsetTarget").choice()
         offset = self._number(target, "value")
         if target.tag == "AbsoluteTargetLaneOffset":
@@ -239,8 +238,8 @@ class ActionReader:
         holder = action.find("TrajectoryRef") or action
         if mode := action.find("TrajectoryFollowingMode"):
             check_following(mode, "followingMode")
-        reference = action.find("TimeReference") or action.child("TimeReference")
-        timing = reference.choice() if reference.children else None
+        reference = action.find("TimeReference")
+        timing = reference.choice() if reference is not None and reference.children else None
         absolute, scale, offset = False, 1.0, 0.0
         if timing is not None and timing.tag == "Timing":
             absolute = timing.attribute("domainAbsoluteRelative") == "absolute"
@@ -310,9 +309,8 @@ class ActionReader:
                 segment.get("timeStart")
                 if segment is not segments[0] and segment.find("PositionStart") is not None:
                     raise segment.error("a later segment with a start of its own is not read")
-                pieces.append(
-                    tuple(fixed(segment, name) for name in ("length", "curvatureStart", "curvatureEnd"))
-                )
+                bends = fixed(segment, "curvatureStart"), fixed(segment, "curvatureEnd")
+                pieces.append((fixed(segment, "length"), *bends))
         if any(length <= 0.0 for length, _, _ in pieces):
             raise form.error("a length should be above 0")
         return Trajectory(actor, (self._read_place(start),), shape=sample_clothoids(pieces))

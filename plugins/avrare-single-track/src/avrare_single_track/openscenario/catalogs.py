@@ -91,9 +91,9 @@ class Catalogs:
         for one in self._entries:
             one.refuse_unread()
 
-    def notes(self) -> list[str]:
+    def notes(self) -> tuple[str, ...]:
         """Return the notes on the entries, each with its place."""
-        return [note for entry in self._entries for note in entry.notes()]
+        return tuple(note for entry in self._entries for note in entry.notes())
 
     def _find(self, reference: Element) -> Element:
         if self._read is None:

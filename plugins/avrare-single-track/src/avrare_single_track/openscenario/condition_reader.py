@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import get_args
+from typing import Literal, get_args
 
 from avrare_single_track.openscenario.action_reader import ActionReader, read_boolean
 from avrare_single_track.openscenario.opendrive import Network
@@ -73,9 +73,7 @@ class ConditionReader:
                 if name not in self.variables:
                     raise one.error(f"there is no variable {name!r}")
                 value = self.parameters.value(one, "value")
-                return Condition(
-                    "variable", self._read_rule(one), value, variable=self.variables.index(name)
-                )
+                return Condition("variable", self._read_rule(one), value, variable=self.variables.index(name))
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
         raise one.unknown(f"{known}, VariableCondition")
 
@@ -112,9 +110,7 @@ class ConditionReader:
             return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
         if one.tag in simple:
             rule, value = self._read_comparison(one)
-            direction = one.get("direction") or ""
-            if direction not in ("", "longitudinal", "lateral"):
-                raise one.error("direction should be longitudinal or lateral")
+            direction = self._read_direction(one)
             other = -1
             if one.tag in ("RelativeSpeedCondition", "TimeHeadwayCondition", "RelativeDistanceCondition"):
                 other = find_entity(one, "entityRef", self.parameters, self.names)
@@ -123,7 +119,7 @@ class ConditionReader:
             )
             return Condition(
                 simple[one.tag], rule, value, other=other, along=along, free=free, direction=direction
-            )  # type: ignore[arg-type]
+            )
         match one.tag:
             case "CollisionCondition":
                 one_value = self.parameters.constant(1.0)
@@ -161,6 +157,16 @@ class ConditionReader:
 
     def _place(self, one: Element) -> Place:
         return read_place(one.child("Position"), self.parameters, self.roads, self.names, self.curves)
+
+    def _read_direction(self, one: Element) -> Literal["", "longitudinal", "lateral"]:
+        match one.get("direction"):
+            case None:
+                return ""
+            case "longitudinal":
+                return "longitudinal"
+            case "lateral" if one.tag == "RelativeSpeedCondition":
+                return "lateral"
+        raise one.error("direction should be longitudinal")
 
     def _read_against(self, one: Element) -> tuple[int, ...]:
         # Entities that a collision is with.

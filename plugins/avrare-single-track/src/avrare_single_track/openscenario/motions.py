@@ -96,7 +96,9 @@ class Motions:
                 anchors = np.array(drive.anchors)
                 poses = [np.stack(self._reference(every, k), axis=1) for k in range(every.x.shape[1])]
                 anchors[rows, self.trajectories.index(number)] = np.stack(poses, axis=1)[rows]
-                across = self._begin_endless(drive.across, number, rows, np.zeros(len(rows)), not action.times)
+                across = self._begin_endless(
+                    drive.across, number, rows, np.zeros(len(rows)), not action.times
+                )
                 speed = drive.speed.finish(actor, rows) if action.times else drive.speed
                 return replace(drive, speed=speed, across=across, anchors=anchors), every
             case Gap(across=True):
@@ -134,9 +136,7 @@ class Motions:
             parts["speed"][:, gap.actor] = every.speed[:, gap.other]
         return Vehicles(**parts)
 
-    def move(
-        self, table: Floats, drive: Drive, step: Integers, every: Vehicles
-    ) -> tuple[Drive, Vehicles]:
+    def move(self, table: Floats, drive: Drive, step: Integers, every: Vehicles) -> tuple[Drive, Vehicles]:
         """Return what is done, and the vehicles (N, V) without the ego, one step later."""
         heading, speed, across = drive.heading, drive.speed, drive.across
         others = Vehicles(*(part[:, : heading.shape[1]] for part in vars(every).values()))
@@ -238,7 +238,7 @@ class Motions:
             if actor >= velocity.shape[1]:
                 continue
             rows = begun.action[:, actor] == number
-            if isinstance(action, SpeedChange) and not action.continuous or not rows.any():
+            if (isinstance(action, SpeedChange) and not action.continuous) or not rows.any():
                 continue
             clock = begun.clock[:, actor] + self.dt
             over = np.zeros(len(rows), np.bool_)
@@ -310,9 +310,7 @@ class Motions:
         over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
         return np.where(over & (final is not None), now if final is None else final, value), over
 
-    def _way_to(
-        self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles
-    ) -> Floats:
+    def _way_to(self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles) -> Floats:
         roads = self.maps[vehicle]
         s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
         x, y = roads.line.to_plane(s, d)

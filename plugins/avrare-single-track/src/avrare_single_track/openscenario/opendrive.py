@@ -101,9 +101,9 @@ def read_opendrive(path: str) -> Network:
     roads = top.list("road")
     if not roads:
         raise top.error("has no road")
-    maps = tuple(map(read_chain, _chains(roads)))
+    maps = tuple(read_chain(chain) for chain in _chains(roads))
     top.refuse_unread()
-    return Network(maps, tuple(top.notes()))
+    return Network(maps, top.notes())
 
 
 def read_chain(chain: Sequence[Element]) -> RoadMap:
@@ -192,9 +192,7 @@ def _sample_polynomial(geometry: Element, x: float, y: float, heading: float) ->
 
 def _pass_over_profile(profile: Element) -> None:
     flat = all(
-        child.attributes.get(name, "0").strip("+-0.eE") == ""
-        for child in profile.children
-        for name in "abcd"
+        child.attributes.get(name, "0").strip("+-0.eE") == "" for child in profile.children for name in "abcd"
     )
     if flat:
         profile.skip()
@@ -205,21 +203,21 @@ def _pass_over_profile(profile: Element) -> None:
 def _chains(roads: Sequence[Element]) -> list[list[Element]]:
     # Roads that follow one another in the same direction; at a junction, a line ends.
     named = {road.attribute("id"): road for road in roads}
-    following = {}
+    following: dict[str, str] = {}
     for name, road in named.items():
         link = road.find("link")
         if link is not None:
             link.skip()
-        after = None if link is None else link.find("successor")
-        if after is not None and after.attributes.get("contactPoint", "start") == "start":
-            following[name] = after.attributes.get("elementId", "")
+        successor = None if link is None else link.find("successor")
+        if successor is not None and successor.attributes.get("contactPoint", "start") == "start":
+            following[name] = successor.attributes.get("elementId", "")
     chains = []
     first = [name for name in named if name not in following.values()]
     waiting = dict.fromkeys([*first, *named])  # the others are rings
     while waiting:
         chain = [next(iter(waiting))]
         del waiting[chain[0]]
-        while (after := following.get(chain[-1])) in waiting and _joins(named[chain[-1]], named[after]):
+        while (after := following.get(chain[-1], "")) in waiting and _joins(named[chain[-1]], named[after]):
             chain.append(after)
             del waiting[after]
         chains.append([named[name] for name in chain])
@@ -278,9 +276,7 @@ def _assemble(
     kept = [lane for lane in lanes if lane.kind in KINDS]
     kinds = [KINDS[lane.kind] for lane in kept]
     widths = [float(np.median(lane.border.left - lane.border.right)) for lane in kept]
-    centres = {
-        lane.name: float(np.median(0.5 * (lane.border.right + lane.border.left))) for lane in lanes
-    }
+    centres = {lane.name: float(np.median(0.5 * (lane.border.right + lane.border.left))) for lane in lanes}
     varies = any(
         np.ptp(lane.border.right) or np.ptp(lane.border.left) or len(lane.border.stations) > 2
         for lane in kept
@@ -299,7 +295,11 @@ def _assemble(
         return tuple(index for index, yes in enumerate(test) if yes)
 
     def lane_of(strip: LaneStrip) -> Lane:
-        return strip.border if varies else Lane(ends, strip.border.right[:1].repeat(2), strip.border.left[:1].repeat(2))
+        return (
+            strip.border
+            if varies
+            else Lane(ends, strip.border.right[:1].repeat(2), strip.border.left[:1].repeat(2))
+        )
 
     road = Road(
         tuple(centres[lane.name] for lane in kept),

@@ -258,9 +258,9 @@ class Parameters:
         known = {**self.values, **self._numbers(), **values}
         table = np.empty((n, len(self._trees)))
         with np.errstate(all="ignore"):
-            for name, tree in self._derived.items():
+            for name, derived in self._derived.items():
                 if name not in values:
-                    known[name] = self._evaluate(tree, known)
+                    known[name] = self._evaluate(derived, known)
             for column, tree in enumerate(self._trees):
                 table[:, column] = self._evaluate(tree, known)
         for constraint in self._constraints:

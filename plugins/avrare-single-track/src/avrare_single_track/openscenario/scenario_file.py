@@ -164,6 +164,8 @@ def _read_bodies(
 ) -> tuple[Body, ...]:
     bodies = [_read_body(one, parameters, catalogs) for one in entities.list("ScenarioObject")]
     names = [body.name for body in bodies]
+    if not names:
+        raise entities.error("has no ScenarioObject")
     if ego is not None and ego not in names:
         hint = did_you_mean(ego, names) or f"choose it with `entity`; there are: {', '.join(names)}"
         raise entities.error(f"there is no entity {ego!r}", hint)
@@ -206,7 +208,9 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     length, width = read(size, "length"), read(size, "width")
     if min(length, width) <= 0.0:
         raise size.error("length and width should be above 0")
-    return Body(parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed, kind.tag)
+    return Body(
+        parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed, kind.tag
+    )
 
 
 def _read_starts(init: Element, reader: ActionReader) -> Starts:
@@ -252,7 +256,10 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
 def _read_variables(top: Element, parameters: Parameters) -> dict[str, Number]:
     # Value of each parameter and variable at the start, as conditions see them.
     variables: dict[str, Number] = {}
-    for block, tag in (("ParameterDeclarations", "ParameterDeclaration"), ("VariableDeclarations", "VariableDeclaration")):
+    for block, tag in (
+        ("ParameterDeclarations", "ParameterDeclaration"),
+        ("VariableDeclarations", "VariableDeclaration"),
+    ):
         declarations = top.find(block)
         for element in declarations.list(tag) if declarations is not None else ():
             element.get("variableType")

@@ -140,8 +140,9 @@ def check_ends(file: ScenarioFile) -> None:
     for body, roads, way in zip(file.bodies, file.maps, stations.T, strict=True):
         left = (roads.linked[0] & (way < 0.0)) | (roads.linked[1] & (way > roads.line.length))
         if left.any() and not roads.closed:
-            text = f"{file.path}: {body.name!r} leaves road {', '.join(roads.begins)} at {times[left.argmax()]:g} s"
-            raise UsageError(text, "a drive from one road into another is not acted out")
+            text = f"{body.name!r} leaves road {', '.join(roads.begins)} at {times[left.argmax()]:g} s"
+            hint = "a drive from one road into another is not acted out"
+            raise UsageError(f"{file.path}: {text}", hint)
 
 
 def _write_trace(args: argparse.Namespace) -> int:
@@ -178,4 +179,7 @@ def _print_table(findings: Sequence[Finding]) -> None:
         place = finding.file if finding.line is None else f"{finding.file}:{finding.line}"
         print(f"{finding.status:<8} {place}" + (f": {finding.reason}" if finding.reason else ""))
     counts = Counter(finding.status for finding in findings)
-    print(f"{len(findings)} scenes: " + ", ".join(f"{counts[name]} {name}" for name in ("read", "notes", "refused")))
+    print(
+        f"{len(findings)} scenes: "
+        + ", ".join(f"{counts[name]} {name}" for name in ("read", "notes", "refused"))
+    )

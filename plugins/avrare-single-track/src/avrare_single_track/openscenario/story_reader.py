@@ -165,7 +165,9 @@ class StoryReader:
         actions = tuple(range(first, len(self.actions)))
         name, overrides = event.attribute("name"), priority in ("override", "overwrite")
         self.events.append(
-            Event(name, act, self.maneuvers, trigger, actions, overrides, self._count(event), priority == "skip")
+            Event(
+                name, act, self.maneuvers, trigger, actions, overrides, self._count(event), priority == "skip"
+            )
         )
 
     def _count(self, event: Element) -> int:

@@ -11,7 +11,13 @@ _STILL = 1e-3
 
 
 def synchronize_speed(
-    now: Floats, pace: Floats, way: Floats, master_way: Floats, final: Floats | None, steady: Floats, dt: float
+    now: Floats,
+    pace: Floats,
+    way: Floats,
+    master_way: Floats,
+    final: Floats | None,
+    steady: Floats,
+    dt: float,
 ) -> Floats:
     """Return the speed (N,) of the next step.
 

@@ -25,13 +25,13 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
     """
     traffic = ActedTraffic(file, dt)
     states = [_describe(traffic, others) for others in _drive(traffic, until)]
-    return np.arange(len(states)) * dt, np.stack(states)
+    return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
 
 
 def list_stations(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
     """Return times (T,) and the station (T, V) of each vehicle along its road."""
     stations = np.concatenate([others.x for others in _drive(ActedTraffic(file, dt), until)])
-    return np.arange(len(stations)) * dt, stations
+    return np.arange(len(stations), dtype=np.float64) * dt, stations
 
 
 def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:

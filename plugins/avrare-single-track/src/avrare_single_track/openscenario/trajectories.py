@@ -61,7 +61,7 @@ class Path:
         return x0 + share * dx, y0 + share * dy, heading
 
     def when(self, times: Floats, time: Floats) -> tuple[Floats, Floats]:
-        """Return the way (N,) at a time (N,) and the speed there; ``times`` (N, M) are those of the points."""
+        """Return the way (N,) and the speed at a time (N,), given those (N, M) of the points."""
         rows, begin, share = _locate(times, time)
         way, step = self.ways[rows, begin], self.ways[rows, begin + 1] - self.ways[rows, begin]
         lasting = np.maximum(times[rows, begin + 1] - times[rows, begin], 1e-9)
@@ -76,7 +76,7 @@ class Path:
         share = np.clip(((x[:, None] - x0) * dx + (y[:, None] - y0) * dy) / squared, 0.0, 1.0)
         apart = np.hypot(x[:, None] - x0 - share * dx, y[:, None] - y0 - share * dy)
         rows, nearest = np.arange(len(x)), apart.argmin(axis=1)
-        return self.ways[rows, nearest] + (share * np.sqrt(squared))[rows, nearest]
+        return np.asarray(self.ways[rows, nearest] + (share * np.sqrt(squared))[rows, nearest])
 
 
 def _locate(table: Floats, value: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:

@@ -122,9 +122,9 @@ class Element:
         """Note how the element is read where a file may mean more."""
         self._note = text
 
-    def notes(self) -> list[str]:
+    def notes(self) -> tuple[str, ...]:
         """Return the notes on it and all within it, each with its place."""
-        return [f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self._walk() if one._note]
+        return tuple(f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self._walk() if one._note)
 
     def refuse_unread(self) -> None:
         """Raise an error at the first element or attribute in it that was not asked for.
