@@ -19,6 +19,7 @@ from avrare_single_track.openscenario.story import (
     Gap,
     LaneChange,
     Place,
+    Route,
     SpeedChange,
     SpeedProfile,
     Synchronize,
@@ -98,6 +99,8 @@ class ActionReader:
                 return self._read_lane_change(action, actor)
             case "LaneOffsetAction":
                 return self._read_lane_offset(action, actor)
+            case "AssignRouteAction":
+                return self._read_route(action, actor)
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
         known = "SpeedAction, SpeedProfileAction, LaneChangeAction, LaneOffsetAction"
@@ -233,6 +236,26 @@ class ActionReader:
         if target.tag != "RelativeTargetLaneOffset":
             raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
         return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
+
+    def _read_route(self, action: Element, actor: int) -> Route:
+        reference = action.find("CatalogReference")
+        route = action.child("Route") if reference is None else None
+        if reference is not None:
+            route = self.catalogs.resolve(reference, ("Route",))
+        assert route is not None
+        route.skip_children("ParameterDeclarations")
+        route.get("name")
+        if read_boolean(route, "closed"):
+            raise route.error("a closed route is not read")
+        roads = []
+        for point in route.list("Waypoint"):
+            point.get("routeStrategy")
+            place = self._read_place(point.child("Position"))
+            if place.roads is None and place.kind != "plane":
+                raise point.error("a waypoint that is relative to an entity is not read")
+            x, y = self.parameters.table({}, 1)[0, [place.x, place.y]]
+            roads.append(place.roads or self.roads.find_nearest(x, y))
+        return Route(actor, tuple(roads))
 
     def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
         holder = action.find("TrajectoryRef") or action

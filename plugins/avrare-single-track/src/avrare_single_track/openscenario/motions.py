@@ -23,6 +23,7 @@ from avrare_single_track.openscenario.story import (
     Gap,
     LaneChange,
     Place,
+    Route,
     SpeedChange,
     SpeedProfile,
     Synchronize,
@@ -75,7 +76,7 @@ class Motions:
     ) -> tuple[Drive, Vehicles]:
         """Begin an action in some rows; what is done after it, and all vehicles."""
         action = self.story.actions[number]
-        assert not isinstance(action, Assignment)
+        assert not isinstance(action, Assignment | Route)
         actor = action.actor
         match action:
             case SpeedChange():
@@ -113,7 +114,7 @@ class Motions:
         self, course: Course, number: int, rows: Bools, value: Floats, by_way: bool = False
     ) -> Course:
         action = self.story.actions[number]
-        assert not isinstance(action, Assignment)
+        assert not isinstance(action, Assignment | Route)
         span = np.full(len(rows), np.inf)
         return course.begin(
             number, action.actor, rows, start=value, target=value, span=span, form=0, by_way=by_way

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -63,16 +63,33 @@ class RoadMap:
 
 
 @dataclass(frozen=True)
+class Connection:
+    """Way from a lane at an end of a line of roads into another line.
+
+    Attributes:
+        roads: The other line.
+        direction: Whether it is driven along (1) or against (-1) it.
+        lanes: Id of the lane there, by that of the lane here.
+    """
+
+    roads: RoadMap
+    direction: int
+    lanes: Mapping[int, int]
+
+
+@dataclass(frozen=True)
 class Network:
     """Roads of a file, in lines that each follow one another.
 
     Attributes:
         maps: The lines.
         notes: What of the file is left out, with its places.
+        connections: Ways on from each line (its identity) at its end (1) and its begin (-1).
     """
 
     maps: tuple[RoadMap, ...]
     notes: tuple[str, ...] = ()
+    connections: Mapping[tuple[int, int], Sequence[Connection]] = field(default_factory=dict)
 
     def find(self, road: str) -> RoadMap | None:
         """Return the line that a road belongs to."""
@@ -101,9 +118,57 @@ def read_opendrive(path: str) -> Network:
     roads = top.list("road")
     if not roads:
         raise top.error("has no road")
-    maps = tuple(read_chain(chain) for chain in _chains(roads))
+    chains = _chains(roads)
+    maps = tuple(read_chain(chain) for chain in chains)
     top.refuse_unread()
-    return Network(maps, top.notes())
+    network = Network(maps, top.notes())
+    return replace(network, connections=_list_connections(top, chains, network))
+
+
+def _list_connections(
+    top: Element, chains: Sequence[Sequence[Element]], network: Network
+) -> dict[tuple[int, int], list[Connection]]:
+    found: dict[tuple[int, int], list[Connection]] = {}
+    junctions = {junction.attributes.get("id"): junction for junction in top.list("junction")}
+    for chain, roads in zip(chains, network.maps, strict=True):
+        for direction, road, side in ((1, chain[-1], "successor"), (-1, chain[0], "predecessor")):
+            link = road.find("link")
+            target = None if link is None else link.find(side)
+            if target is None:
+                continue
+            ways = found.setdefault((id(roads), direction), [])
+            name = target.attributes.get("elementId", "")
+            if target.attributes.get("elementType") != "junction":
+                into = 1 if target.attributes.get("contactPoint", "start") == "start" else -1
+                if (other := network.find(name)) is not None:
+                    lanes = _lane_links(road, side, -1 if direction > 0 else 0)
+                    lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
+                    ways.append(Connection(other, into, lanes))
+                continue
+            junction = junctions.get(name)
+            for way in junction.list("connection") if junction is not None else ():
+                other = network.find(way.attributes.get("connectingRoad", ""))
+                if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
+                    continue
+                into = 1 if way.attributes.get("contactPoint", "start") == "start" else -1
+                lanes = {int(one.number("from")): int(one.number("to")) for one in way.list("laneLink")}
+                ways.append(
+                    Connection(other, into, lanes or {lane: lane * into * direction for lane in roads.lanes})
+                )
+    return found
+
+
+def _lane_links(road: Element, side: str, section: int) -> dict[int, int]:
+    # Id of the lane that follows each, as the lanes of the last or first section say.
+    block = road.child("lanes").list("laneSection")[section]
+    links = {}
+    for group in block.children:
+        for lane in group.list("lane"):
+            link = lane.find("link")
+            after = None if link is None else link.find(side)
+            if after is not None:
+                links[int(lane.number("id"))] = int(after.number("id"))
+    return links
 
 
 def read_chain(chain: Sequence[Element]) -> RoadMap:

@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from avrare.base.errors import did_you_mean
 from avrare_single_track.openscenario.action_reader import ActionReader
 from avrare_single_track.openscenario.catalogs import Catalogs
@@ -13,11 +15,13 @@ from avrare_single_track.openscenario.lanelet_map import is_lanelet_map, read_la
 from avrare_single_track.openscenario.opendrive import Network, RoadMap, read_opendrive
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity
-from avrare_single_track.openscenario.starts import Starts
+from avrare_single_track.openscenario.routes import follow_lane
+from avrare_single_track.openscenario.starts import Starts, nearest_lane, place_all
 from avrare_single_track.openscenario.story import (
     Action,
     Gap,
     Place,
+    Route,
     SpeedChange,
     Storyboard,
     TargetSpeed,
@@ -134,18 +138,25 @@ def read_scenario(
     driven = None if ego is None else len(names) - 1
     variables = _read_variables(top, parameters)
     reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
-    story = reader.read(board, _read_starts(board.child("Init"), reader.reading))
+    starts = _read_starts(board.child("Init"), reader.reading)
+    story = reader.read(board, starts)
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
-    maps = _find_roads(story, roads, parameters)
+    maps = _find_roads(story, roads, parameters, starts.routes, ego)
     return ScenarioFile(
         path, file, tuple(entries.used), parameters, maps, bodies, ego is not None, story, notes
     )
 
 
-def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tuple[RoadMap, ...]:
-    # The road on which each vehicle starts.
+def _find_roads(
+    story: Storyboard,
+    roads: Network,
+    parameters: Parameters,
+    routes: Mapping[int, Sequence[RoadMap]],
+    ego: str | None,
+) -> tuple[RoadMap, ...]:
+    # The road on which each vehicle starts, or its way from there where other roads follow.
     def find(place: Place, asked: tuple[int, ...] = ()) -> RoadMap:
         if place.roads is not None or len(roads.maps) == 1:
             return place.roads or roads.maps[0]
@@ -156,7 +167,20 @@ def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tu
         x, y = parameters.table({}, 1)[0, [place.x, place.y]]
         return roads.find_nearest(x, y)
 
-    return tuple(map(find, story.places))
+    maps = [find(place) for place in story.places]
+    if ego is not None or not roads.connections:
+        return tuple(maps)
+    table = parameters.table({}, 1)
+    s, d, heading = place_all(story, maps, table, np.zeros(len(maps)))
+    for k, start in enumerate(maps):
+        lane = int(nearest_lane(start, d[0, k], s[0, k]))
+        against = lane in start.road.opposing
+        if (np.cos(heading[0, k]) < 0.0) != against or start.closed:
+            continue
+        if (id(start), -1 if against else 1) in roads.connections:
+            name = next(name for name, index in start.lanes.items() if index == lane)
+            maps[k] = follow_lane(roads, start, name, routes.get(k, ()))
+    return tuple(maps)
 
 
 def _read_bodies(
@@ -218,6 +242,7 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
     speeds: dict[int, TargetSpeed] = {}
     adjustments: list[Gap | Teleport] = []
     later: list[Action] = []
+    routes: dict[int, Sequence[RoadMap]] = {}
     for actions in init.list("Actions"):
         for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
             later += [action for action in [reader.read_global(kind)] if action is not None]
@@ -225,6 +250,8 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
             actor = find_entity(private, "entityRef", reader.parameters, reader.names)
             for one in private.list("PrivateAction"):
                 match reader.read_private(one, actor):
+                    case Route(roads=wanted):
+                        routes[actor] = wanted
                     case Teleport(place=place) as teleport:
                         if place.other == actor:  # from where it was put before
                             adjustments.append(teleport)
@@ -250,6 +277,7 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
         tuple(speeds.get(actor, still) for actor in every),
         tuple(adjustments),
         tuple(later),
+        routes,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,12 +55,14 @@ class Starts:
         speeds: Its speed.
         adjustments: What moves a vehicle at once from there.
         actions: Actions that begin with the scene.
+        routes: Roads that a vehicle is to drive over.
     """
 
     places: tuple[Place, ...]
     speeds: tuple[TargetSpeed, ...]
     adjustments: tuple[Gap | Teleport, ...]
     actions: tuple[Action, ...]
+    routes: Mapping[int, Sequence[RoadMap]]
 
 
 def place_all(

@@ -233,8 +233,16 @@ class Assignment:
     operation: Literal["set", "add", "multiply"]
 
 
+@dataclass(frozen=True)
+class Route:
+    """Action: a vehicle is to drive over some roads; in ``Init`` alone."""
+
+    actor: int
+    roads: tuple[RoadMap, ...]
+
+
 Action: TypeAlias = (
-    SpeedChange | SpeedProfile | LaneChange | Gap | Trajectory | Teleport | Synchronize | Assignment
+    SpeedChange | SpeedProfile | LaneChange | Gap | Trajectory | Teleport | Synchronize | Assignment | Route
 )
 
 

@@ -15,7 +15,7 @@ from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity
 from avrare_single_track.openscenario.starts import Starts
-from avrare_single_track.openscenario.story import Action, Condition, Event, Storyboard, Trigger
+from avrare_single_track.openscenario.story import Action, Condition, Event, Route, Storyboard, Trigger
 from avrare_single_track.openscenario.xml_tree import Element
 
 _COUNT_MAX = 1_000_000_000
@@ -185,6 +185,8 @@ class StoryReader:
             if not actors:
                 element.skip()
             actions = [self.reading.read_private(kind, actor) for actor in actors]
+            if any(isinstance(action, Route) for action in actions):
+                raise kind.error("a route is read in Init alone")
         else:
             actions = [self.reading.read_global(kind)]
         return [action for action in actions if action is not None]
