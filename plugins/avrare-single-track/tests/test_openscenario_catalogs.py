@@ -149,7 +149,7 @@ def test_what_is_not_understood_in_a_catalog_is_named_there(build, catalogs, old
 def test_a_catalog_of_what_is_not_read_is_refused(build, catalogs):
     text = document(event(change_lane()))
     text = re.sub(r"<LateralAction>.*</LateralAction>", ROUTE, text)
-    with pytest.raises(UsageError, match="AssignRouteAction: is not read"):
+    with pytest.raises(UsageError, match="there is no catalog"):
         build(text.replace("<RoadNetwork>", LOCATIONS + "<RoadNetwork>"))
 
 

@@ -48,7 +48,7 @@ def test_what_the_ego_is_told_to_do_is_refused_or_passed_over(build):
         ('value="2.0"/><LaneChange', 'value="$w"/><LaneChange', "no parameter 'w' is declared"),
         ('value="2.0"/><LaneChange', 'value="${import(1)}"/><LaneChange', "neither a number nor an"),
         ("LaneChangeAction>", "FollowTrajectoryAction>", "FollowTrajectoryAction: lacks the element Traj"),
-        ("LaneChangeAction>", "AssignRouteAction>", "AssignRouteAction: is not read"),
+        ("LaneChangeAction>", "AssignRouteAction>", "AssignRouteAction: lacks the element Route"),
         ("<StartTrigger>", "<StartTrigger><ConditionGroup/>", "ConditionGroup: has no condition"),
         ('entityRef="Car"', 'entityRef="Cat"', "there is no entity 'Cat'"),
         ('revMajor="1"', 'revMajor="2"', r"only OpenSCENARIO XML 1\.x"),

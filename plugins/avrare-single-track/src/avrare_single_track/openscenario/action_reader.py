@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from avrare_single_track.openscenario.curves import sample_clothoids, sample_nur
 from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, find_lane, read_place
+from avrare_single_track.openscenario.routes import follow_lane
+from avrare_single_track.openscenario.starts import place_point
 from avrare_single_track.openscenario.story import (
     DIMENSIONS,
     FORMS,
@@ -238,6 +241,34 @@ class ActionReader:
         return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
 
     def _read_route(self, action: Element, actor: int) -> Route:
+        places = self._read_waypoints(action)
+        return Route(actor, tuple(place.roads for place in places if place.roads is not None))
+
+    def read_route_place(self, position: Element) -> Place:
+        """Read a ``RoutePosition``: a way along the lane of the first waypoint."""
+        first, *others = self._read_waypoints(position.child("RouteRef"))
+        where = position.child("InRoutePosition").choice()
+        if where.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
+            raise where.unknown("FromLaneCoordinates, FromRoadCoordinates")
+        assert first.roads is not None
+        if first.lane is None:
+            raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
+        names = {index: lane for lane, index in first.roads.lanes.items()}
+        wanted = [place.roads for place in others if place.roads is not None]
+        line = follow_lane(self.roads, first.roads, names[first.lane], wanted)
+        own = line.lanes[names[first.lane]]
+        pose = place_point(first, line, (line,), self.parameters.table({}, 1), {})
+        station = self.parameters.shifted(self._number(where, "pathS"), float(pose[0][0]))
+        heading = self.parameters.constant(0.0)
+        if where.tag == "FromLaneCoordinates":
+            where.get("laneId")
+            offset = self._number(where, "laneOffset", 0.0)
+            return Place("lane", station, offset, heading, own, roads=line)
+        middle = -abs(first.roads.centres[names[first.lane]])
+        across = self.parameters.shifted(self._number(where, "t"), -middle)
+        return Place("road", station, across, heading, roads=line)
+
+    def _read_waypoints(self, action: Element) -> list[Place]:
         reference = action.find("CatalogReference")
         route = action.child("Route") if reference is None else None
         if reference is not None:
@@ -247,15 +278,17 @@ class ActionReader:
         route.get("name")
         if read_boolean(route, "closed"):
             raise route.error("a closed route is not read")
-        roads = []
+        places = []
         for point in route.list("Waypoint"):
             point.get("routeStrategy")
             place = self._read_place(point.child("Position"))
             if place.roads is None and place.kind != "plane":
                 raise point.error("a waypoint that is relative to an entity is not read")
             x, y = self.parameters.table({}, 1)[0, [place.x, place.y]]
-            roads.append(place.roads or self.roads.find_nearest(x, y))
-        return Route(actor, tuple(roads))
+            places.append(replace(place, roads=place.roads or self.roads.find_nearest(x, y)))
+        if not places:
+            raise route.error("has no Waypoint")
+        return places
 
     def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
         holder = action.find("TrajectoryRef") or action
@@ -316,7 +349,8 @@ class ActionReader:
         fixed = self.parameters.fixed
         pieces: list[tuple[float, float, float]] = []
         if form.tag == "Clothoid":
-            start, length = form.child("Position"), fixed(form, "length")
+            start: Element | None = form.child("Position")
+            length = fixed(form, "length")
             for name in ("startTime", "stopTime"):
                 form.get(name)
             bend = fixed(form, "curvature")
@@ -325,9 +359,11 @@ class ActionReader:
         else:
             form.get("timeEnd")
             segments = form.list("ClothoidSplineSegment")
-            if not segments or segments[0].find("PositionStart") is None:
+            if not segments:
+                raise form.error("has no ClothoidSplineSegment")
+            start = segments[0].find("PositionStart")
+            if start is None and actor < 0:
                 raise form.error("its first segment has no PositionStart")
-            start = segments[0].child("PositionStart")
             for segment in segments:
                 segment.get("timeStart")
                 if segment is not segments[0] and segment.find("PositionStart") is not None:
@@ -336,7 +372,11 @@ class ActionReader:
                 pieces.append((fixed(segment, "length"), *bends))
         if any(length <= 0.0 for length, _, _ in pieces):
             raise form.error("a length should be above 0")
-        return Trajectory(actor, (self._read_place(start),), shape=sample_clothoids(pieces))
+        shape = sample_clothoids(pieces)
+        if start is not None:
+            return Trajectory(actor, (self._read_place(start),), shape=shape)
+        nothing = self.parameters.constant(0.0)  # it begins where the vehicle is
+        return Trajectory(actor, (Place("ahead", nothing, nothing, nothing, other=actor),), shape=shape)
 
     def _read_nurbs(self, form: Element, actor: int) -> Trajectory:
         points = form.list("ControlPoint")

@@ -117,6 +117,8 @@ class ConditionReader:
             along, free = (
                 self._read_distance(one) if simple[one.tag] in ("headway", "distance") else (True, False)
             )
+            if one.get("relativeDistanceType") == "lateral":
+                direction = "lateral"
             return Condition(
                 simple[one.tag], rule, value, other=other, along=along, free=free, direction=direction
             )
@@ -135,6 +137,8 @@ class ConditionReader:
             case "DistanceCondition":
                 rule, value = self._read_comparison(one)
                 along, free = self._read_distance(one)
+                if one.get("relativeDistanceType") == "lateral":
+                    raise one.error("a lateral distance to a place is not read")
                 return Condition("distance", rule, value, along=along, free=free, place=self._place(one))
             case "ReachPositionCondition":
                 tolerance = self.parameters.number(one, "tolerance")
@@ -145,7 +149,7 @@ class ConditionReader:
     def _read_collision_time(self, one: Element) -> Condition:
         rule, value = self._read_comparison(one)
         along, free = self._read_distance(one)
-        if not along:
+        if not along or one.get("relativeDistanceType") == "lateral":
             raise one.error(
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
@@ -188,7 +192,7 @@ class ConditionReader:
             along = read_boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
             kind = "longitudinal" if along else "euclidianDistance"
         one.get("alongRoute")
-        if kind not in ("longitudinal", "cartesianDistance", "euclidianDistance"):
+        if kind not in ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance"):
             raise one.error(f"relativeDistanceType {kind!r} is not read")
         if one.get("coordinateSystem") not in (None, "entity", "lane", "road"):
             raise one.error("coordinateSystem should be entity, lane or road")

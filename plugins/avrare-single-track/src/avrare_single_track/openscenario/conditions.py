@@ -166,6 +166,9 @@ def _distance(
 ) -> Floats:
     here, there = _pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
     roads = maps[one]
+    if condition.direction == "lateral":
+        reach = 0.5 * (traffic.widths[one] + traffic.widths[other]) if condition.free else 0.0
+        return np.asarray(np.maximum(np.abs(here.y - there.y) - reach, 0.0))
     if condition.free and condition.along:
         reach = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
         return np.asarray(np.maximum(np.abs(here.x - there.x) - reach, 0.0))

@@ -199,8 +199,9 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
             at += before.length
     if not points:
         raise chain[0].error("has no geometry")
-    curved = start is not None and len(pieces) == len(points)
-    line = CurvedLine(tuple(pieces), *start) if curved else PolygonalLine(np.concatenate(points))
+    line: ReferenceLine = PolygonalLine(np.concatenate(points))
+    if start is not None and len(pieces) == len(points):
+        line = CurvedLine(tuple(pieces), *start)
     lanes = read_lanes(chain[0], at if len(chain) == 1 else chain[0].number("length"))
     for road in chain[1:]:
         if not _same_lanes(read_lanes(road, road.number("length")), lanes):

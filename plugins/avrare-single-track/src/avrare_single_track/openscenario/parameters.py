@@ -21,7 +21,7 @@ from avrare_single_track.openscenario.xml_tree import Element
 Number: TypeAlias = int
 """Number of a file, as its column in the table of all of them."""
 _REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
-_LONGEST = 300
+_LONGEST = 2000
 """Longest expression [characters]."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 POSITIONS = (
     "WorldPosition, LanePosition, RoadPosition, RelativeLanePosition, RelativeRoadPosition, "
-    "RelativeObjectPosition, RelativeWorldPosition, TrajectoryPosition"
+    "RelativeObjectPosition, RelativeWorldPosition, TrajectoryPosition, RoutePosition"
 )
 
 
@@ -26,6 +26,9 @@ class CurveReader(Protocol):
 
     def read_curve(self, holder: Element, actor: int, timed: bool) -> Trajectory:
         """Return the trajectory."""
+
+    def read_route_place(self, position: Element) -> Place:
+        """Return the place along a route."""
 
 
 def read_place(
@@ -58,6 +61,8 @@ def _read_kind(
             one.get("dz")
             heading, absolute = _read_orientation(one, parameters)
             return Place("shifted", number("dx"), number("dy"), heading, None, other, absolute)
+        case "RoutePosition" if curves is not None:
+            return curves.read_route_place(one)
         case "TrajectoryPosition" if curves is not None:
             heading, absolute = _read_orientation(one, parameters)
             curve = curves.read_curve(one.find("TrajectoryRef") or one, -1, False)

@@ -46,7 +46,9 @@ def follow_lane(network: Network, roads: RoadMap, lane: int, wanted: Sequence[Ro
         begin=0.0,
         end=line.length,
         line=line,
-        opposing=tuple(new for new, k in enumerate(order) if (k in first.opposing) != (index in first.opposing)),
+        opposing=tuple(
+            new for new, k in enumerate(order) if (k in first.opposing) != (index in first.opposing)
+        ),
     )
     lanes = {names[k]: new for new, k in enumerate(order)}
     return RoadMap(road, line, {}, lanes, {})
@@ -80,5 +82,3 @@ def _find_next(network: Network, leg: _Leg, wanted: Sequence[RoadMap]) -> _Leg |
 def _turn(leg: _Leg) -> float:
     begin, end = leg.roads.line.heading(np.array([0.0, leg.roads.line.length]))
     return float(end - begin)
-
-

@@ -139,6 +139,9 @@ def read_scenario(
     variables = _read_variables(top, parameters)
     reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
     starts = _read_starts(board.child("Init"), reader.reading)
+    if ego is not None and starts.routes:
+        name = names[next(iter(starts.routes))]
+        raise board.error(f"the route of {name!r} is not read under a stack", "see docs/openscenario.md")
     story = reader.read(board, starts)
     top.refuse_unread()
     entries.refuse_unread()
