@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from avrare_single_track.openscenario.curves import sample_clothoids, sample_nur
 from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, find_lane, read_place
-from avrare_single_track.openscenario.routes import follow_lane
-from avrare_single_track.openscenario.starts import place_point
+from avrare_single_track.openscenario.route_reader import read_route, read_route_place
 from avrare_single_track.openscenario.story import (
     DIMENSIONS,
     FORMS,
@@ -22,7 +20,6 @@ from avrare_single_track.openscenario.story import (
     Gap,
     LaneChange,
     Place,
-    Route,
     SpeedChange,
     SpeedProfile,
     Synchronize,
@@ -31,7 +28,7 @@ from avrare_single_track.openscenario.story import (
     Trajectory,
     Transition,
 )
-from avrare_single_track.openscenario.xml_tree import Element
+from avrare_single_track.openscenario.xml_tree import Element, read_boolean
 
 _IDLE = {
     "ControllerAction": "controllers are left out: the entity obeys the storyboard",
@@ -85,7 +82,7 @@ class ActionReader:
             domain.pass_over(_IDLE[domain.tag])
             return None
         if domain.tag == "TeleportAction":
-            return Teleport(actor, self._read_place(domain.child("Position")))
+            return Teleport(actor, self.read_place(domain.child("Position")))
         if domain.tag == "SynchronizeAction":
             return self._read_synchronize(domain, actor)
         if domain.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -103,7 +100,7 @@ class ActionReader:
             case "LaneOffsetAction":
                 return self._read_lane_offset(action, actor)
             case "AssignRouteAction":
-                return self._read_route(action, actor)
+                return read_route(self, action, actor)
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
         known = "SpeedAction, SpeedProfileAction, LaneChangeAction, LaneOffsetAction"
@@ -117,7 +114,8 @@ class ActionReader:
             return None
         return self.parameters.number(element, name, low=0.0)
 
-    def _read_place(self, position: Element) -> Place:
+    def read_place(self, position: Element) -> Place:
+        """Read a ``Position``."""
         return read_place(position, self.parameters, self.roads, self.names, self)
 
     def _find_entity(self, element: Element, name: str = "entityRef") -> int:
@@ -240,55 +238,9 @@ class ActionReader:
             raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
         return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
 
-    def _read_route(self, action: Element, actor: int) -> Route:
-        places = self._read_waypoints(action)
-        return Route(actor, tuple(place.roads for place in places if place.roads is not None))
-
     def read_route_place(self, position: Element) -> Place:
-        """Read a ``RoutePosition``: a way along the lane of the first waypoint."""
-        first, *others = self._read_waypoints(position.child("RouteRef"))
-        where = position.child("InRoutePosition").choice()
-        if where.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
-            raise where.unknown("FromLaneCoordinates, FromRoadCoordinates")
-        assert first.roads is not None
-        if first.lane is None:
-            raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
-        names = {index: lane for lane, index in first.roads.lanes.items()}
-        wanted = [place.roads for place in others if place.roads is not None]
-        line = follow_lane(self.roads, first.roads, names[first.lane], wanted)
-        own = line.lanes[names[first.lane]]
-        pose = place_point(first, line, (line,), self.parameters.table({}, 1), {})
-        station = self.parameters.shifted(self._number(where, "pathS"), float(pose[0][0]))
-        heading = self.parameters.constant(0.0)
-        if where.tag == "FromLaneCoordinates":
-            where.get("laneId")
-            offset = self._number(where, "laneOffset", 0.0)
-            return Place("lane", station, offset, heading, own, roads=line)
-        middle = -abs(first.roads.centres[names[first.lane]])
-        across = self.parameters.shifted(self._number(where, "t"), -middle)
-        return Place("road", station, across, heading, roads=line)
-
-    def _read_waypoints(self, action: Element) -> list[Place]:
-        reference = action.find("CatalogReference")
-        route = action.child("Route") if reference is None else None
-        if reference is not None:
-            route = self.catalogs.resolve(reference, ("Route",))
-        assert route is not None
-        route.skip_children("ParameterDeclarations")
-        route.get("name")
-        if read_boolean(route, "closed"):
-            raise route.error("a closed route is not read")
-        places = []
-        for point in route.list("Waypoint"):
-            point.get("routeStrategy")
-            place = self._read_place(point.child("Position"))
-            if place.roads is None and place.kind != "plane":
-                raise point.error("a waypoint that is relative to an entity is not read")
-            x, y = self.parameters.table({}, 1)[0, [place.x, place.y]]
-            places.append(replace(place, roads=place.roads or self.roads.find_nearest(x, y)))
-        if not places:
-            raise route.error("has no Waypoint")
-        return places
+        """Read a ``RoutePosition``."""
+        return read_route_place(self, position)
 
     def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
         holder = action.find("TrajectoryRef") or action
@@ -335,7 +287,7 @@ class ActionReader:
         vertices = form.list("Vertex")
         if len(vertices) < 2:
             raise form.error("should have at least two vertices")
-        places = tuple(self._read_place(vertex.child("Position")) for vertex in vertices)
+        places = tuple(self.read_place(vertex.child("Position")) for vertex in vertices)
         if not timed or any(vertex.attributes.get("time") is None for vertex in vertices):
             for vertex in vertices:
                 vertex.get("time")
@@ -374,13 +326,13 @@ class ActionReader:
             raise form.error("a length should be above 0")
         shape = sample_clothoids(pieces)
         if start is not None:
-            return Trajectory(actor, (self._read_place(start),), shape=shape)
+            return Trajectory(actor, (self.read_place(start),), shape=shape)
         nothing = self.parameters.constant(0.0)  # it begins where the vehicle is
         return Trajectory(actor, (Place("ahead", nothing, nothing, nothing, other=actor),), shape=shape)
 
     def _read_nurbs(self, form: Element, actor: int) -> Trajectory:
         points = form.list("ControlPoint")
-        places = tuple(self._read_place(point.child("Position")) for point in points)
+        places = tuple(self.read_place(point.child("Position")) for point in points)
         weights = []
         for point in points:
             point.get("time")
@@ -409,8 +361,8 @@ class ActionReader:
         return Synchronize(
             actor,
             self._find_entity(action, "masterEntityRef"),
-            self._read_place(action.child("TargetPosition")),
-            self._read_place(action.child("TargetPositionMaster")),
+            self.read_place(action.child("TargetPosition")),
+            self.read_place(action.child("TargetPositionMaster")),
             speed,
             steady,
             steady_timed,
@@ -426,11 +378,3 @@ def check_following(element: Element, name: str = "followingMode") -> None:
         raise element.error(f"{name} should be position or follow, found {mode!r}")
     if mode == "follow":
         element.note("followed exactly: limits of the vehicle are left out")
-
-
-def read_boolean(element: Element, name: str) -> bool:
-    """Return an attribute that is true or false, False where it is not there."""
-    text = element.get(name) or "false"
-    if text not in ("true", "false", "1", "0"):
-        raise element.error(f"{name} should be true or false, found {text[:40]!r}")
-    return text in ("true", "1")

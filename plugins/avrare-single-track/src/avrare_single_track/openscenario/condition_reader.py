@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, get_args
 
-from avrare_single_track.openscenario.action_reader import ActionReader, read_boolean
+from avrare_single_track.openscenario.action_reader import ActionReader
 from avrare_single_track.openscenario.opendrive import Network
 from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity, read_place
 from avrare_single_track.openscenario.story import Condition, Edge, Place, Rule
-from avrare_single_track.openscenario.xml_tree import Element
+from avrare_single_track.openscenario.xml_tree import Element, read_boolean
 
 _LONGEST_DELAY = 100_000
 """Longest delay of a condition [steps]."""

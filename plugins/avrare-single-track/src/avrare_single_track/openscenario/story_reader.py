@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from avrare_single_track.openscenario.action_reader import ActionReader, read_boolean
+from avrare_single_track.openscenario.action_reader import ActionReader
 from avrare_single_track.openscenario.catalogs import Catalogs
 from avrare_single_track.openscenario.condition_reader import ConditionReader
 from avrare_single_track.openscenario.opendrive import Network
@@ -16,7 +16,7 @@ from avrare_single_track.openscenario.parameters import Number, Parameters
 from avrare_single_track.openscenario.place_reader import find_entity
 from avrare_single_track.openscenario.starts import Starts
 from avrare_single_track.openscenario.story import Action, Condition, Event, Route, Storyboard, Trigger
-from avrare_single_track.openscenario.xml_tree import Element
+from avrare_single_track.openscenario.xml_tree import Element, read_boolean
 
 _COUNT_MAX = 1_000_000_000
 
