@@ -17,7 +17,7 @@ from avrare.estimation.result.confidence_distributions import (
     LogNormal,
     derive_distribution,
 )
-from avrare.estimation.result.doubts import DOUBTS
+from avrare.estimation.result.doubts import DOUBTS, undo_opening
 from avrare.estimation.result.intervals import cox
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Failures, Result
@@ -60,8 +60,9 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["notes"] = (*notes, *checks)
     changes["worst"] = min(worst, key=lambda one: one.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
-    runs = _pool_runs(batches)
-    pooled = _pool_counts(batches) or runs or _pool_weighted(batches)
+    plain = [undo_opening(batch) for batch in batches]
+    runs = _pool_runs(plain)
+    pooled = _pool_counts(plain) or runs or _pool_weighted(plain)
     # 3. Collect the health warnings.
     messages = [batch.health["errors"] for batch in batches if "errors" in batch.health]
     solved = ("errors", "single_run") if runs else ("errors",)  # there are several runs now

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
 
@@ -71,8 +70,8 @@ def rate(
     with safe_mode(safe):
         catalogue = load_catalogue(path)
         scenes = load_scenes(catalogue)
-    folder = Path(out) if resume and out is not None else choose_folder(catalogue, out)
     paid = catalogue.budget(Budget.parse(budget))
+    folder = Path(out) if resume and out is not None else choose_folder(catalogue, out)
     return rate_catalogue(catalogue, scenes, paid, folder, resume, estimate)
 
 
@@ -82,7 +81,9 @@ def choose_folder(catalogue: Catalogue, out: str | os.PathLike[str] | None) -> P
     Raises:
         UsageError: It contains the run of a catalogue.
     """
-    folder = Path(out or f"runs/{catalogue.document.name}-{datetime.now():%Y%m%d-%H%M%S}")
+    if out is None:
+        return run_folder.make_new_folder([catalogue.document.name])
+    folder = Path(out)
     if any((folder / name).exists() for name in ("own", "pilot", "scenes", RATES, _BUDGET)):
         raise UsageError(f"{folder}: contains the run of a catalogue", "resume it, or choose another folder")
     return folder

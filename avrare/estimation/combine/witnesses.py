@@ -16,7 +16,7 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.checks.result_builder import contradict
 from avrare.estimation.combine.cross_check import compare
 from avrare.estimation.result import health, intervals
-from avrare.estimation.result.doubts import DOUBTS, open_interval
+from avrare.estimation.result.doubts import DOUBTS, open_interval, undo_opening
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result
 
@@ -32,7 +32,7 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
 
     Their shares of the mean are equal, whatever they have found: it stays unbiased.
     """
-    outcome, noticed = compare(_without_doubts(first), _without_doubts(second))
+    outcome, noticed = compare(undo_opening(first), undo_opening(second))
     if outcome == "agree" and noticed > MOST_NOTICED:
         outcome = "inconclusive"
     fresh = _fresh_rows(first) + _fresh_rows(second)
@@ -60,7 +60,7 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         blind_bound=fresh.blind_bound(confidence),
         diagnostics={**result.diagnostics, "witnesses": _numbers(first, second, outcome, noticed)},
     )
-    plain = _without_doubts(result)
+    plain = undo_opening(result)
     found = result.health | contradict(plain)
     return replace(open_interval(plain, found), health=found), words
 
@@ -92,11 +92,6 @@ def in_doubt(result: Result) -> bool:
     return bool(DOUBTS.intersection(result.health))
 
 
-def _without_doubts(result: Result) -> Result:
-    """Return a result with the interval that its runs or weights gave."""
-    return replace(result, interval_at=result.unopened_at or result.interval_at, unopened_at=None)
-
-
 def _fresh_rows(result: Result) -> FreshRows:
     """Return the counts of rollouts drawn from the target: all of Monte Carlo's."""
     if result.fresh is not None:
@@ -105,7 +100,7 @@ def _fresh_rows(result: Result) -> FreshRows:
 
 
 def _describe(result: Result) -> str:
-    return f"{format_probability(result.probability)} ({format_interval(_without_doubts(result).interval)})"
+    return f"{format_probability(result.probability)} ({format_interval(undo_opening(result).interval)})"
 
 
 def _numbers(first: Result, second: Result, outcome: str, noticed: float) -> dict[str, object]:

@@ -44,6 +44,11 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
     return replace(result, interval_at=opened, unopened_at=unopened)
 
 
+def undo_opening(result: Result) -> Result:
+    """Return a result with the interval that its runs or weights gave."""
+    return replace(result, interval_at=result.unopened_at or result.interval_at, unopened_at=None)
+
+
 def _open(
     mean: float,
     interval_at: Callable[[float], Interval],

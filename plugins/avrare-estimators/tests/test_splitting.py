@@ -9,6 +9,7 @@ from scipy import stats
 
 import avrare
 import odd_systems
+from avrare.estimation.result.doubts import undo_opening
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import count_down, reference_problem
@@ -80,7 +81,7 @@ def test_discarded_failures_are_not_lost(score):
 
 def scatter_interval(result):
     """Return the interval by the scatter of the runs, before doubts opened it."""
-    return (result.unopened_at or result.interval_at)(result.confidence)
+    return undo_opening(result).interval
 
 
 def test_interval_joins_t_delta_log_and_cox_where_no_run_is_0():
