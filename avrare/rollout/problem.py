@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import FormulaError, UsageError, did_you_mean
 from avrare.driving import Scene
-from avrare.logic.formula import Formula, FormulaMonitor
+from avrare.logic.formula import Formula, FormulaMonitor, stl
 from avrare.protocols import Floats, Specification, System, adapt, overrides
 from avrare.rollout.child_process import run_guarded, run_here
 from avrare.rollout.chunk_size import choose_chunk
@@ -77,6 +79,7 @@ class Problem:
         self.system = adapt(System, system)
         _check_integer(f"{type(system).__name__}.noise_size", self.system.noise_size, 0)
         check_noise(self.system)
+        _check_step(type(system).__name__, self.system.dt)
         self.system.check_steps(steps)
         if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):
             raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
@@ -86,6 +89,9 @@ class Problem:
         named = specification if isinstance(specification, Mapping) else {"specification": specification}
         if not named:
             raise UsageError("a problem needs at least one specification")
+        for formula in (*named.values(), score):
+            if isinstance(formula, Formula) and self.dt is not None:
+                _check_period(formula, self.dt)
         self.names = tuple(named)
         self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
         self._scored: tuple[Specification, ...] | None = None
@@ -354,6 +360,26 @@ def _margin_of(judge: Specification, state: Any) -> float | None:
 def _check_integer(name: str, value: object, least: int) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise UsageError(f"{name} must be an integer of at least {least}, not {value!r}")
+
+
+def _check_step(name: str, dt: object) -> None:
+    if dt is None:
+        return
+    if isinstance(dt, (int, float, Fraction, np.number)) and not isinstance(dt, bool) and 0 < dt < math.inf:
+        return
+    hint = "give the time of a step in seconds, or leave dt out"
+    raise UsageError(f"{name}.dt must be a positive number, not {dt!r}", hint)
+
+
+def _check_period(formula: Formula, dt: float) -> None:
+    try:
+        node = stl(formula.text, dt, formula.until, warn=False).node
+    except FormulaError:  # a bound is no multiple of the step
+        node = None
+    if node != formula.node:
+        period, hint = float(formula.dt), f"give the formula the step: avrare.stl(..., dt={dt:g})"
+        text = f"{formula.text!r} takes {period:g} s for a sample, but a step of the system is {dt:g} s"
+        raise FormulaError(text, hint)
 
 
 def _as_monitor(specification: Formula | Specification) -> Specification:

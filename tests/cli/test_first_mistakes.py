@@ -131,3 +131,30 @@ def test_what_python_hands_over_by_mistake_is_refused(tmp_path):
     with pytest.raises(UsageError, match="no plot can be written as 'xyz'"):
         plot.save(tmp_path / "plot.xyz")
     assert plot.save(tmp_path / "plot.SVG").exists()
+
+
+class Clocked(Walk):
+    dt = 0.1
+
+
+@pytest.mark.parametrize("text", ["always[0:1s] (x < 3)", "always[0,1] (x < 3)", "once[0.5s:1s] (x < 3)"])
+def test_a_formula_with_another_time_of_a_sample_is_refused(text):
+    coarse = stl(text, dt=0.5)
+    with pytest.raises(UsageError, match=r"takes 0.5 s for a sample, but a step .* 0.1 s") as caught:
+        avrare.Problem(Clocked(), coarse, steps=20)
+    assert caught.value.hint == "give the formula the step: avrare.stl(..., dt=0.1)"
+    with pytest.raises(UsageError, match="for a sample"):
+        avrare.Problem(Clocked(), stl("always (x < 3)"), steps=20, score=coarse)
+    avrare.Problem(Clocked(), stl(text, dt=0.1), steps=20)
+    avrare.Problem(Walk(), coarse, steps=20)
+
+
+def test_a_formula_without_times_fits_any_step():
+    avrare.Problem(Clocked(), stl("always[0:3 samples] (x < 3)"), steps=20)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.1, float("nan"), float("inf"), "0.1", True])
+def test_a_step_is_a_positive_number(dt):
+    system = type("Odd", (Walk,), {"dt": dt})()
+    with pytest.raises(UsageError, match=r"Odd.dt must be a positive number, not"):
+        avrare.Problem(system, stl("always (x < 3)"), steps=20)

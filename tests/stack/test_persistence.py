@@ -126,7 +126,7 @@ def fresh(rows, **keywords):
 @pytest.mark.parametrize("perception", [naive(), Wandering()], ids=["naive", "wandering"])
 @pytest.mark.parametrize("at", [0, 1, 5])
 def test_a_branch_carries_the_memory_of_its_parent(perception, at):
-    task = problem(perception, f"always[{STEPS}:{STEPS}] (lost < 9)")
+    task = problem(perception, f"always[{STEPS}:{STEPS} samples] (lost < 9)")
     tape = np.random.default_rng(at).standard_normal((6, STEPS + 1, task.noise_size))
     source = NoiseSource(0, task.noise_size)
     parents = task.simulate(source, Request.replay(tape, keep_carries=True))
@@ -204,7 +204,7 @@ def is_by(target, proposal):
     ],
 )
 def test_a_density_given_the_past_is_refused_before_anything_runs(target, proposal, monkeypatch):
-    monkeypatch.setattr(Line, "reset", None)
+    monkeypatch.setattr(Line, "reset", lambda self, noise: pytest.fail("something has run"))
     with pytest.raises(avrare.UsageError, match="last over steps") as caught:
         is_by(target, proposal)
     assert "gaussian" in caught.value.hint

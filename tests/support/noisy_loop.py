@@ -95,7 +95,7 @@ STEPS, LIMIT = 5, 4.0
 def noisy_problem(sd=1.0, gain=1.0, limit=LIMIT, start=None):
     """Return a problem that fails where gain * sd * (sum of STEPS - 1 normals) ends beyond the limit."""
     loop = ClosedLoop(Adder(), Sensor(sd), Last(), Gain(gain), start)
-    return avrare.Problem(loop, avrare.stl(f"always[{STEPS}, {STEPS}] (x < {limit})"), STEPS)
+    return avrare.Problem(loop, avrare.stl(f"always[{STEPS}, {STEPS} samples] (x < {limit})"), STEPS)
 
 
 def exact(scale=1.0, limit=LIMIT):

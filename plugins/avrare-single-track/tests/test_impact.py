@@ -55,7 +55,7 @@ def test_no_sample_after_an_impact_counts():
 
 
 def test_windows_end_with_the_drive():
-    formula = "always (gap > 0 or eventually[1:3] (ego_x > 30))"
+    formula = "always (gap > 0 or eventually[1:3 samples] (ego_x > 30))"
     assert judge(loop(), formula)[0].violated[0, 0]
     assert not judge(loop(after_impact="go_on"), formula)[0].violated[0, 0]
 
