@@ -94,6 +94,24 @@ def test_errors_name_the_class_and_all_that_it_lacks():
         adapt(System, Plain()).under(None)
 
 
+@pytest.mark.parametrize("member", ["noise_size", "initial", "step", "signals"])
+def test_a_member_that_is_none_is_missing(member):
+    system = Plain()
+    setattr(system, member, None)
+    with pytest.raises(UsageError, match=f"Plain is not a valid system: it lacks {member}"):
+        adapt(System, system)
+
+
+def test_a_class_in_place_of_a_part_is_refused():
+    with pytest.raises(UsageError, match="Camera is a class, not a perception error model") as error:
+        adapt(PerceptionErrorModel, Camera)
+    assert error.value.hint == "give an object of it, such as Camera()"
+
+
+def test_a_default_that_gives_the_part_itself_keeps_the_defaults():
+    assert adapt(System, Plain()).with_weights().ended(None) is None
+
+
 def test_an_adapted_part_survives_pickling():
     again = pickle.loads(pickle.dumps(adapt(System, Plain())))
     assert type(again).__name__ == "Plain"

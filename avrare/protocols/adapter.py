@@ -36,10 +36,13 @@ def adapt(base: type[BaseT], part: object) -> BaseT:
     """Return a part with the defaults of a base class; a part of a class derived from it as it is.
 
     Raises:
-        UsageError: The part lacks a member that has no default.
+        UsageError: The part lacks a member that has no default, or is a class.
     """
+    kind = re.sub("(?<=.)([A-Z])", r" \1", base.__name__).lower()
+    if isinstance(part, type):
+        name = part.__name__
+        raise UsageError(f"{name} is a class, not a {kind}", f"give an object of it, such as {name}()")
     if missing := missing_members(base, part):
-        kind = re.sub("(?<=.)([A-Z])", r" \1", base.__name__).lower()
         members = [_describe_member(base, member) for member in required_members(base)]
         raise UsageError(
             f"{type(part).__name__} is not a valid {kind}: it lacks {', '.join(missing)}",
@@ -72,7 +75,7 @@ class Adapted:
         if not hasattr(self.base, name) or getattr(self.part, name, None) is not None:
             return getattr(self.part, name)
         default = inspect.getattr_static(self.base, name)
-        return default.__get__(self.part) if hasattr(default, "__get__") else default
+        return default.__get__(self) if hasattr(default, "__get__") else default
 
 
 def required_members(base: type[Any]) -> list[str]:
@@ -84,8 +87,8 @@ def required_members(base: type[Any]) -> list[str]:
 
 
 def missing_members(base: type[Any], part: object) -> list[str]:
-    """Return the members without a default that a part lacks."""
-    return [name for name in required_members(base) if not hasattr(part, name)]
+    """Return the members without a default that a part lacks, or has as None."""
+    return [name for name in required_members(base) if getattr(part, name, None) is None]
 
 
 def overrides(part: object, default: Callable[..., Any]) -> bool:

@@ -73,9 +73,6 @@ class Problem:
         _check_integer("steps", steps, 0)
         if chunk is not None:
             _check_integer("chunk", chunk, 1)
-        if isinstance(system, type):
-            name = system.__name__
-            raise UsageError(f"{name} is a class, not a system", f"give an object of it, such as {name}()")
         self.system = adapt(System, system)
         _check_integer(f"{type(system).__name__}.noise_size", self.system.noise_size, 0)
         check_noise(self.system)
