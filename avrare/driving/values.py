@@ -173,7 +173,7 @@ class Observation:
 
     The first V slots belong to the other vehicles, one each; slots beyond them hold false detections
     (ghosts). A tracker that is told which vehicle was detected reads the slot as a label; one that finds out
-    itself (``avrare.stack.unlabelled.AssociatesDetections``) takes the slots for a list in no order.
+    itself (it has a ``known_scene``) takes the slots for a list in no order.
 
     Attributes:
         detected: (N, S) whether there is a detection; where False the other fields are NaN.
@@ -198,7 +198,7 @@ class Prediction:
 
     A vehicle that the tracker does not know of is infinitely far away: x and y are inf, and it does not exist
     for the controller. NaN is an error. V counts the vehicles of the scene that the controller was built for,
-    which may have more of them than the world (``avrare.stack.unlabelled.AssociatesDetections``).
+    which may have more of them than the world (``Tracker.known_scene``).
 
     Attributes:
         x: (N, V, H + 1) position along the road [m].
