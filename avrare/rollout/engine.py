@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from avrare.rollout.tape_source import TapeDrawer, draw_lineage
 from avrare.stack.array_checks import check_rows, check_signals
 from avrare.stack.features import monitor_features, system_features
 
+_AnswerT = TypeVar("_AnswerT")
 Sample = tuple[Any, dict[str, Any], Bools]
 """State, signals (N, ...) and a mask (N,) of rows that have broken down."""
 
@@ -244,7 +245,7 @@ class _Simulation:
         ]
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
         if before is not None:
-            ended = self.system.ended(before.system)
+            ended = self._find_ended(before.system, len(rows))
             if ended is not None and ended.any():  # what was judged before stays
                 carry = batch.choose(ended, replace(before, system=state), carry)
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
@@ -278,14 +279,23 @@ class _Simulation:
             self.robustness[rows, column] = verdict.robustness
 
     def _count(self, carry: Carry, rows: Integers, sign: int) -> None:
-        for name, values in self.system.counts(carry.system).items():
-            self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * values
+        for name, values in _ask("counts", self.system.counts, carry.system).items():
+            numbers = check_rows(f"count {name!r}", values, len(rows))
+            if numbers.dtype.kind not in "iub":
+                raise UsageError(
+                    f"count {name!r} holds {numbers.dtype}", "return integers from counts(state)"
+                )
+            self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * numbers
+
+    def _find_ended(self, state: Any, n: int) -> Bools | None:
+        ended = _ask("ended", self.system.ended, state)
+        return None if ended is None else check_rows("ended(state)", ended, n).astype(bool)
 
     def _leave(self, carry: Carry, rows: Integers, t: int) -> tuple[Carry | None, Integers]:
         if not (self.request.stop_early or self.request.stop_failed):
             return carry, rows
         decided = np.all([state.decided for state in carry.monitors], axis=0)
-        ended = self.system.ended(carry.system)
+        ended = self._find_ended(carry.system, len(rows))
         if ended is not None:
             decided |= ended
         if self.request.stop_failed:
@@ -302,6 +312,17 @@ class _Simulation:
         for column, verdict in enumerate(carry.verdicts):
             self.violated[rows, column] = verdict.violated & final
         self._count(carry, rows, 1)
+
+
+def _ask(name: str, method: Callable[[Any], _AnswerT], state: Any) -> _AnswerT:
+    # An answer on all rows: no row can be blamed for its error.
+    try:
+        return method(state)
+    except (AvrareError, MemoryError):
+        raise
+    except Exception as error:
+        text = f"{name}(state) raised {type(error).__name__}: {error}"
+        raise UsageError(text, "it is asked of all rollouts at once, and must answer") from error
 
 
 class _Retrace(_Simulation):

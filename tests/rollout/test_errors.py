@@ -206,3 +206,25 @@ def test_want_of_memory_is_no_error_of_a_rollout():
 
     with pytest.raises(MemoryError):
         simulate(Hungry())
+
+
+def broken(states):
+    raise ZeroDivisionError("no wheel")
+
+
+@pytest.mark.parametrize(
+    ("member", "answer", "message"),
+    [
+        ("ended", broken, r"ended\(state\) raised ZeroDivisionError: no wheel"),
+        ("ended", lambda state: False, r"ended\(state\) has shape bool"),
+        ("ended", lambda state: np.zeros(3, dtype=bool), r"ended\(state\) has shape \(3,\)"),
+        ("counts", broken, r"counts\(state\) raised ZeroDivisionError: no wheel"),
+        ("counts", lambda state: {"solves": 3}, "count 'solves' has shape int"),
+        ("counts", lambda state: {"solves": np.zeros(ROWS)}, "count 'solves' holds float64"),
+    ],
+)
+def test_an_answer_on_all_rows_that_is_none_says_so(member, answer, message):
+    system = systems.Fragile("never")
+    setattr(system, member, answer)
+    with pytest.raises(UsageError, match=message):
+        simulate(system)
