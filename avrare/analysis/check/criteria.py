@@ -12,7 +12,7 @@ Several looks share the error rate (Bonferroni over looks).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from avrare.analysis.check.melded_intervals import (
@@ -23,11 +23,8 @@ from avrare.analysis.check.melded_intervals import (
 from avrare.estimation.result.confidence_distributions import derive_distribution
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
-from avrare.estimation.result.verdict import PASSING, describe_assumption, grade_pass, is_below
+from avrare.estimation.result.verdict import PASSING, describe_assumption, find_doubts, grade_pass, is_below
 from avrare.scenario.schema import Regression, Threshold
-
-_ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_failures"})
-"""Warnings about the system, which say nothing against a lower bound of its failures."""
 
 
 @dataclass(frozen=True)
@@ -142,11 +139,6 @@ def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
     """Return whether a warning doubts the estimate or its baseline: the criterion cannot fail either."""
     estimates = [one for one in (result, criterion.baseline) if one is not None]
     return any(find_doubts(one.health) for one in estimates)
-
-
-def find_doubts(health: Iterable[str]) -> frozenset[str]:
-    """Return those of an estimate's warnings that doubt the estimate, and not only the system."""
-    return frozenset(health) - _ABOUT_SYSTEM
 
 
 def find_assumption(criterion: Criterion, result: Result) -> str:

@@ -209,12 +209,13 @@ def _say_limits(estimate: Estimate) -> str:
     if not estimate.limits or estimate.verdict is None:
         return ""
     bounds = " and ".join(map(_say_limit, estimate.limits))
+    undecided = "for a warning doubts it" if estimate.warnings else "more rollouts are needed"
     said = {
         "pass": f"; allowed is {bounds}: it holds",
         "pass_assuming": f"; allowed is {bounds}: it holds as far as the search could see, and failures that "
         f"nothing led to could be up to {_say_share(estimate.blind_bound or 0.0)}",
         "fail": f"; allowed is {bounds}: it does not hold",
-        "inconclusive": f"; allowed is {bounds}: undecided, more rollouts are needed",
+        "inconclusive": f"; allowed is {bounds}: undecided, {undecided}",
     }
     return said[estimate.verdict]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from avrare.analysis.check.criteria import find_doubts
 from avrare.analysis.rates.combination import Quantity, from_rollouts
 from avrare.estimation.result.result import Result
+from avrare.estimation.result.verdict import find_doubts
 
 _HARMLESS = "rounding"
 """Warning that says nothing against an estimate."""

@@ -16,16 +16,23 @@ Verdict = Literal["fail", "inconclusive", "pass_assuming", "pass"]
 ``pass_assuming``: the interval lies below the bound, but failures that the score does not lead to need not.
 """
 PASSING = ("pass_assuming", "pass")
+_ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_failures"})
+"""Warnings about the system, which say nothing against a lower bound of its failures."""
 
 
 def judge(result: Result, threshold: Threshold) -> Verdict:
-    """Return the verdict of an estimate, whatever its health, on a threshold."""
+    """Return the verdict of an estimate on a threshold: no warned one passes, and none in doubt fails."""
     low, high = result.interval_at(threshold.confidence)
     if is_below(high, threshold.limit, threshold.strict):
-        return grade_pass(result, threshold)
+        return "inconclusive" if result.health else grade_pass(result, threshold)
     if low > threshold.limit or (low == threshold.limit and threshold.strict):
-        return "fail"
+        return "inconclusive" if find_doubts(result.health) else "fail"
     return "inconclusive"
+
+
+def find_doubts(health: Iterable[str]) -> frozenset[str]:
+    """Return those of an estimate's warnings that doubt the estimate, and not only the system."""
+    return frozenset(health) - _ABOUT_SYSTEM
 
 
 def is_below(end: float, limit: float, strict: bool) -> bool:

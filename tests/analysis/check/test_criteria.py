@@ -53,9 +53,10 @@ def decide(estimate):
 )  # fmt: skip
 @pytest.mark.parametrize("bound", ["< 1e-3", "<= 1e-2", "< 0.8", "<= 0", "< 0"])
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.99])
-def test_one_threshold_alone_is_decided_as_run_decides_it(decide, estimate, law, bound, confidence):
-    criterion = threshold(bound, confidence)
-    assert decide(criterion, law) == judge(estimate(law), criterion.condition)
+@pytest.mark.parametrize("warnings", [(), ("few_roots",), ("solver_failures",)])
+def test_one_threshold_alone_is_decided_as_run_decides_it(decide, estimate, law, bound, confidence, warnings):
+    criterion, health = threshold(bound, confidence), dict.fromkeys(warnings, "...")
+    assert decide(criterion, law, health=health) == judge(estimate(law, health=health), criterion.condition)
 
 
 @pytest.mark.parametrize(
