@@ -162,7 +162,8 @@ def final_only(limit, steps=6, perception=None, chunk=1024):
     """Return the problem in which only the last sample counts, which has an exact answer."""
     here = scene()
     loop = ClosedLoop(Line(here), perception or Pem(here), LastSeen(), Believes())
-    return avrare.Problem(loop, avrare.stl(f"always[{steps}:{steps} samples] (lost < {limit})"), steps, chunk=chunk)
+    rule = avrare.stl(f"always[{steps}:{steps} samples] (lost < {limit})")
+    return avrare.Problem(loop, rule, steps, chunk=chunk)
 
 
 def exact(limit, steps=6, detection=0.9, bias=0.0, sd=1.0):
