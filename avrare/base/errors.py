@@ -7,6 +7,7 @@ avrare and exits with ``ExitCode.BUG``.
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Iterable
 from enum import IntEnum
@@ -123,6 +124,23 @@ class PluginError(AvrareError):
     """A plugin that is missing, broken, or lacks a dependency."""
 
     exit_code = ExitCode.PLUGIN
+
+
+def require_path(value: object, wanted: str, hint: str | None = None) -> str:
+    """Return a path as text.
+
+    Args:
+        value: The path.
+        wanted: Noun for what is at the path, such as "a scenario file".
+        hint: Advice where it is not a path; None: to give one.
+
+    Raises:
+        UsageError: The value is not a path.
+    """
+    path = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None
+    if not isinstance(path, str):
+        raise UsageError(f"{wanted} is needed, not {type(value).__name__}", hint or "give its path")
+    return path
 
 
 _INSTALL = "pip install "

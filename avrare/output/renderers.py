@@ -36,7 +36,8 @@ def plot(
     """
     from avrare.analysis.compare.comparison import Comparison
     from avrare.analysis.monitor.monitoring import MonitoringResult
-    from avrare.estimation.result.result import Result
+    from avrare.base.errors import UsageError
+    from avrare.estimation.result.result import Result, ResultMapping
     from avrare.output.plots.comparison_plot import plot_comparison
     from avrare.output.plots.monitoring_plot import plot_monitoring
     from avrare.output.plots.result_plot import plot_results
@@ -52,7 +53,10 @@ def plot(
             return plot_monitoring(value)
         case Result():
             return plot_results([value])
-    return plot_results(list(value.values()))
+        case ResultMapping():
+            return plot_results(list(value.values()))
+    hint = "plot a result, a run (avrare.Run.read of a folder), a trace, a comparison or a monitored drive"
+    raise UsageError(f"there is no plot of {type(value).__name__}", hint)
 
 
 def report(source: Source, path: str | os.PathLike[str] | None = None) -> Path:

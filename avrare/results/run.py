@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from avrare.base import version
 from avrare.base.atomic_files import explain_file_errors, write_text
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import AvrareError, UsageError, require_path
 from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
 from avrare.estimation.loop.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.plan.budget import Budget
@@ -145,7 +145,8 @@ class Run(ResultMapping):
         Raises:
             UsageError: It has no result, or a file in it is damaged.
         """
-        path = Path(folder)
+        hint = "give its path; a report may be of results of avrare.estimate, too"
+        path = Path(require_path(folder, "a run folder", hint))
         content = _read_result(path)
         try:
             stored = _StoredRun.model_validate(content)

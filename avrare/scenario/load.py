@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from pydantic import BaseModel
 
-from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean
+from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean, require_path
 from avrare.base.late_import import late_import
 from avrare.plugin.component import Component
 from avrare.plugin.option_marks import FILE
@@ -46,7 +46,8 @@ def load(
     with its place. In safe mode (``avrare.scenario.safe_mode``) they include what a scenario of a stranger
     may not name.
     """
-    file = os.fspath(path)
+    hint = "give its path; a Problem is for avrare.estimate, compare, falsify and trace"
+    file = require_path(path, "a scenario file", hint)
     check_import_path(os.path.dirname(file) or ".")
     tree = override(_with_estimator(read(file), estimator), overrides)
     return _resolve(tree, file, registry or default_registry())

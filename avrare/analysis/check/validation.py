@@ -10,7 +10,7 @@ from functools import partial
 
 from avrare.analysis.rates.catalogue import is_catalogue, load_catalogue
 from avrare.base.error_place import find_place
-from avrare.base.errors import AvrareError, ExitCode, PluginError, ScenarioError, UsageError
+from avrare.base.errors import AvrareError, ExitCode, PluginError, ScenarioError, UsageError, require_path
 from avrare.base.records import Answer, Records
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
@@ -95,7 +95,7 @@ def validate(
     Returns:
         The outcome, with all mistakes in the file.
     """
-    name, warnings = os.fspath(path), list[Line]()
+    name, warnings = require_path(path, "a scenario file"), list[Line]()
     try:
         with safe_mode(safe):
             if is_catalogue(name):

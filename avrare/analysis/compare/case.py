@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean, require_path
 from avrare.driving import Scene
 from avrare.estimation.plan.settings import DEFAULT_MAX_ERROR_RATE
 from avrare.estimation.result.intervals import Interval
@@ -93,7 +93,7 @@ def open_case(
     if isinstance(subject, Problem):
         problem = open_problem(subject, specification, overrides)
         return ComparisonCase(type(problem.system).__name__, problem.names[0], problem, given)
-    path = os.fspath(subject)
+    path = require_path(subject, "a scenario file or a Problem")
     if not path.startswith(REFERENCE_PREFIX):
         with safe_mode(safe):
             case = scenario_case(path, specification, overrides)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.analysis.compare.study import StudyWatch, parse_cost
-from avrare.base.errors import UsageError
+from avrare.base.errors import UsageError, require_path
 from avrare.base.number_format import format_signed, format_signed_interval
 from avrare.base.records import Answer, Records
 from avrare.base.special_functions import bisect, normal_factor
@@ -259,7 +259,7 @@ def compare_versions(
     Raises:
         UsageError: They have no specification in common, or cannot share their noise.
     """
-    names = os.fspath(first), os.fspath(second)
+    names = require_path(first, "a scenario file"), require_path(second, "a scenario file")
     both, second_only = _split_settings(as_settings(overrides))
     with safe_mode(safe):
         definitions = load(first, both), load(second, [*both, *second_only])

@@ -22,7 +22,7 @@ from avrare.analysis.failures.failure import (
     round_values,
 )
 from avrare.analysis.failures.storage import FailureDatabase
-from avrare.base.errors import UsageError
+from avrare.base.errors import UsageError, require_path
 from avrare.base.records import Answer, Records
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.estimation.result.result import Failures
@@ -116,7 +116,7 @@ def replay(
     Raises:
         UsageError: There is no such failure, or it does not fit the scenario.
     """
-    if isinstance(source, Run) or Path(source).is_dir():
+    if isinstance(source, Run) or Path(require_path(source, "a run or a scenario file")).is_dir():
         if not (failure is None or isinstance(failure, int)):
             raise UsageError(f"failure {failure!r}: a run's failures are numbered from 0", "give its index")
         run = source if isinstance(source, Run) else Run.read(source)

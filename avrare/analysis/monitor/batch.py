@@ -21,7 +21,7 @@ import numpy as np
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.drive import find_road
 from avrare.analysis.monitor.monitoring import describe_body, monitor_recording
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import AvrareError, UsageError, require_path
 from avrare.base.number_format import format_robustness
 from avrare.base.records import Answer, Records
 from avrare.driving import Road
@@ -233,7 +233,8 @@ def monitor_all(
     if road is None and scenario is not None:
         with safe_mode(safe):
             road = find_road(load(scenario))
-    files = list_recordings(Path(path)) if Path(path).is_dir() else [Path(path)]
+    place = Path(require_path(path, "a folder of recordings"))
+    files = list_recordings(place) if place.is_dir() else [place]
     question = Question(names, tuple(as_settings(overrides)), road, required, network, ego)
     return monitor_files([str(file) for file in files], question, workers)
 

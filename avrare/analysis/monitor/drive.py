@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean, require_path
 from avrare.driving import Road
 from avrare.logic import stl
 from avrare.logic.syntax import nodes
@@ -62,7 +62,7 @@ def monitor(
         UsageError: The arguments do not fit, or the recording lacks what the specification needs.
     """
     question = _Question(rule, stl, specification, tuple(as_settings(overrides)))
-    if isinstance(source, Run) or Path(source).is_dir():
+    if isinstance(source, Run) or Path(require_path(source, "a recording or a run")).is_dir():
         question.require_one("rule", "stl", optional=True)
         return _monitor_failure(source if isinstance(source, Run) else Run.read(source), question, failure)
     question.require_one("rule", "stl", "specification")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from avrare.analysis.rates.catalogue_document import CatalogueDocument, SceneEntry
-from avrare.base.errors import AvrareError, ScenarioError, UsageError, did_you_mean
+from avrare.base.errors import AvrareError, ScenarioError, UsageError, did_you_mean, require_path
 from avrare.base.stored_files import open_regular
 from avrare.estimation.plan.budget import Budget
 from avrare.scenario.load import check_estimator, load
@@ -107,9 +107,10 @@ class Catalogue:
 
 def is_catalogue(path: str | os.PathLike[str]) -> bool:
     """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
+    name = require_path(path, "a scenario file")
     try:
-        with open_regular(path) as file:
-            top = parse(file.read(MAX_BYTES), os.fspath(path))
+        with open_regular(name) as file:
+            top = parse(file.read(MAX_BYTES), name)
     except (AvrareError, OSError, ValueError):
         return False
     return top.child("scenes") is not None and top.child("simulator") is None
@@ -121,13 +122,13 @@ def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:
     Raises:
         ScenarioError: The file or a scene has mistakes; the message has all of those found, with places.
     """
-    path = os.fspath(source)
+    path = require_path(source, "a catalogue")
     try:
         with open_regular(path) as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a pipe, or a NUL in the path
         reason = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
-        raise UsageError(f"{path}: cannot be read: {reason}") from None
+        raise UsageError(f"{path}: cannot be read: {reason}", "give the file of a catalogue") from None
     tree = parse(data, path, "catalogue", "a catalogue needs name, scenes and budget")
     document, mistakes = check(CatalogueDocument, tree)
     if document is None:

@@ -210,3 +210,26 @@ def test_checkpoint_holds_all_specifications(tmp_path):
             "probability"
         ]
     )
+
+
+OF_A_PATH = ("run", "rate", "validate", "check", "why", "replay", "monitor", "report")
+
+
+@pytest.mark.parametrize("name", [*OF_A_PATH, "falsify", "trace"])
+@pytest.mark.parametrize("value", [None, 3.0, b"scenario.yaml", ["scenario.yaml"]])
+def test_what_is_no_path_is_refused_by_its_type(name, value):
+    with pytest.raises(avrare.UsageError, match=f"is needed, not {type(value).__name__}") as caught:
+        getattr(avrare, name)(value)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("name", OF_A_PATH)
+def test_a_problem_in_place_of_a_path_is_refused(name):
+    with pytest.raises(avrare.UsageError, match="is needed, not Problem"):
+        getattr(avrare, name)(walk(1.0))
+
+
+@pytest.mark.parametrize("value", ["runs/a", None, 3.0])
+def test_a_plot_of_something_else_is_refused(value):
+    with pytest.raises(avrare.UsageError, match=f"there is no plot of {type(value).__name__}"):
+        avrare.plot(value)
