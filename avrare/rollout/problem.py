@@ -340,13 +340,16 @@ def read_tape(noise: Any) -> Floats:
     """Return noise as an array of numbers, of whatever shape.
 
     Raises:
-        UsageError: It is none.
+        UsageError: It is none, or holds NaN.
     """
+    hint = "give tapes such as result.failures.noise"
     try:
-        return np.asarray(noise, dtype=np.float64)
+        numbers = np.asarray(noise, dtype=np.float64)
     except (TypeError, ValueError):
-        text = f"the noise is no array of numbers, but {type(noise).__name__}"
-        raise UsageError(text, "give tapes such as result.failures.noise") from None
+        raise UsageError(f"the noise is no array of numbers, but {type(noise).__name__}", hint) from None
+    if np.isnan(numbers).any():
+        raise UsageError("the noise holds NaN", hint)
+    return numbers
 
 
 def _margin_of(judge: Specification, state: Any) -> float | None:

@@ -105,6 +105,20 @@ def test_a_class_is_no_system():
     assert caught.value.hint == "give an object of it, such as Walk()"
 
 
+@pytest.mark.parametrize("budget", [-1, 0, 2.5, float("nan"), "600"])
+def test_a_search_needs_rollouts(budget):
+    problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
+    with pytest.raises(UsageError, match="budget must be a number of rollouts of at least 1, not"):
+        avrare.falsify(problem, budget=budget)
+
+
+def test_noise_that_is_nan_is_refused():
+    problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
+    for take in (partial(avrare.trace, problem), problem.robustness):
+        with pytest.raises(UsageError, match="the noise holds NaN"):
+            take([[float("nan")]] * 4)
+
+
 @pytest.mark.parametrize("noise", ["worst", [[1.0], "x"], {}])
 def test_noise_that_is_no_array_is_refused(noise):
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)

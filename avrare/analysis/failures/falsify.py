@@ -17,6 +17,7 @@ import numpy as np
 from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
 from avrare.analysis.failures.tape_reduction import find_design_point
+from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import open_problem
@@ -125,6 +126,8 @@ def falsify(
     Raises:
         UsageError: There are several specifications and none is named, or none has the name.
     """
+    if not isinstance(budget, (int, np.integer)) or budget < 1:
+        raise UsageError(f"budget must be a number of rollouts of at least 1, not {budget!r}", "such as 600")
     problem = open_problem(subject, specification, overrides, safe)
     evaluate = TapeEvaluator(problem, budget, progress)
     evaluate.activity = "running without noise"
