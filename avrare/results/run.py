@@ -45,6 +45,8 @@ from avrare.scenario.schema import Scenario, Threshold
 from avrare.scenario.yaml import MAX_BYTES, dump
 
 RESULT, PROVENANCE = "result.json", "provenance.json"
+_SCHEMA = 1
+"""Format of result.json."""
 _DERIVED = (KINDS_FILE, ATTRIBUTION_FILE, "report.html", "nominal.png", "worst_*.png")
 """Patterns of the files that are made from a result: they do not belong to the next one in its folder."""
 
@@ -209,7 +211,7 @@ class Run(ResultMapping):
     def to_dict(self) -> dict[str, object]:
         """Return the content of result.json, with its checksum."""
         content = {
-            "schema": 1,
+            "schema": _SCHEMA,
             "scenario": self.name,
             "fingerprint": self.fingerprint,
             "seed": self.seed,
@@ -297,6 +299,9 @@ def _read_result(path: Path) -> dict[str, Any]:
     content = read_json(file, RUN_AGAIN)
     if not {"scenario", "estimates", "fingerprint", "seed", "versions"} <= set(content):
         raise UsageError(f"{file}: this is not a result of avrare run", RUN_AGAIN)
+    if content.get("schema") != _SCHEMA:
+        text = f"{file}: its format is {content.get('schema')}, and this version of avrare reads {_SCHEMA}"
+        raise UsageError(text, f"read it with the version that wrote it, or {RUN_AGAIN}")
     return content
 
 

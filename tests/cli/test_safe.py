@@ -68,7 +68,14 @@ def folder(tmp_path, monkeypatch):
         "confidence": 0.95, "relative_error": 0.1, "rollouts": 10, "simulated_steps": 30, "failures": 1,
         "errors": 0, "seconds": 1.0, "health": [], "notes": [], "verdict": None,
     }  # fmt: skip
-    result = {"scenario": "toy", "fingerprint": "0", "seed": 0, "versions": {}, "estimates": [estimate]}
+    result = {
+        "schema": 1,
+        "scenario": "toy",
+        "fingerprint": "0",
+        "seed": 0,
+        "versions": {},
+        "estimates": [estimate],
+    }
     arrays = np.zeros((4, 4)), np.zeros(0, np.uint32), (), np.zeros((0, 0), np.float32)
     Path("blob").write_text(encode(Failure("toy", "near", {}, {}, -1.0, *arrays)))
     Path("run").mkdir()

@@ -20,7 +20,7 @@ ESTIMATE = {
     "confidence": 0.95, "relative_error": None, "rollouts": 400, "simulated_steps": 8000, "failures": 8,
     "errors": 0, "seconds": 1, "health": [], "notes": [], "verdict": "pass",
 }  # fmt: skip
-RESULT = {"scenario": "drive", "fingerprint": "a", "seed": 0, "versions": {}}
+RESULT = {"schema": 1, "scenario": "drive", "fingerprint": "a", "seed": 0, "versions": {}}
 
 
 def write(folder, **changes):

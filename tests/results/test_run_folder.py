@@ -154,3 +154,11 @@ def test_a_damaged_result_leaves_nothing_learned(tmp_path):
         (tmp_path / name).write_text("{")
     Run.of_results([avrare.estimate(problem, rollouts=50)]).write(tmp_path)
     assert not (tmp_path / "learned.json").exists()
+
+
+def test_a_result_of_another_format_is_refused(run):
+    folder = run()
+    file = folder / "result.json"
+    file.write_text(file.read_text().replace('"schema": 1', '"schema": 2'))
+    with pytest.raises(UsageError, match="its format is 2, and this version of avrare reads 1"):
+        Run.read(folder)

@@ -9,7 +9,7 @@ from avrare.analysis.page.build import build_report
 from avrare.analysis.page.rates import build_rates
 from avrare.analysis.rates.rates import CatalogueRates
 from avrare.base.atomic_files import explain_file_errors, write_text
-from avrare.base.errors import UsageError
+from avrare.base.errors import UsageError, require_path
 from avrare.estimation.result.result import Result, ResultMapping
 from avrare.output.html.page import render_page, render_rates
 from avrare.results.run import Run
@@ -20,7 +20,8 @@ Source = Run | ResultMapping | Result | CatalogueRates | str | os.PathLike[str]
 def write_report(source: Source, path: str | os.PathLike[str] | None) -> Path:
     """Write the report of ``avrare.report``."""
     made = source if isinstance(source, CatalogueRates) else _open_run(source)
-    file = path or (made.folder and made.folder / "report.html")
+    given = None if path is None else require_path(path, "a file for the report")
+    file = given or (made.folder and made.folder / "report.html")
     if file is None:
         raise UsageError("the report has no folder", 'name a file, such as "report.html"')
     text = render_report(made)
