@@ -67,13 +67,24 @@ def test_a_default_may_call_the_methods_of_the_plain_class():
     assert memory == "kept"
 
 
-def test_a_default_may_be_a_property():
-    class Here:
-        def open(self, work): ...
-        def map(self, chunks): ...
-        def close(self): ...
+class Here:
+    def open(self, work): ...
+    def map(self, chunks): ...
+    def close(self): ...
 
+
+def test_a_default_may_be_a_value():
     assert (adapt(Executor, Here()).restarts, adapt(Executor, Here()).workers) == (0, 1)
+
+
+def test_an_executor_counts_its_restarts_where_it_likes():
+    class Counting(Here, Executor):
+        def open(self, work):
+            self.restarts += 1
+
+    executor = Counting()
+    executor.open(None)
+    assert (executor.restarts, Counting.restarts) == (1, 0)
 
 
 def test_a_part_with_the_base_class_or_with_its_defaults_is_not_adapted_again():

@@ -377,9 +377,11 @@ class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
 
     Attributes:
         workers: Workers among which the rollouts of a request are spread. Default: 1.
+        restarts: Number of workers that died and were replaced. Default: 0.
     """
 
     workers: int = 1
+    restarts: int = 0
 
     @abstractmethod
     def open(self, work: WorkT) -> None:
@@ -392,8 +394,3 @@ class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
     @abstractmethod
     def close(self) -> None:
         """Stop the workers; called once for each ``open``, after an error too."""
-
-    @property
-    def restarts(self) -> int:
-        """Number of workers that died and were replaced. Default: 0."""
-        return 0

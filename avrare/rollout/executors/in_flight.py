@@ -40,7 +40,13 @@ class Ticket(Protocol):
 
 
 class Crew(Protocol):
-    """Group of workers that run chunks."""
+    """Group of workers that run chunks.
+
+    Attributes:
+        restarts: Number of times that workers were replaced.
+    """
+
+    restarts: int
 
     def submit(self, chunk: Task) -> Ticket:
         """Give a chunk to a worker; raise ``WorkerLost`` if none is left."""
@@ -61,7 +67,6 @@ class Window:
 
     def __init__(self, crew: Crew, size: int) -> None:
         self.crew, self.size = crew, size
-        self.restarts = 0
         self._flights: deque[_Flight] = deque()
 
     @property
@@ -95,7 +100,7 @@ class Window:
                 flight.ticket = self.crew.submit(flight.chunk)
 
     def _recover(self, end: str) -> None:
-        self.restarts += 1
+        self.crew.restarts += 1
         self.crew.replace_lost()  # first: it also waits until every lost chunk is known
         lost = [flight for flight in self._flights if flight.ticket is not None and _is_lost(flight.ticket)]
         for flight in lost or [self._flights[0]]:

@@ -49,11 +49,6 @@ class ProcessExecutor(Executor):
         self._starting = threading.Lock()
         self._closed = False
 
-    @property
-    def restarts(self) -> int:
-        """Number of times that workers were replaced."""
-        return self._window.restarts
-
     def open(self, work: Work) -> None:
         """Start the workers; a process begins with its first chunk."""
         exit_if_unguarded()
@@ -148,7 +143,7 @@ def pickle_work(work: Work) -> bytes:
     except Exception as error:
         raise UsageError(f"the problem cannot be sent to a worker process: {error}", HINT) from error
     main = sys.modules["__main__"]
-    importable = getattr(main, "__spec__", None) is not None or os.path.exists(getattr(main, "__file__", ""))
+    importable = main.__spec__ is not None or os.path.exists(getattr(main, "__file__", ""))
     if b"__main__" in payload and not importable:
         raise UsageError("the problem is defined in a session that a worker process cannot import", HINT)
     if hasattr(main, "__file__") and not importable:

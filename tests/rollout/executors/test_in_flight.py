@@ -29,7 +29,7 @@ class Crew:
     """Answers with the number of the chunk; ``deaths`` says how often a chunk takes everybody with it."""
 
     def __init__(self, deaths):
-        self.deaths, self.submitted, self.hands = dict(deaths), [], []
+        self.deaths, self.submitted, self.hands, self.restarts = dict(deaths), [], [], 0
 
     def submit(self, chunk):
         number = int(chunk.particle[0])
@@ -54,7 +54,7 @@ def outcomes(window, many=10):
 def test_all_outcomes_come_in_order(deaths):
     window = Window(Crew(deaths), 3)
     assert outcomes(window) == list(range(10))
-    assert (window.restarts > 0) == bool(deaths)
+    assert (window.crew.restarts > 0) == bool(deaths)
     assert not window.busy
 
 

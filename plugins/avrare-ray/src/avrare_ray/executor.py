@@ -57,11 +57,6 @@ class RayExecutor(Executor):
         self._owns_cluster = False
         self._payload: Any = None
 
-    @property
-    def restarts(self) -> int:
-        """Number of replaced workers."""
-        return self._window.restarts
-
     def open(self, work: Work) -> None:
         """Connect to the cluster, or start one on this machine, and start the actors.
 
