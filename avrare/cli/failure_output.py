@@ -36,7 +36,7 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     """Store a failure and print the commands that replay it."""
     FailureDatabase(Path(args.failures)).add(failure)
     folder = [] if args.failures == FAILURES_FOLDER else ["--failures", args.failures]
-    scenario = getattr(args, "scenario", None) or f"{args.run}/scenario.yaml"
+    scenario = args.scenario or f"{args.run}/scenario.yaml"
     settings = [word for setting in args.set for word in ("--set", setting)]
     command = ["avrare", "replay", scenario, *settings]
     say(f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")

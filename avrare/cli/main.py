@@ -129,9 +129,9 @@ def _dispatch(words: list[str]) -> int:
         return int(ExitCode.PASS)
     name = words[place]
     args = command_parser(name).parse_args(words[place + 1 :])
-    if getattr(args, "out", None) == "":
+    if args.out == "":
         raise UsageError("--out is empty", "name a folder, or leave --out out; is a shell variable unset?")
-    if not getattr(args, "safe", False):
+    if not args.safe:
         return _execute(name, args)
     from avrare.scenario.safe_mode import safe_mode
 
@@ -154,6 +154,7 @@ def command_parser(name: str) -> Parser:
         raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, known))
     parser = Parser(prog=f"avrare {name}", description=known[name][1], allow_abbrev=False)
     parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
+    parser.set_defaults(out=None, safe=False)
     from avrare.cli import options
 
     if name in options.OPTIONS:
@@ -188,6 +189,7 @@ def _top_parser() -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"avrare {version.__version__}")
     parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
+    parser.set_defaults(out=None, safe=False)
     return parser
 
 

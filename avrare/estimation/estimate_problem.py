@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from avrare.base import version
 from avrare.base.errors import HealthWarning, UsageError
 from avrare.base.renderers import render
@@ -28,6 +30,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Origin, Result, Results
+from avrare.logic.formula import Formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
@@ -132,7 +135,8 @@ class _Call:
         paid = subtract_check(Budget.parse(self.budget), check)
         suppress = (self.suppress,) if isinstance(self.suppress, str) else tuple(self.suppress)
         settings = Settings(self.seed, self.confidence, paid, suppress=suppress)
-        built = _estimator(name, self.options)
+        config = _config(name, self.options)
+        built = _estimator(name, config)
 
         if built.single and len(problem.names) > 1:  # a single estimate is checked as it begins
             check_specifications(problem, built, settings)
@@ -148,7 +152,7 @@ class _Call:
 
         if self.checkpoint is None:
             return complete(execution)
-        task = _task(problem, name, built, settings)
+        task = _task(problem, name, config, settings)
         if check is not None:
             task["cross_check"] = check.model_dump()
         with Checkpoint.open(Path(self.checkpoint), task).held() as saved:
@@ -200,23 +204,28 @@ _ARGUMENTS = ("seed", "workers", "confidence", "budget", "suppress", "checkpoint
 """Arguments of ``estimate`` that are not options: suggested for a misspelt option."""
 
 
-def _estimator(name: str, options: dict[str, object]) -> Estimator:
+def _config(name: str, options: dict[str, object]) -> BaseModel:
     if not isinstance(name, str):
         raise UsageError(
             f"estimator must be a name, not {name!r}", 'such as "mc"; `avrare plugins` lists all'
         )
     component = default_registry().get("estimator", name)
-    config = check_options(component.load_config(), name, options, other_keys=_ARGUMENTS)
-    return component.build(config)  # type: ignore[no-any-return]
+    config: BaseModel = check_options(component.load_config(), name, options, other_keys=_ARGUMENTS)
+    return config
 
 
-def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings) -> dict[str, object]:
+def _estimator(name: str, config: BaseModel) -> Estimator:
+    estimator: Estimator = default_registry().get("estimator", name).build(config)
+    return estimator
+
+
+def _task(problem: Problem, name: str, config: BaseModel, settings: Settings) -> dict[str, object]:
     # names do not identify a system or a score: the loop replays a stored chunk to compare those
     row = default_registry().find("estimator", name)
     formula = problem.monitors[0].formula
     task = {
         "estimator": name,
-        "options": getattr(getattr(estimator, "config", None), "model_dump", dict)(),
+        "options": config.model_dump(),
         "settings": asdict(settings),
         "problem": {
             "system": type(problem.system).__qualname__,
@@ -224,7 +233,7 @@ def _task(problem: Problem, name: str, estimator: Estimator, settings: Settings)
             "chunk": problem.named_chunk,
             "noise_size": problem.noise_size,
             "formula": formula.text if formula is not None else None,
-            "score": getattr(problem.score, "text", problem.score),
+            "score": problem.score.text if isinstance(problem.score, Formula) else problem.score,
             **(
                 {}
                 if problem.twin is None

@@ -29,7 +29,7 @@ def check_signals(signals: Signals, n: int) -> dict[str, Any]:
 def check_rows(what: str, values: object, n: int) -> NDArray[Any]:
     """Return ``values``, an array (n, ...); a ``UsageError`` names ``what`` has another shape."""
     if not isinstance(values, np.ndarray) or values.ndim == 0 or values.shape[0] != n:
-        shape = getattr(values, "shape", type(values).__name__)
+        shape = values.shape if isinstance(values, np.ndarray | np.generic) else type(values).__name__
         raise UsageError(
             f"{what} has shape {shape}, but a batch of {n} particles needs ({n},) or ({n}, ...)",
             "return NumPy arrays with one entry a particle",

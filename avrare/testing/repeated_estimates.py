@@ -12,6 +12,7 @@ from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
+from avrare.testing.faulty_systems import Counting
 from avrare.testing.reference_problem import ReferenceProblem
 
 
@@ -55,7 +56,7 @@ class Audited(Problem):
     Attributes:
         rollouts: Number of starts and branches.
         errors: Number of rollouts that ended in an error.
-        stepped: Rows stepped, where the system counts its ``rows``.
+        stepped: Rows stepped, where the system is a ``Counting`` one.
     """
 
     rollouts = 0
@@ -64,12 +65,16 @@ class Audited(Problem):
 
     def simulate(self, noise: NoiseSource, request: Request, *, scored: bool = True) -> Rollouts:
         """Simulate as ``Problem`` does, and count."""
-        before = getattr(self.system, "rows", 0)
+        before = self._rows_so_far
         outcome = super().simulate(noise, request, scored=scored)
         self.rollouts += request.rows
         self.errors += int(outcome.error.sum())
-        self.stepped += getattr(self.system, "rows", 0) - before
+        self.stepped += self._rows_so_far - before
         return outcome
+
+    @property
+    def _rows_so_far(self) -> int:
+        return self.system.rows if isinstance(self.system, Counting) else 0
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
         """Replay as ``Problem`` does: a check of a result is no part of its cost."""

@@ -132,7 +132,7 @@ def _models_with_nested(model: type[BaseModel]) -> list[type[BaseModel]]:
 def _inside(annotation: object) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [model for part in getattr(annotation, "__args__", ()) for model in _inside(part)]
+    return [model for part in get_args(annotation) for model in _inside(part)]
 
 
 CHECKS = (

@@ -27,12 +27,14 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class _Law(_Model):
+class RestrictableLaw(_Model):
+    """Law whose numbers may be restricted to a range."""
+
     low: float | None = Field(default=None, description="the law is restricted to numbers above")
     high: float | None = Field(default=None, description="the law is restricted to numbers up to this")
 
 
-class NormalLaw(_Law):
+class NormalLaw(RestrictableLaw):
     """Normal law N(mean, std^2)."""
 
     law: Literal["normal"]
@@ -40,7 +42,7 @@ class NormalLaw(_Law):
     std: float = Field(default=1.0, gt=0.0, description="standard deviation")
 
 
-class LogNormalLaw(_Law):
+class LogNormalLaw(RestrictableLaw):
     """Lognormal law: exp of N(mean, std^2)."""
 
     law: Literal["lognormal"]
@@ -48,14 +50,14 @@ class LogNormalLaw(_Law):
     std: float = Field(default=1.0, gt=0.0, description="standard deviation of the logarithm")
 
 
-class ExponentialLaw(_Law):
+class ExponentialLaw(RestrictableLaw):
     """Exponential law."""
 
     law: Literal["exponential"]
     scale: float = Field(default=1.0, gt=0.0, description="mean")
 
 
-class WeibullLaw(_Law):
+class WeibullLaw(RestrictableLaw):
     """Weibull law."""
 
     law: Literal["weibull"]
@@ -63,7 +65,7 @@ class WeibullLaw(_Law):
     scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
-class GammaLaw(_Law):
+class GammaLaw(RestrictableLaw):
     """Gamma law."""
 
     law: Literal["gamma"]
@@ -71,7 +73,7 @@ class GammaLaw(_Law):
     scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
-class GumbelLaw(_Law):
+class GumbelLaw(RestrictableLaw):
     """Gumbel law of largest values."""
 
     law: Literal["gumbel"]
@@ -79,7 +81,7 @@ class GumbelLaw(_Law):
     scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
-class StudentLaw(_Law):
+class StudentLaw(RestrictableLaw):
     """Student's t with location and scale."""
 
     law: Literal["student_t"]
@@ -110,7 +112,7 @@ class BeamLaw(_Model):
     anything: float = Field(default=0.0, ge=0.0, description="weight of uniform readings")
 
 
-class ScipyLaw(_Law):
+class ScipyLaw(RestrictableLaw):
     """Distribution of scipy.stats by its name."""
 
     law: Literal["scipy"]
@@ -125,7 +127,7 @@ class PointLaw(_Model):
     value: float = Field(default=0.0, description="the number")
 
 
-class MixtureLaw(_Law):
+class MixtureLaw(RestrictableLaw):
     """Mixture of several laws."""
 
     law: Literal["mixture"]

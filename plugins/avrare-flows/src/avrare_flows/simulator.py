@@ -10,7 +10,7 @@ from avrare.plugin.registry import default_registry
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare.scenario.validation import check_options
 from avrare_flows import compound, marginals
-from avrare_flows.config import LawConfig, TransformedConfig
+from avrare_flows.config import LawConfig, RestrictableLaw, TransformedConfig
 from avrare_flows.laws import Joint, Law
 from avrare_flows.marginals import Marginal
 from avrare_flows.system import check_size, notes_of
@@ -121,11 +121,10 @@ def law_of(config: LawConfig) -> Marginal:
     else:
         cut = () if config.law == "uniform" else ("low", "high")
         law = _NAMES[config.law](**config.model_dump(exclude={"law", *cut}))
-    low, high = getattr(config, "low", None), getattr(config, "high", None)
-    if config.law == "uniform" or (low is None and high is None):
+    if not isinstance(config, RestrictableLaw):
         return law
-    ends = {name: value for name, value in (("low", low), ("high", high)) if value is not None}
-    return compound.Truncated(law, **ends)
+    ends = {name: end for name, end in (("low", config.low), ("high", config.high)) if end is not None}
+    return compound.Truncated(law, **ends) if ends else law
 
 
 def _scipy_law(name: str, options: dict[str, float]) -> compound.Scipy:

@@ -36,7 +36,7 @@ def native_action(action: object, ego: Vehicles, wheelbase: float) -> Floats:
     if action is None:
         raise UsageError("highway_env needs a controller", "add a `controller:` block to the scenario")
     if not isinstance(action, np.ndarray) or action.shape != (len(ego.x), 2):
-        shape = getattr(action, "shape", type(action).__name__)
+        shape = action.shape if isinstance(action, np.ndarray | np.generic) else type(action).__name__
         raise UsageError(
             f"highway_env needs throttle and steering ({len(ego.x)}, 2), the controller returned {shape}"
         )

@@ -12,6 +12,7 @@ from avrare.logic.semantics.normal_form import normalize
 from avrare.logic.syntax import nodes
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
+from avrare.rollout.scores.progress_score import ProgressScored
 from avrare.rollout.scores.scored_specifications import FormulaScored, FunctionScored, MarginScored
 from avrare.rollout.scores.term_sizes import ScaledMonitor
 from avrare_estimators.common.chains.kernel import TURN, Draw, Kernel, Move, Points, rotated
@@ -142,10 +143,15 @@ def _guide(problem: Problem) -> ScaledMonitor | None:
     # That of the specification's own terms.
     if isinstance(problem.score, Formula):
         return None
-    scored = problem.specifications[0]
-    guide = getattr(scored.function if isinstance(scored, FunctionScored) else scored, "guide", None)
-    guide = guide.inner if isinstance(guide, MarginScored) else guide
-    return guide if isinstance(guide, ScaledMonitor) else None
+    match problem.specifications[0]:
+        case (
+            FunctionScored(function=WholeTrace(guide=ScaledMonitor() as guide))
+            | FormulaScored(guide=ScaledMonitor() as guide)
+            | FormulaScored(guide=MarginScored(inner=ScaledMonitor() as guide))
+            | ProgressScored(guide=ScaledMonitor() as guide)
+        ):
+            return guide
+    return None
 
 
 def _has_closed_form(problem: Problem) -> bool:

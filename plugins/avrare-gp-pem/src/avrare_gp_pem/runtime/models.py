@@ -17,7 +17,7 @@ from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfi
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.features import box_of
 from avrare_gp_pem.runtime.ghosts import with_ghosts
-from avrare_gp_pem.runtime.motion_errors import with_motion_errors
+from avrare_gp_pem.runtime.motion_errors import MotionErrorPem, with_motion_errors
 from avrare_gp_pem.runtime.observation_model import (
     NOISE_PER_VEHICLE,
     ObservationLaw,
@@ -130,7 +130,8 @@ def build_gp(config: GpPemConfig, scene: Scene) -> Any:
 def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any, heading: Any) -> Any:
     """Return a model with errors of motion, persistence and ghosts, as far as they are wanted."""
     full = with_motion_errors(model, config.speed_y_sd, heading)
-    full = with_persistence(full, persistence, model.scene)
+    kinds = full.kinds if isinstance(full, MotionErrorPem) else ()
+    full = with_persistence(full, persistence, model.scene, kinds)
     full = with_ghosts(full, ghosts, model.scene, config.speed_sd)
     return with_shared_errors(full, config, model.scene)
 

@@ -149,11 +149,15 @@ def check_ratio(model: object, method: str) -> None:
         raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")
 
 
-def with_persistence(model: Model, persistence: Persistence, scene: Scene) -> Model | PersistentPem:
-    """Return ``model`` with persistent errors; ``model`` itself where all of them are drawn anew."""
+def with_persistence(
+    model: Model, persistence: Persistence, scene: Scene, kinds: tuple[str, ...] = ()
+) -> Model | PersistentPem:
+    """Return ``model`` with persistent errors; ``model`` itself where all of them are drawn anew.
+
+    ``kinds`` are those of a ``MotionErrorPem``.
+    """
     channels = (persistence.detection, persistence.position, persistence.position, persistence.speed)
     shares = (persistence.detection_lasting, persistence.position_lasting, persistence.position_lasting, 0.0)
-    kinds = tuple(getattr(model, "kinds", ()))  # of a ``MotionErrorPem``
     further = tuple(persistence.heading if "heading" in kind else persistence.speed for kind in kinds)
     if not any((*channels, *shares, *further)):
         return model
