@@ -31,7 +31,7 @@ from avrare.rollout.scores.scored_specifications import (
 )
 from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measure_terms, record
 from avrare.rollout.twin import Twin, check_twin
-from avrare.stack.noise_names import check_noise
+from avrare.stack.noise_names import check_dynamics
 
 _MEASURING = "the rollouts that measure the terms of its score"
 SCORES = ("robustness", "margin", "progress")
@@ -75,7 +75,7 @@ class Problem:
             _check_integer("chunk", chunk, 1)
         self.system = adapt(System, system)
         _check_integer(f"{type(system).__name__}.noise_size", self.system.noise_size, 0)
-        check_noise(self.system)
+        check_dynamics(self.system)
         _check_step(type(system).__name__, self.system.dt)
         self.system.check_steps(steps)
         if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):

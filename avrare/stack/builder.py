@@ -41,7 +41,7 @@ from avrare.stack.clock import Clock
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart
 from avrare.stack.emergency_braking import add_emergency_braking
-from avrare.stack.noise_names import check_noise
+from avrare.stack.noise_names import check_declarations, check_dynamics
 from avrare.stack.timed_parts import Parts, time_parts
 from avrare.stack.unlabelled import check_labels
 
@@ -75,7 +75,7 @@ def build_stack(scenario: Scenario) -> Stack:
         )
     with _located(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
-        check_noise(simulator)
+        check_dynamics(simulator)
     with _located(scenario, "steps"):
         simulator.check_steps(scenario.steps)
     scene = simulator.scene
@@ -98,7 +98,7 @@ def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts
             perception = build_block(
                 scenario.perception, clock.paced(scene, clock.sensor), PerceptionErrorModel
             )
-            check_noise(perception)
+            check_declarations(perception)
     if scenario.tracker is not None:
         with _located(scenario, "tracker"):
             tracker = build_block(scenario.tracker, clock.paced(scene, clock.tracker), Tracker)

@@ -1,13 +1,14 @@
-"""Names of the noise of a system, and its values in a perfect one."""
+"""Names of the noise of a system, its values in a perfect one, and checks of all that a part declares."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
+from avrare.driving import Scene
 from avrare.protocols import PerceptionErrorModel, Simulator, System
 
 NoisyPart = System | Simulator | PerceptionErrorModel
@@ -55,7 +56,24 @@ def find_perfect_noise(part: NoisyPart) -> NDArray[np.float64]:
     return numbers
 
 
-def check_noise(part: NoisyPart) -> None:
-    """Raise the ``UsageError`` of a part whose declared names or perfect values do not fit its noise."""
+def check_declarations(part: NoisyPart) -> None:
+    """Raise the ``UsageError`` of a part whose noise names, perfect noise or notes do not fit."""
     find_noise_names(part)
     find_perfect_noise(part)
+    _check_texts(part, "notes", part.notes, '{"coarse_grid": "the grid is coarse"}')
+
+
+def check_dynamics(part: System | Simulator) -> None:
+    """Raise the ``UsageError`` of a system or simulator whose declarations, lacks or scene do not fit."""
+    check_declarations(part)
+    if part.lacks is not None:
+        _check_texts(part, "lacks", part.lacks, '{"branches": "its states cannot be copied"}')
+    if part.scene is not None and not isinstance(part.scene, Scene):
+        text = f"{type(part).__name__} has scene {part.scene!r}, which is not a Scene"
+        raise UsageError(text, "give an avrare.driving.Scene, or leave scene out")
+
+
+def _check_texts(part: NoisyPart, name: str, texts: object, example: str) -> None:
+    if not isinstance(texts, Mapping) or not all(isinstance(text, str) for text in (*texts, *texts.values())):
+        text = f"{type(part).__name__} has {name} {texts!r}, which are not texts by name"
+        raise UsageError(text, f"give a dict such as {example}, or leave {name} out")

@@ -55,9 +55,32 @@ def test_a_problem_refuses_names_that_do_not_fit_its_noise(members, words):
     assert "one" in caught.value.hint
 
 
+@pytest.mark.parametrize(
+    ("members", "words"),
+    [
+        ({"notes": "coarse"}, "Gusts has notes 'coarse', which are not texts by name"),
+        ({"notes": {"coarse": 3}}, "Gusts has notes {'coarse': 3}, which are not texts by name"),
+        ({"lacks": "branches"}, "Gusts has lacks 'branches', which are not texts by name"),
+        ({"lacks": ("noise",)}, r"Gusts has lacks \('noise',\), which are not texts by name"),
+        ({"scene": 3}, "Gusts has scene 3, which is not a Scene"),
+    ],
+)
+def test_a_problem_refuses_declarations_of_another_type(members, words):
+    with pytest.raises(UsageError, match=words) as caught:
+        problem(**members)
+    assert f"or leave {next(iter(members))} out" in caught.value.hint
+
+
 def test_names_that_fit_and_none_are_accepted():
     assert problem(noise_names=("gust", "rain"), perfect_noise=(0.0, 8.0)).noise_size == 2
     assert problem(noise_names=None).noise_size == 2
+
+
+def test_declarations_that_fit_are_accepted():
+    assert problem(notes={"coarse": "a note"}, lacks={"noise": "a clock"}).system.notes == {
+        "coarse": "a note"
+    }
+    assert problem(notes={}, lacks={}, scene=None).scene is None
 
 
 @pytest.mark.parametrize("command", [["validate", "--build"], ["run"]])

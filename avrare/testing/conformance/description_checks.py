@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from avrare.plugin.component import GROUP
-from avrare.stack.noise_names import check_noise
+from avrare.stack.noise_names import check_declarations, check_dynamics
 from avrare.testing.conformance.suite import Subject
 
 HEAVY = (
@@ -110,8 +110,9 @@ def factory_builds(subject: Subject) -> None:
     if subject.kind in ("simulator", "perception"):
         assert isinstance(part.noise_size, int), f"noise_size is {part.noise_size!r}, not an integer"
         assert part.noise_size >= 0, f"noise_size is {part.noise_size}"
-        check_noise(part)
+        check_declarations(part)
     if subject.kind == "simulator":
+        check_dynamics(part)
         assert part.dt > 0.0, f"dt is {part.dt!r}; it must be more than 0 s"
 
 
