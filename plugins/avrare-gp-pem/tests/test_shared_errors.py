@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,3 +137,15 @@ def test_weather_adds_ghosts(make):
         counts[weather] = seen[-1].detected[:, 1:].sum(axis=1).mean()
     assert counts[1.0] == pytest.approx(0.2, rel=0.1)
     assert counts[3.0] == pytest.approx(0.6, rel=0.1)
+
+
+def test_a_world_without_weather_is_in_clear_weather(make):
+    ghosts = {"rate": 0.2, "slots": 4, "weather": 1.0}
+    model, plain = (parametric(make.scene(1), weather_range=1.0, **more) for more in ({"ghosts": ghosts}, {}))
+    world = make.world([[10.0, 0.0, 0.0]], n=40)
+    other = SimpleNamespace(**{name: value for name, value in vars(world).items() if name != "weather"})
+    (seen, _), (same, _) = follow(model, world, 2), follow(model, other, 2)
+    np.testing.assert_array_equal(same[-1].x, seen[-1].x)
+    noise = np.zeros((40, plain.noise_size))
+    ratio, _ = plain.log_ratio(other, noise, None, parametric(make.scene(1), error_scale=2.0), None)
+    assert np.isfinite(ratio).all()

@@ -21,6 +21,7 @@ from avrare.driving import Observation, Scene, World
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.config import Ghosts
 from avrare_gp_pem.runtime import normal
+from avrare_gp_pem.runtime.observation_model import weather_of
 from avrare_gp_pem.runtime.persistence import check_ratio
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
@@ -249,10 +250,10 @@ class GhostPem:
 
     def _share(self, world: World) -> Any:
         """Return the probability that a renewed slot holds a ghost, in the world's weather."""
-        law = self.ghosts
-        if not law.weather or world.weather is None:
+        law, weather = self.ghosts, weather_of(world)
+        if not law.weather or weather is None:
             return law.share
-        return np.minimum(law.share * world.weather[:, None] ** law.weather, 1.0)
+        return np.minimum(law.share * weather[:, None] ** law.weather, 1.0)
 
     def _events(self, parts: Floats, share: Any) -> tuple[Bools, Bools]:
         """Return which slots get a new ghost, and which are emptied."""

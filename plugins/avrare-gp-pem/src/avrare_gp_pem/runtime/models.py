@@ -24,6 +24,7 @@ from avrare_gp_pem.runtime.observation_model import (
     noise_names,
     normal_log_density,
     perfect_noise,
+    weather_of,
 )
 from avrare_gp_pem.runtime.persistence import with_persistence
 from avrare_gp_pem.runtime.scaled_law import scale_law, shift_noise
@@ -59,15 +60,15 @@ class LawPem(ABC):
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
-        return self.law(world).in_weather(_weather(world)).draw(world, noise)
+        return self.law(world).in_weather(weather_of(world)).draw(world, noise)
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the (N,) log density of ``observation``."""
-        return self.law(world).in_weather(_weather(world)).log_prob(world, observation)
+        return self.law(world).in_weather(weather_of(world)).log_prob(world, observation)
 
     def shift_noise(self, world: World, noise: Floats, other: LawPem) -> tuple[Floats, Floats]:
         """Return how noise moves for ``other`` to observe the same, and log density ratios."""
-        own, moved = (model.law(world).in_weather(world.weather) for model in (self, other))
+        own, moved = (model.law(world).in_weather(weather_of(world)) for model in (self, other))
         return shift_noise(own, moved, noise)
 
     def log_ratio(
@@ -186,8 +187,8 @@ class ParametricPem(LawPem):
         """Return the distribution of the observation of ``world``."""
         config, distance = self.config, relative(world_in_plane(self.scene.road, world)).range
         reach = np.asarray(config.detection_range)
-        if config.weather_range and world.weather is not None:
-            reach = reach / world.weather[:, None] ** config.weather_range
+        if config.weather_range and (weather := weather_of(world)) is not None:
+            reach = reach / weather[:, None] ** config.weather_range
         steepness = (distance - reach) / config.detection_width
         in_range = config.detection_plateau / (1 + np.exp(np.minimum(steepness, MAX_EXPONENT)))
         seen = visibility(world, self.scene, config.rays)
@@ -278,7 +279,3 @@ class NaivePem:
 def build_naive(config: NaivePemConfig, scene: Scene) -> Any:
     """Build the naive model for a scene."""
     return _with_options(NaivePem(config, scene), config, config.persistence, config.ghosts, config.heading)
-
-
-def _weather(world: World) -> Floats | None:
-    return getattr(world, "weather", None)  # worlds of other simulators may know none

@@ -138,3 +138,8 @@ def normal_log_density(error: Floats, sd: float) -> Floats:
         return np.where(error == 0, 0.0, -np.inf)
     standard = error / sd
     return -0.5 * standard * standard - math.log(sd * math.sqrt(2 * math.pi))
+
+
+def weather_of(world: World) -> Floats | None:
+    """Return the (N,) weather of a world, None where its simulator has no weather."""
+    return getattr(world, "weather", None)
