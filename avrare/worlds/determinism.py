@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from types import BuiltinFunctionType, FrameType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -244,7 +244,9 @@ def _find_cause(play: Callable[[], object]) -> str:
 
 
 def _source(called: object) -> str:
-    owner, name = getattr(called, "__self__", None), str(getattr(called, "__name__", ""))
+    if not isinstance(called, BuiltinFunctionType):
+        return ""
+    owner, name = called.__self__, called.__name__
     if isinstance(owner, random.Random):
         return "the module random"
     if owner is time and name != "sleep":

@@ -116,7 +116,7 @@ class GymWorld(World):
         """
         assert self.initial is not None  # displaced only with noise.initial
         inner, name = self.env.unwrapped, self.initial.attribute
-        before = getattr(inner, name, None)
+        before = getattr(inner, name)
         moved = np.asarray(before if before is not None else np.nan, dtype=np.float64) + delta
         setattr(inner, name, tuple(moved.tolist()) if isinstance(before, tuple) else moved)
         observe = getattr(inner, "_get_obs", None)
