@@ -72,7 +72,7 @@ class Adapted:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        if not hasattr(self.base, name) or getattr(self.part, name, None) is not None:
+        if not hasattr(self.base, name) or not _lacks(self.part, name):
             return getattr(self.part, name)
         default = inspect.getattr_static(self.base, name)
         return default.__get__(self) if hasattr(default, "__get__") else default
@@ -88,7 +88,11 @@ def required_members(base: type[Any]) -> list[str]:
 
 def missing_members(base: type[Any], part: object) -> list[str]:
     """Return the members without a default that a part lacks, or has as None."""
-    return [name for name in required_members(base) if getattr(part, name, None) is None]
+    return [name for name in required_members(base) if _lacks(part, name)]
+
+
+def _lacks(part: object, name: str) -> bool:
+    return getattr(part, name, None) is None
 
 
 def overrides(part: object, default: Callable[..., Any]) -> bool:
