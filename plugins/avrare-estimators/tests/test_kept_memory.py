@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.estimate_problem import _estimator
+from avrare.estimation.estimate_problem import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
@@ -44,7 +44,7 @@ def problem(limit=1.0, chunk=200, steps=STEPS):
 
 
 def estimated(name, **options):
-    estimator = _estimator(name, {**SIZES[name], **options})
+    estimator = _estimator(name, _config(name, {**SIZES[name], **options}))
     prepared, plan = build_plan(problem(), estimator, Settings(seed=3))
     foretold = memory.forecast(estimator, plan, memory.measure_carry(prepared))
     tracemalloc.start()

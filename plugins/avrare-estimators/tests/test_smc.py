@@ -10,7 +10,7 @@ from interruptions import estimate_through_interruptions
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation.estimate_problem import _estimator
+from avrare.estimation.estimate_problem import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
@@ -319,7 +319,7 @@ def test_words_say_when_the_drive_is_lost():
 
 
 def test_it_scales_to_a_cost():
-    built = _estimator("smc", {})
+    built = _estimator("smc", _config("smc", {}))
     small = built.scaled(2000, 1e-3)
     assert small is not None
     assert built.scaled(500, 1e-3) is None
