@@ -205,3 +205,17 @@ def test_a_cost_that_is_missing_is_measured_for_the_error():
     with pytest.raises(UsageError, match="cost of the cheap twin is missing") as raised:
         avrare.estimate(own.with_twin(own), "mfmc", rollouts=100)
     assert "cheap: {cost: " in raised.value.hint
+
+
+def test_a_checkpoint_belongs_to_one_share_of_the_pilot(tmp_path):
+    def interrupt(info):
+        raise Killed
+
+    def estimate(pilot, progress):
+        settings = {"seed": 1, "rollouts": 2000, "checkpoint": tmp_path / "checkpoint", "progress": progress}
+        return avrare.estimate(problem(0.01, 0.9, chunk=500), "mfmc", pilot=pilot, **settings)
+
+    with pytest.raises(Killed):
+        estimate(0.05, interrupt)
+    with pytest.raises(UsageError, match=r"another estimate: options\.pilot 0\.05 -> 0\.2"):
+        estimate(0.2, False)
