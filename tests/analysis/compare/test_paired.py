@@ -182,7 +182,7 @@ def test_on_the_command_line(tmp_path, capsys):
     ("words", "told"),
     [
         (["--truth", "0.1"], "cannot be combined with --against"),
-        (["--set", "ams.particles=3"], "KEY must begin with scenario. or against."),
+        (["--set", "ams.particles=3"], "a setting of two versions begins with scenario. or against."),
         (["--budget", "seconds=3"], "is not comparable: its cost differs between machines and runs"),
         (["--budget", "steps=3"], "does not cover one rollout"),
         (["--set", "against.steps=20"], "cannot share their noise"),

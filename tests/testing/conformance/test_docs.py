@@ -26,7 +26,7 @@ FOREIGN = re.compile(
 )
 """Attributes that a browser would fetch from another host."""
 
-BLOCK_ONLY = {"perception", "tracker", "controller", "timing", "actuators"}
+BLOCK_ONLY = {"perception", "tracker", "controller", "aeb", "timing", "actuators"}
 """Keys of a snippet that is a part of a scenario: laid over the lane change."""
 
 
