@@ -185,7 +185,7 @@ class Component:
         factory: Callable[..., Any] = late_import(self.factory)
         return factory
 
-    def build(self, config: Any, scene: Scene | None = None) -> Any:
+    def build(self, config: object, scene: Scene | None = None) -> Any:
         """Build the part; it has the members of its kind's base class (``avrare.protocols``)."""
         from avrare.protocols import BASES, adapt  # NumPy, which listing and validating do without
 

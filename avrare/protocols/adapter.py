@@ -86,7 +86,7 @@ def required_members(base: type[Any]) -> list[str]:
     return list(dict.fromkeys([*values, *methods]))
 
 
-def missing_members(base: type[Any], part: object) -> list[str]:
+def missing_members(base: type[object], part: object) -> list[str]:
     """Return the members without a default that a part lacks, or has as None."""
     return [name for name in required_members(base) if _lacks(part, name)]
 
@@ -95,13 +95,13 @@ def _lacks(part: object, name: str) -> bool:
     return getattr(part, name, None) is None
 
 
-def overrides(part: object, default: Callable[..., Any]) -> bool:
+def overrides(part: object, default: Callable[..., object]) -> bool:
     """Return whether a part has a method of its own in place of the base class's ``default``."""
     method = getattr(part, default.__name__)
     return not isinstance(method, MethodType) or method.__func__ is not default
 
 
-def _describe_member(base: type[Any], name: str) -> str:
+def _describe_member(base: type[object], name: str) -> str:
     if not hasattr(base, name):
         return name
     return f"{name}({', '.join(list(inspect.signature(getattr(base, name)).parameters)[1:])})"
@@ -144,7 +144,7 @@ class SystemWrapper(System):
         """Return the rows (N,) of the other system that have broken down."""
         return self.system.faults(self.unwrap(state))
 
-    def ended(self, state: Any) -> Bools | None:
+    def ended(self, state: object) -> Bools | None:
         """Return the rows (N,) of the other system of which no later sample counts."""
         return self.system.ended(self.unwrap(state))
 
@@ -152,6 +152,6 @@ class SystemWrapper(System):
         """Return the counters of the other system."""
         return self.system.counts(self.unwrap(state))
 
-    def features(self, state: Any) -> Floats | None:
+    def features(self, state: object) -> Floats | None:
         """Return the features of the other system."""
         return self.system.features(self.unwrap(state))

@@ -180,11 +180,11 @@ class _Simulation:
         self._record(carry, rows, t)
         return carry, rows
 
-    def _step(self, state: Any, noise: Floats) -> Sample:
+    def _step(self, state: object, noise: Floats) -> Sample:
         self.simulated_steps += len(noise)
         return self._sample(self.system.step(state, noise), len(noise))
 
-    def _sample(self, state: Any, n: int) -> Sample:
+    def _sample(self, state: object, n: int) -> Sample:
         signals = check_signals(self.system.signals(state), n)
         faulty = np.zeros(n, dtype=bool)
         faults = self.system.faults(state)
@@ -195,7 +195,7 @@ class _Simulation:
         return state, signals, faulty
 
     def _guard(
-        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats, rows: Integers
+        self, function: Callable[[Any, Floats], Sample], state: object, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
         try:
@@ -215,7 +215,7 @@ class _Simulation:
         return (batch.take(sample, alive) if alive.any() else None), alive
 
     def _bisect(
-        self, function: Callable[[Any, Floats], Sample], state: Any, noise: Floats, rows: Integers
+        self, function: Callable[[Any, Floats], Sample], state: object, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         half = len(noise) // 2
         parts = [
@@ -229,7 +229,7 @@ class _Simulation:
         self,
         sample: Sample | None,
         alive: Bools,
-        monitors: tuple[Any, ...],
+        monitors: tuple[object, ...],
         rows: Integers,
         t: int,
         before: Carry | None = None,
@@ -287,7 +287,7 @@ class _Simulation:
                 )
             self.counts.setdefault(name, np.zeros(self.request.rows, dtype=np.int64))[rows] += sign * numbers
 
-    def _find_ended(self, state: Any, n: int) -> Bools | None:
+    def _find_ended(self, state: object, n: int) -> Bools | None:
         ended = _ask("ended", self.system.ended, state)
         return None if ended is None else check_rows("ended(state)", ended, n).astype(bool)
 
@@ -314,7 +314,7 @@ class _Simulation:
         self._count(carry, rows, 1)
 
 
-def _ask(name: str, method: Callable[[Any], _AnswerT], state: Any) -> _AnswerT:
+def _ask(name: str, method: Callable[[Any], _AnswerT], state: object) -> _AnswerT:
     # An answer on all rows: no row can be blamed for its error.
     try:
         return method(state)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
@@ -336,7 +335,7 @@ class Problem:
         ]
 
 
-def read_tape(noise: Any) -> Floats:
+def read_tape(noise: object) -> Floats:
     """Return noise as an array of numbers, of whatever shape.
 
     Raises:
@@ -352,7 +351,7 @@ def read_tape(noise: Any) -> Floats:
     return numbers
 
 
-def _margin_of(judge: Specification, state: Any) -> float | None:
+def _margin_of(judge: Specification, state: object) -> float | None:
     margin = judge.margin(state)
     return None if margin is None else float(margin[0])
 

@@ -79,7 +79,7 @@ def _sizes(system: Any) -> dict[str, int]:
     return {"draws": drawn, "simulator": system.simulator.noise_size, "perception": own}
 
 
-def measure_cost(problem: Any, twin: Any) -> float:
+def measure_cost(problem: object, twin: object) -> float:
     """Return the time of a rollout of a twin over that of the stack, as the nearest power of 2."""
     seconds: dict[int, list[float]] = {0: [], 1: []}
     for _ in range(_REPEATS):  # in turns, and the least of them: other work on the machine only adds

@@ -37,7 +37,7 @@ class WeightedProblem(Problem):
         PluginError: No plugin provides the block.
     """
 
-    def __init__(self, target: Problem, proposal: Any = None, needs: str = "log_prob") -> None:
+    def __init__(self, target: Problem, proposal: object = None, needs: str = "log_prob") -> None:
         loop = _check_loop(target, needs)
         self.target, self.proposal, self.needs = target, proposal, needs
         built = None if proposal is None else _build_proposal(proposal, loop)
@@ -83,7 +83,7 @@ def _check_memoryless(perception: PerceptionErrorModel) -> None:
         )
 
 
-def check_proposal(options: Mapping[str, Any]) -> Block:
+def check_proposal(options: Mapping[str, object]) -> Block:
     """Check a perception block ``{"plugin": name, ...}`` without building anything."""
     name = str(options.get("plugin"))
     component = default_registry().require(_KIND, name)
@@ -93,7 +93,7 @@ def check_proposal(options: Mapping[str, Any]) -> Block:
     return Block(name, component, config, row.distribution, row.version)
 
 
-def _build_proposal(proposal: Any, loop: ClosedLoop) -> PerceptionErrorModel:
+def _build_proposal(proposal: object, loop: ClosedLoop) -> PerceptionErrorModel:
     if isinstance(proposal, Mapping):
         model = build_block(check_proposal(proposal), loop.scene, PerceptionErrorModel)
     else:

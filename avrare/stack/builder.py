@@ -169,7 +169,7 @@ def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Mappin
         raise ScenarioError([(place, "check the options of its parts")]) from error
 
 
-def _check_relations(spec: Specification, signals: Mapping[str, Any]) -> None:
+def _check_relations(spec: Specification, signals: Mapping[str, object]) -> None:
     for name in [] if spec.formula is None else spec.formula.signals:
         if name not in signals and name.endswith(")"):
             hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"

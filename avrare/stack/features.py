@@ -19,7 +19,7 @@ _NODES = (1, 3, 6, 10, 15, 20)
 """Nodes of a plan whose states are features."""
 
 
-def system_features(system: System, state: Any) -> Floats:
+def system_features(system: System, state: object) -> Floats:
     """Return the features (N, F) that a system declares, else its signals."""
     declared = system.features(state)
     return flattened(system.signals(state)) if declared is None else check_features(system, declared)

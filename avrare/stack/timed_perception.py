@@ -28,7 +28,7 @@ class ExactPerception(PerceptionErrorModel):
 
     noise_size = 0
 
-    def observe(self, world: Any, noise: Floats) -> Observation:
+    def observe(self, world: object, noise: Floats) -> Observation:
         """Return the true states of the other vehicles."""
         return observe(None, world, noise, None)[0]
 
@@ -73,11 +73,11 @@ class TimedPerception(PerceptionErrorModel):
         waits = np.full((len(noise), self._capacity), _NEVER)
         return FrameQueue(np.zeros(len(noise), dtype=np.int64), (), waits, inner)
 
-    def observe(self, world: Any, noise: Floats) -> Observation:
+    def observe(self, world: object, noise: Floats) -> Observation:
         """Return an observation without a past, at once."""
         return self._model.observe(world, self._own(noise))
 
-    def follow(self, world: Any, noise: Floats, memory: FrameQueue) -> tuple[Observation, FrameQueue]:
+    def follow(self, world: object, noise: Floats, memory: FrameQueue) -> tuple[Observation, FrameQueue]:
         """Return what the tracker reads at the next step, and the memory after it."""
         step, waits, inner = memory.step + 1, memory.waits - 1, memory.model
         frames = memory.frames or (_blank(self.observe(world, noise)),) * self._capacity
@@ -98,7 +98,7 @@ class TimedPerception(PerceptionErrorModel):
         used = fresh[:, None] & (np.arange(self._capacity) >= newest[:, None])
         return _blank(read, ~fresh), FrameQueue(step, frames, np.where(used, _NEVER, waits), inner)
 
-    def locate(self, ego: Any, memory: FrameQueue) -> Any:
+    def locate(self, ego: object, memory: FrameQueue) -> Any:
         """Return the ego as the planner believes it, without delay."""
         return self._model.locate(ego, memory.model)
 
@@ -151,7 +151,7 @@ class PacedTracker(Tracker):
         self._tracker, self._clock = tracker, clock
         self.known_scene, self.burn_in = tracker.known_scene, tracker.burn_in * clock.tracker
 
-    def start(self, world: Any) -> PacedTrack:
+    def start(self, world: object) -> PacedTrack:
         """Return the track at t = 0."""
         return PacedTrack(self._tracker.start(world), np.zeros(batch.size(world), dtype=np.int64))
 

@@ -82,7 +82,7 @@ class EstimatorConformance:
     overshoot: ClassVar[float] = 0.0
     unsupported: ClassVar[Mapping[str, str]] = {}
 
-    def estimate(self, problem: Problem, **keywords: Any) -> Result:
+    def estimate(self, problem: Problem, **keywords: object) -> Result:
         """Run one estimate; override to test an estimator that is not installed under a name."""
         return estimate(problem, self.estimator, **{**self.options, **keywords})
 

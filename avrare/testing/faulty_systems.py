@@ -45,7 +45,7 @@ class Counting(SystemWrapper):
         super().__init__(system)
         run_here(self)
 
-    def step(self, state: Any, noise: Floats) -> Any:
+    def step(self, state: object, noise: Floats) -> Any:
         """Step the system; rows count even where it raises."""
         self.rows += len(noise)
         return self.system.step(state, noise)
@@ -64,7 +64,7 @@ class Mortal(SystemWrapper):
         super().__init__(system)
         self.lives = lives
 
-    def step(self, state: Any, noise: Floats) -> Any:
+    def step(self, state: object, noise: Floats) -> Any:
         """Step the system, or raise ``Killed``."""
         if self.lived >= self.lives:
             raise Killed

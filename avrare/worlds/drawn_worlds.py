@@ -62,7 +62,7 @@ class _Valued(World):
         self.world.assign(dict(zip(self._names, noise[self._own :].tolist(), strict=True)))
         self.world.reset(noise[: self._own])
 
-    def prepare(self, actions: Any, noise: Floats) -> Any:
+    def prepare(self, actions: object, noise: Floats) -> Any:
         return self.world.prepare(actions, noise[:, : self._own])
 
     def step(self, action: object, noise: Floats) -> None:
@@ -83,7 +83,7 @@ class _Valued(World):
     def snapshot(self) -> Any:
         return self.world.snapshot()
 
-    def restore(self, snapshot: Any) -> None:
+    def restore(self, snapshot: object) -> None:
         self.world.restore(snapshot)
 
     def close(self) -> None:

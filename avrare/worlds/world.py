@@ -134,7 +134,7 @@ class Table:
         """Read K numbers."""
         return world.numbers()
 
-    def all(self, rows: Sequence[Any]) -> Columns:
+    def all(self, rows: Sequence[object]) -> Columns:
         """Join the numbers into a table and name its columns."""
         return self.pattern.named(np.array(rows, dtype=np.float64))
 

@@ -66,7 +66,7 @@ class _StoredBaseline(BaseModel):
 
     @field_validator("resolved")
     @classmethod
-    def _has_specifications(cls, resolved: dict[str, Any]) -> dict[str, Any]:
+    def _has_specifications(cls, resolved: dict[str, object]) -> dict[str, Any]:
         named = resolved.get("specifications")
         if not isinstance(named, dict) or not all(isinstance(one, dict) for one in named.values()):
             raise ValueError("it holds no specifications")
@@ -178,7 +178,7 @@ def summarise_differences(lines: Sequence[str]) -> str:
     return ", ".join(lines[:_MAX_LISTED]) + (f", and {more} more" if more > 0 else "")
 
 
-def _list_differences(path: str, old: Any, new: Any) -> Iterator[str]:
+def _list_differences(path: str, old: object, new: object) -> Iterator[str]:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         if old.get("plugin") != new.get("plugin"):  # their options have nothing in common
             yield f"{path}.plugin {_shorten(old.get('plugin'))} -> {_shorten(new.get('plugin'))}"
@@ -194,7 +194,7 @@ def _list_differences(path: str, old: Any, new: Any) -> Iterator[str]:
         yield f"{path} {_shorten(old)} -> {_shorten(new)}"
 
 
-def _shorten(value: Any) -> str:
+def _shorten(value: object) -> str:
     if value is None:
         return "none"
     if isinstance(value, Mapping):

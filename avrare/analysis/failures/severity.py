@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -166,7 +165,7 @@ def _find_vehicle(result: MonitoringResult, distance: Floats) -> int:
     return names.index(named[0]) if named else int(np.argmin(distance[decisive.sample]))
 
 
-def _select(vehicles: Vehicles, index: Any) -> Vehicles:
+def _select(vehicles: Vehicles, index: object) -> Vehicles:
     return Vehicles(*(values[..., index] for values in vars(vehicles).values()))
 
 

@@ -52,7 +52,7 @@ class _Scored(Specification):
     def _start_memory(self, n: int) -> Any:
         return None
 
-    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
         raise NotImplementedError
 
 
@@ -70,7 +70,7 @@ class MarginScored(_Scored):
     def _start_memory(self, n: int) -> Any:
         return np.zeros(n, dtype=np.int64)
 
-    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
         margin = self.inner.margin(inner)
         if margin is None:
             raise TypeError("a margin score needs a formula of the shape `always ...`")
@@ -92,7 +92,7 @@ class PrefixScored(Specification):
         """Return the state before sample 0."""
         return self.inner.start(n)
 
-    def update(self, state: Any, signals: Signals) -> tuple[Any, Verdict]:
+    def update(self, state: object, signals: Signals) -> tuple[Any, Verdict]:
         """Return state and verdict after one more sample."""
         state, verdict = self.inner.update(state, signals)
         return state, replace(verdict, score=-verdict.robustness)
@@ -108,7 +108,7 @@ class FormulaScored(_Scored):
     def _start_memory(self, n: int) -> Any:
         return self.guide.start(n)
 
-    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
         guide, guided = self.guide.update(state.memory, signals)
         return guided.score, guide
 
@@ -120,7 +120,7 @@ class FunctionScored(_Scored):
         super().__init__(inner)
         self.function = function
 
-    def _score(self, state: ScoredState, inner: Any, signals: Signals) -> tuple[Floats, Any]:
+    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
         history = {name: np.array(values)[:, None] for name, values in signals.items()}
         if state.memory is not None:
             history = {

@@ -58,7 +58,7 @@ class _ActionRead(Exception):
     """Raised when a probe in place of an action is read."""
 
 
-def _report(*_: Any) -> Any:
+def _report(*_: object) -> Any:
     raise _ActionRead
 
 
@@ -181,7 +181,7 @@ class _AnySignals(Mapping[str, Any]):
         return len(self._traffic)
 
 
-def _named(step: int, values: Mapping[str, Any]) -> Outputs:
+def _named(step: int, values: Mapping[str, object]) -> Outputs:
     return {f"{name} at step {step}": value for name, value in values.items() if value is not None}
 
 
@@ -219,7 +219,7 @@ class Exercise:
         return dict(item for some in self._play(self._part, tape, between) for item in some.items())
 
 
-def split_and_joined(state: Any) -> Any:
+def split_and_joined(state: object) -> Any:
     """Take a state apart and join it, as the splitting estimators do."""
     if not batch.leaves(state):
         return state
@@ -228,7 +228,7 @@ def split_and_joined(state: Any) -> Any:
     return batch.concatenate([batch.take(state, first), batch.take(state, rest)])
 
 
-def read_only(state: Any) -> Any:
+def read_only(state: object) -> Any:
     """Return a copy that cannot be written to."""
     own = batch.separated(state)
     for leaf in batch.leaves(own):

@@ -37,7 +37,7 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def installed(cls, kind: str, name: str, registry: Registry | None = None, **options: Any) -> Subject:
+    def installed(cls, kind: str, name: str, registry: Registry | None = None, **options: object) -> Subject:
         """Return the installed component of this kind and name.
 
         Raises:
@@ -158,7 +158,7 @@ class Check:
         status, reason = self._verdict(subject)
         return Outcome(subject.kind, subject.name, self.name, self.sentence, status, reason)
 
-    def _verdict(self, subject: Any) -> tuple[Status, str]:
+    def _verdict(self, subject: object) -> tuple[Status, str]:
         try:
             self.function(subject)
         except Skipped as skipped:
@@ -192,7 +192,7 @@ def checks_of(kind: str) -> list[Check]:
     return [Check(function) for module in modules for function in module.CHECKS]
 
 
-def subjects(registry: Registry, name: str, options: Mapping[str, Any]) -> list[Subject]:
+def subjects(registry: Registry, name: str, options: Mapping[str, object]) -> list[Subject]:
     """Return the components of a distribution, or those of this name; all must have been loaded."""
     rows = [row for row in registry.rows() if name in (row.name, row.distribution)]
     if not rows:

@@ -86,12 +86,12 @@ class TransformedSimulator(Simulator):
         """Return the signals of the other simulator."""
         return self.simulator.signals(world)
 
-    def faults(self, world: Any) -> Bools | None:
+    def faults(self, world: object) -> Bools | None:
         """Return the rows (N,) of the other simulator that have broken down."""
         return self.simulator.faults(world)
 
 
-def _build_inner(block: dict[str, Any]) -> Simulator:
+def _build_inner(block: dict[str, object]) -> Simulator:
     name = str(block["plugin"])
     component = default_registry().require("simulator", name)
     options = {key: value for key, value in block.items() if key != "plugin"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +135,7 @@ class HighwayEnvSimulator(Simulator):
 
         return self._worlds(place, noise)
 
-    def step(self, world: HighwayWorld, action: Any, noise: Floats) -> HighwayWorld:
+    def step(self, world: HighwayWorld, action: object, noise: Floats) -> HighwayWorld:
         """Return the worlds one ``dt`` later; those that are over do not change.
 
         Args:

@@ -92,7 +92,7 @@ class Tilt:
 
     network: TiltNetwork
 
-    def for_target(self, target: Any) -> TiltedPerception:
+    def for_target(self, target: object) -> TiltedPerception:
         """Return the target perception model, tilted."""
         return TiltedPerception(self.network, target)
 
@@ -109,7 +109,7 @@ class TiltedPerception:
         """Noise size of the target."""
         return int(self.target.noise_size)
 
-    def law(self, world: Any) -> Any:
+    def law(self, world: object) -> Any:
         """Return the target's law of the observation of ``world``, tilted."""
         law, tilt = self.target.law(world), self.network(network_inputs(world, self.target.scene))
         odds = law.detect * np.exp(tilt[..., 0])
@@ -122,11 +122,11 @@ class TiltedPerception:
             scale=law.scale * np.exp(tilt[..., 3:5]),
         )
 
-    def observe(self, world: Any, noise: Floats) -> Observation:
+    def observe(self, world: object, noise: Floats) -> Observation:
         """Draw one observation of every other vehicle."""
         return self.law(world).draw(world, noise)  # type: ignore[no-any-return]
 
-    def log_prob(self, world: Any, observation: Observation) -> Floats:
+    def log_prob(self, world: object, observation: Observation) -> Floats:
         """Return the log density (N,) of an observation."""
         return self.law(world).log_prob(world, observation)  # type: ignore[no-any-return]
 

@@ -65,7 +65,7 @@ def _find_gamma(result: Result) -> tuple[Callable[[float], float], str]:
     return float, "score"
 
 
-def _list_surviving_shares(diagnostics: dict[str, Any]) -> list[list[float]]:
+def _list_surviving_shares(diagnostics: dict[str, object]) -> list[list[float]]:
     if "shares" in diagnostics:
         return _read_stage_values(diagnostics["shares"])
     runs, rollouts = diagnostics.get("roots"), diagnostics.get("full_rollouts")

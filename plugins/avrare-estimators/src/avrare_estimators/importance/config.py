@@ -26,7 +26,7 @@ MOST_CLIMBING_RUNS = 16
 """Runs that have addresses of their own for the noise of their chains."""
 
 
-def _list_numbers(numbers: Any) -> Any:
+def _list_numbers(numbers: object) -> Any:
     return numbers.tolist() if hasattr(numbers, "tolist") else numbers
 
 
@@ -50,7 +50,7 @@ def is_perception(proposal: object) -> bool:
     return isinstance(proposal, Mapping) or all(hasattr(proposal, name) for name in names)
 
 
-def _check_plugin(proposal: Mapping[str, Any]) -> Mapping[str, Any]:
+def _check_plugin(proposal: Mapping[str, object]) -> Mapping[str, Any]:
     from avrare.rollout.weighted_problem import check_proposal
 
     try:
@@ -60,7 +60,7 @@ def _check_plugin(proposal: Mapping[str, Any]) -> Mapping[str, Any]:
     return proposal
 
 
-def _check_object(proposal: Any) -> Any:
+def _check_object(proposal: object) -> Any:
     if isinstance(proposal, NoiseProposal) or (is_perception(proposal) and not isinstance(proposal, Mapping)):
         return proposal
     raise ValueError(

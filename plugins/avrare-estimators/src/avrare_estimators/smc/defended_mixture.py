@@ -48,7 +48,7 @@ class DefendedMixture:
         chosen["atom"][uniform[:, 0] < target] = NONE
         return chosen
 
-    def transform(self, noise: Floats, chosen: Any, first: int) -> None:
+    def transform(self, noise: Floats, chosen: object, first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
         self.mixture.transform(noise, chosen, first)
 

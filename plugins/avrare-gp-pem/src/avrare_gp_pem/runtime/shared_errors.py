@@ -43,7 +43,7 @@ class SharedErrorPem(PerceptionErrorModel):
 
     def __init__(
         self,
-        model: Any,
+        model: object,
         dt: float,
         common: CommonErrors | None,
         pose: PoseErrors | None,

@@ -64,7 +64,7 @@ class _Entry:
         self._function = function
         self.compiled = numba.njit(cache=True, **_OPTIONS)(function)
 
-    def __call__(self, *arguments: Any) -> Any:
+    def __call__(self, *arguments: object) -> Any:
         try:
             return self.compiled(*arguments)
         except (EOFError, pickle.UnpicklingError):

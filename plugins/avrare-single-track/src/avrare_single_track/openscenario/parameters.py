@@ -161,7 +161,7 @@ class Parameters:
             raise value.error(f"the parameter {name!r} is no number: {self.values[name]!r}")
         return rule, written
 
-    def _fits(self, constraint: _Constraint, known: Mapping[str, Any]) -> Any:
+    def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
         found = known[constraint.name]
         fits = False
         for group in constraint.groups:

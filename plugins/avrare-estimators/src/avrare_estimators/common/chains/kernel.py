@@ -126,7 +126,7 @@ class Move:
     work: Any
 
     @staticmethod
-    def begin(state: Points, level: Floats, draw: Draw, proposal: Floats, work: Any) -> Move:
+    def begin(state: Points, level: Floats, draw: Draw, proposal: Floats, work: object) -> Move:
         """Return the first turn: all chains wait for their proposals."""
         chains = len(level)
         return Move(state, level, draw, np.arange(chains), proposal, 1, np.zeros(chains, dtype=bool), work)

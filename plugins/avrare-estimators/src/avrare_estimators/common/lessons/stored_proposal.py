@@ -15,7 +15,7 @@ FILE = "learned.json"
 AGAIN = "give the learned.json of a run of this scenario, or leave `learned` out to learn again"
 
 
-def check_digest(entry: Mapping[str, Any], digest: str, where: str) -> None:
+def check_digest(entry: Mapping[str, object], digest: str, where: str) -> None:
     """Refuse an entry of a file that does not fit its digest, if it has one."""
     if entry.get("digest", digest) != digest:
         raise UsageError(f"learned: {where} is damaged: it was changed after it was written", AGAIN)

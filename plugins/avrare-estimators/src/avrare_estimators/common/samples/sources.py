@@ -209,7 +209,7 @@ class PerceptionSource:
         return rollouts.log_weight
 
 
-def _call_proposal(name: str, method: Callable[..., Any], *arguments: Any) -> Floats:
+def _call_proposal(name: str, method: Callable[..., object], *arguments: object) -> Floats:
     try:
         return np.asarray(method(*arguments), dtype=np.float64)
     except Exception as error:

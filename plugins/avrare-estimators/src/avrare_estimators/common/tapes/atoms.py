@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -69,7 +68,7 @@ class Atoms:
         """A."""
         return len(self.channel)
 
-    def take(self, index: Any) -> Atoms:
+    def take(self, index: object) -> Atoms:
         """Return some of the atoms."""
         return Atoms(*(getattr(self, field.name)[index] for field in fields(self)))
 

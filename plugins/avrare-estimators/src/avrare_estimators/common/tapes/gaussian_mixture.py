@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class GaussianMixture:
     std: Floats
 
     @staticmethod
-    def single(mean: Any, std: Any, shape: tuple[int, int]) -> GaussianMixture:
+    def single(mean: object, std: object, shape: tuple[int, int]) -> GaussianMixture:
         """Return one Gaussian from numbers or arrays that broadcast to (steps + 1, noise_size).
 
         Raises:

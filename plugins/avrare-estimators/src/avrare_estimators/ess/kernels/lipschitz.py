@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,7 @@ class LipschitzKernel(Elimination):
     def init(self, runs: int) -> SlopeStatistics:
         return SlopeStatistics.empty(runs)
 
-    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: object, state: Points, level: Floats, draw: Draw) -> Move:
         other = draw.tapes()
         return self.begin(state, level, draw, other, self.slope * _largest_singular_value(state.tape, other))
 

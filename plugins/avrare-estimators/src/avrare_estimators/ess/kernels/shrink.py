@@ -9,7 +9,6 @@ the level's set shrinks the bracket towards the chain's own tape, from which a f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class ShrinkKernel(Kernel):
     def __init__(self, width: float = 2.0 * np.pi) -> None:
         self.width = width
 
-    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: object, state: Points, level: Floats, draw: Draw) -> Move:
         # 1. The second axis of the ellipse.
         other, rows = draw.tapes(), np.arange(len(level))
         # 2. A bracket of the given width that holds angle 0, and an angle uniform on it.

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -111,7 +111,7 @@ class BayesianKernel(Kernel):
         self.points, self.uncertainty = points, uncertainty
         self.rollouts = points + 1.0
 
-    def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
+    def start(self, tuning: object, state: Points, level: Floats, draw: Draw) -> Move:
         # The chain's own score is known at 0 and 2 pi (lines 1-6).
         score = np.repeat(np.where(np.isfinite(state.score), state.score, 0.0)[:, None], 2, axis=1)
         angle = np.tile([0.0, _CIRCLE], (len(level), 1))
