@@ -100,7 +100,7 @@ def concatenate(states: Sequence[State]) -> State:
 def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
     """Return a batch with the particles of ``first`` where ``rows`` (N,) is True, of ``second`` elsewhere."""
 
-    def pick(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
+    def pick(one: NDArray[np.generic], other: NDArray[np.generic]) -> NDArray[np.generic]:
         return np.where(rows.reshape(-1, *[1] * (other.ndim - 1)), one, other)
 
     return map_leaves(pick, first, second)

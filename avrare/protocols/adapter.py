@@ -66,7 +66,7 @@ class Adapted:
     part: Any
     base: type[Any]
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return adapt, (self.base, self.part)
 
     def __getattr__(self, name: str) -> Any:

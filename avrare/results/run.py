@@ -286,7 +286,7 @@ class Run(ResultMapping):
         return ()
 
 
-def _read_result(path: Path) -> dict[str, Any]:
+def _read_result(path: Path) -> dict[str, object]:
     file = path / RESULT
     if not file.is_file():
         inside = sorted(entry.parent.name for entry in path.glob(f"*/{RESULT}")) if path.is_dir() else []

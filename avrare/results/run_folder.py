@@ -8,7 +8,6 @@ from dataclasses import replace
 from datetime import datetime
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from avrare.base.atomic_files import explain_file_errors, remove_torn
 from avrare.base.errors import UsageError
@@ -118,7 +117,7 @@ def _remove_without_chunks(folder: Path) -> None:
         old.remove()
 
 
-def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, Any]:
+def _task(scenarios: Sequence[Scenario], budget: Budget | None) -> dict[str, object]:
     identities = {scenario.name: identify(scenario) for scenario in scenarios}
     return {"scenarios": identities, "budget": budget and f"{budget.kind}={budget.amount!r}"}
 

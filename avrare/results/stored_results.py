@@ -223,7 +223,7 @@ def write_rollouts(folder: Path, results: Sequence[Result]) -> None:
 
     Arrays ``SPECIFICATION.robustness`` (n,), ``.worst`` (steps + 1, noise_size), ``.worst_robustness`` ().
     """
-    arrays: dict[str, NDArray[np.generic]] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for result in results:
         name = result.specification
         arrays[f"{name}.robustness"] = _to_single(result.robustness[:MAX_SAMPLES])

@@ -6,7 +6,7 @@ down leaves the batch, keeps its score, and is reported as an error: never as a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError, UsageError
-from avrare.protocols import Bools, Floats, Specification, System, adapt
+from avrare.protocols import Bools, Floats, Signals, Specification, System, adapt
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
@@ -22,7 +22,7 @@ from avrare.stack.array_checks import check_rows, check_signals
 from avrare.stack.features import monitor_features, system_features
 
 _AnswerT = TypeVar("_AnswerT")
-Sample = tuple[Any, dict[str, Any], Bools]
+Sample = tuple[Any, Signals, Bools]
 """State, signals (N, ...) and a mask (N,) of rows that have broken down."""
 
 
@@ -383,7 +383,7 @@ def _is_nan(values: Floats) -> Bools:
     return np.asarray(np.isnan(values).reshape(len(values), -1).any(axis=1))
 
 
-def _describe_faults(signals: Mapping[str, Any], rows: Bools) -> Iterator[tuple[str, Integers]]:
+def _describe_faults(signals: Signals, rows: Bools) -> Iterator[tuple[str, Integers]]:
     """Yield each way in which these rows (N,) broke down, and the places of the rows that did."""
     places = np.flatnonzero(rows)
     broken = np.array([np.full(len(places), True), *(_is_nan(values[rows]) for values in signals.values())])

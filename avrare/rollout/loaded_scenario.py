@@ -162,7 +162,7 @@ class ScenarioProblem(Problem):
         """Return the problem of some specifications, with the score of the first of them."""
         return self if tuple(names) == self.names else self.scenario.problem(names)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _rebuild_problem, (self.scenario.definition, self.names, self.score, self._sizes)
 
 

@@ -75,7 +75,11 @@ class TapeDrawer:
 
 
 def draw_lineage(
-    noise: NoiseSource, law: TapeLaw | None, run: Integers, stage: NDArray[Any], particle: NDArray[Any]
+    noise: NoiseSource,
+    law: TapeLaw | None,
+    run: Integers,
+    stage: NDArray[np.integer],
+    particle: NDArray[np.integer],
 ) -> Floats:
     """Draw tapes (P, K, noise_size) again whose steps were drawn for several addresses, K at most all steps.
 

@@ -7,7 +7,6 @@ observations, and a miss bounds the latent error only from one side, which leave
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import default_registry
@@ -47,7 +46,7 @@ class WeightedProblem(Problem):
             WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.named_chunk
         )
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return WeightedProblem, (self.target, self.proposal, self.needs)
 
 

@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Signals
 
 
-def check_signals(signals: Signals, n: int) -> dict[str, Any]:
+def check_signals(signals: Signals, n: int) -> Signals:
     """Return signals by name, each an array (n, ...).
 
     Raises:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from avrare.protocols import (
     Controller,
     Floats,
     PerceptionErrorModel,
+    Signals,
     Simulator,
     Specification,
     Tracker,
@@ -157,7 +158,7 @@ def _fails_from_drawn_starts(scenario: Scenario, stack: Stack, spec: Specificati
     return bool(spec.update(spec.start(_STARTS), signals)[1].violated.all())
 
 
-def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Mapping[str, Any]:
+def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Signals:
     try:
         return check_signals(stack.loop.signals(stack.loop.initial(noise)), len(noise))
     except AvrareError:
@@ -169,7 +170,7 @@ def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Mappin
         raise ScenarioError([(place, "check the options of its parts")]) from error
 
 
-def _check_relations(spec: Specification, signals: Mapping[str, object]) -> None:
+def _check_relations(spec: Specification, signals: Signals) -> None:
     for name in [] if spec.formula is None else spec.formula.signals:
         if name not in signals and name.endswith(")"):
             hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"

@@ -124,7 +124,7 @@ def _blank(seen: Observation, rows: Bools | None = None) -> Observation:
     elif not rows.any():
         return seen
 
-    def without(leaf: NDArray[Any]) -> NDArray[Any]:
+    def without(leaf: NDArray[np.generic]) -> NDArray[np.generic]:
         return np.where(rows[:, None], False if leaf.dtype == bool else np.nan, leaf)
 
     return batch.map_leaves(without, seen)

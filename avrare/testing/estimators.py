@@ -300,7 +300,7 @@ def _walk(formula: str) -> Problem:
     return Problem(systems.Walk(), stl(formula), 10)
 
 
-def _without_seconds(result: Result) -> dict[str, Any]:
+def _without_seconds(result: Result) -> dict[str, object]:
     entry: dict[str, Any] = json.loads(result.to_json())
     del entry["seconds"]
     return entry

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.protocols import Bools, Floats, System, SystemWrapper
+from avrare.protocols import Bools, Floats, Signals, System, SystemWrapper
 from avrare.rollout.child_process import run_here
 
 
@@ -136,6 +136,6 @@ class Scrambled(System):
         return {"x": np.where(state[:, 1] < self.steps, 2.0, np.mod(1e4 * state[:, 0], 1.0))}
 
 
-def constant(signals: dict[str, Any], t: int) -> Floats:
+def constant(signals: Signals, t: int) -> Floats:
     """Score without information: the same for all rows."""
     return np.zeros(len(signals["x"]))

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Floats, System
+from avrare.protocols import Floats, Signals, System
 from avrare.testing.exact_chain_probabilities import Chain, crossing, survival
 from avrare.testing.reference_problem import ReferenceProblem
 
@@ -139,7 +138,7 @@ class Lag:
 
     drift: float
 
-    def __call__(self, signals: dict[str, Any], t: int) -> Floats:
+    def __call__(self, signals: Signals, t: int) -> Floats:
         """Return the score (N,) at step ``t``."""
         return np.asarray(self.drift * t - signals["x"][:, t])
 
@@ -169,7 +168,7 @@ class Waiting:
     within: int
     last: int
 
-    def __call__(self, signals: dict[str, Any], t: int) -> Floats:
+    def __call__(self, signals: Signals, t: int) -> Floats:
         """Return the score (N,) at step ``t``; 2 at failure."""
         x, times = signals["x"], np.arange(t + 1)
         cleared = np.where(x <= _CLEAR, times, -1).max(axis=1, keepdims=True)

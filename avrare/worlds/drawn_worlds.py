@@ -68,7 +68,7 @@ class _Valued(World):
     def step(self, action: object, noise: Floats) -> None:
         self.world.step(action, noise[: self._own])
 
-    def signals(self) -> Mapping[str, Any]:
+    def signals(self) -> Mapping[str, object]:
         return self.world.signals()
 
     def observation(self) -> Any:

@@ -118,7 +118,7 @@ class Noisy(World):
         self.world.step(action, noise[: self._begin[0]])
         self._draw_error(noise)
 
-    def signals(self) -> Mapping[str, Any]:
+    def signals(self) -> Mapping[str, object]:
         """Return the world's own signals."""
         return self.world.signals()
 

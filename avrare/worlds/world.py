@@ -44,7 +44,7 @@ class World(ABC):
         """Advance by one step; ``action`` is a row of the controller's action, or None without controller."""
 
     @abstractmethod
-    def signals(self) -> Mapping[str, Any]:
+    def signals(self) -> Mapping[str, object]:
         """Return numbers (or arrays of fixed shapes) by name, which formulas read; called after each step."""
 
     def observation(self) -> Any:

@@ -42,7 +42,7 @@ class InputHistory:
         self.fault: Exception | None = None
         self.copies: dict[int, Any] = {}
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # Only the inputs are pickled: another process replays them.
         has_actions = bool(self.actions) and self.actions[0] is not None
         actions: Any = np.stack(self.actions) if has_actions else len(self.actions)

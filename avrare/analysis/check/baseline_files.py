@@ -66,7 +66,7 @@ class _StoredBaseline(BaseModel):
 
     @field_validator("resolved")
     @classmethod
-    def _has_specifications(cls, resolved: dict[str, object]) -> dict[str, Any]:
+    def _has_specifications(cls, resolved: dict[str, object]) -> dict[str, object]:
         named = resolved.get("specifications")
         if not isinstance(named, dict) or not all(isinstance(one, dict) for one in named.values()):
             raise ValueError("it holds no specifications")
@@ -150,11 +150,11 @@ def _numbers(folder: Path) -> dict[int, str]:
     return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
 
 
-def _encode_result(result: Result, first: Result | None) -> dict[str, Any]:
+def _encode_result(result: Result, first: Result | None) -> dict[str, object]:
     return _encode(result) | ({"first": _encode(first)} if first is not None else {})
 
 
-def _encode(result: Result) -> dict[str, Any]:
+def _encode(result: Result) -> dict[str, object]:
     fields = {name: value for name, value in result.to_dict().items() if name not in _OMITTED}
     return fields | {"evidence": finite(encode_distribution(derive_distribution(result)))}
 

@@ -93,7 +93,7 @@ def split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _collect_options(
     part: Sequence[str], settings: Sequence[str], scenario_block: Block | None
-) -> dict[str, Any]:
+) -> dict[str, object]:
     name, own = part[0], part[1:]
     for option in own:
         if "=" not in option:

@@ -80,7 +80,7 @@ class CrossCheckResult:
     noticed: float | None = None
     result: Result | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json."""
         return vars(self) | {"result": self.result and self.result.to_dict()}
 
@@ -300,7 +300,7 @@ class Result:
     def _repr_html_(self) -> str:
         return Results([self])._repr_html_()
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return self.__dict__ | {"origin": None}
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -164,7 +163,7 @@ class ScaledMonitor(Specification):
         """Return the further signals (N, steps + 1, V...) that the formula reads."""
         return {name: np.broadcast_to(x, (n, *x.shape)) for name, x in self._constants.items()}
 
-    def sample_at(self, signals: Signals, t: int) -> dict[str, Any]:
+    def sample_at(self, signals: Signals, t: int) -> Signals:
         """Return the formula's signals at sample ``t`` with the sizes among them."""
         signals = self.select(signals) if self.select else signals
         n = len(next(iter(signals.values())))

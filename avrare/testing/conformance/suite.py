@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, JsonValue, ValidationError
 
 from avrare.base.errors import AvrareError, PluginError, UsageError, did_you_mean
 from avrare.driving import Scene
@@ -100,7 +100,7 @@ class Subject:
         return self.component.build(config, self.scene)
 
 
-def _example(model: type[BaseModel]) -> dict[str, Any] | None:
+def _example(model: type[BaseModel]) -> dict[str, JsonValue] | None:
     """Return the first of ``model_config = ConfigDict(json_schema_extra={"examples": [...]})``."""
     extra = model.model_config.get("json_schema_extra")
     examples = extra.get("examples") if isinstance(extra, dict) else None

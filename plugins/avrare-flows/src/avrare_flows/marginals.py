@@ -9,6 +9,7 @@ broadcast, so that a simulator can have a different law for each particle.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -51,7 +52,9 @@ def to_normal(law: Marginal, x: Floats) -> Floats:
     return np.asarray(_by_tail(lower, upper, special.ndtri, lambda p: -special.ndtri(p)))
 
 
-def _by_tail(lower: Floats, upper: Floats, left: Any, right: Any) -> Floats:
+def _by_tail(
+    lower: Floats, upper: Floats, left: Callable[[Floats], Floats], right: Callable[[Floats], Floats]
+) -> Floats:
     """Return ``left(lower)`` in the lower half, ``right(upper)`` in the upper one."""
     return np.asarray(np.where(lower <= upper, left(np.minimum(lower, 0.5)), right(np.minimum(upper, 0.5))))
 

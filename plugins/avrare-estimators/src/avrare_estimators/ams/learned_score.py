@@ -166,7 +166,7 @@ class ScoreLearning:
             state, potentials=potentials, promise=promise, reason=f"rollouts held out promise {gain}"
         )
 
-    def diagnostics(self, plan: Plan) -> dict[str, Any]:
+    def diagnostics(self, plan: Plan) -> dict[str, object]:
         """Return the score in use and its promise, as JSON."""
         learned = self.potentials is not None
         score: dict[str, Any] = {"used": "learned" if learned else "problem", "reason": self.reason}
@@ -184,7 +184,7 @@ class ScoreLearning:
         score = own if self.potentials is None else "the learned committor"
         return (Note("score", f"The score is {score}: {self.reason}."),)
 
-    def artifacts(self, plan: Plan) -> dict[str, Any]:
+    def artifacts(self, plan: Plan) -> dict[str, object]:
         """Return the file of the score, for ``learned: FILE``."""
         if self.potentials is None:
             return {}

@@ -136,5 +136,5 @@ class LookAheadProblem(Problem):
         specifications = {target.names[0]: _ScoredAhead(monitor)}
         super().__init__(system, specifications, target.steps, "robustness", chunk=target.named_chunk)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return LookAheadProblem, (self.target, self.look_every)

@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.result.intervals import Interval
@@ -71,7 +71,7 @@ class Looks:
         share = self.share(done)
         return interval_at if share == 1.0 else partial(_widened, interval_at, share)
 
-    def diagnostics(self, relative_error: float) -> dict[str, Any]:
+    def diagnostics(self, relative_error: float) -> dict[str, object]:
         """Return the looks, and whether the goal was reached; empty without a goal."""
         if self.goal is None:
             return {}
@@ -145,7 +145,7 @@ class Pilot:
         least, most = (spent + runs * run for runs in (wanted, max(looks.runs[-1], done)))
         return CostForecast(kind, least, most, "by the pilot")
 
-    def diagnostics(self, size: int, name: str) -> dict[str, Any]:
+    def diagnostics(self, size: int, name: str) -> dict[str, object]:
         """Return the roots that the pilot promises, and the ``size`` of the runs: particles or chains."""
         return {"pilot_roots": self.roots, name: size}
 

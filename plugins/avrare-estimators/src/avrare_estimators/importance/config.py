@@ -50,7 +50,7 @@ def is_perception(proposal: object) -> bool:
     return isinstance(proposal, Mapping) or all(hasattr(proposal, name) for name in names)
 
 
-def _check_plugin(proposal: Mapping[str, object]) -> Mapping[str, Any]:
+def _check_plugin(proposal: Mapping[str, object]) -> Mapping[str, object]:
     from avrare.rollout.weighted_problem import check_proposal
 
     try:

@@ -100,7 +100,7 @@ class Route:
             for level, angle in zip(self.levels, self.angles, strict=True)
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return the route as JSON data; the proposal is told apart."""
         return {
             "levels": list(self.levels),

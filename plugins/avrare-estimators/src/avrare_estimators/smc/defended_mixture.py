@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
@@ -36,7 +36,7 @@ class DefendedMixture:
         """Number of sums that the density needs."""
         return self.mixture.terms
 
-    def choose(self, uniform: Floats, sums: Floats | None = None) -> Any:
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> NDArray[np.void]:
         """Return atoms and amounts (M, 2) of rows; none for rows of the target."""
         target: Floats | float = self.share
         if sums is not None:  # Bayes: a p / (a p + (1 - a) q) of the steps so far
@@ -48,7 +48,7 @@ class DefendedMixture:
         chosen["atom"][uniform[:, 0] < target] = NONE
         return chosen
 
-    def transform(self, noise: Floats, chosen: object, first: int) -> None:
+    def transform(self, noise: Floats, chosen: NDArray[np.void], first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
         self.mixture.transform(noise, chosen, first)
 

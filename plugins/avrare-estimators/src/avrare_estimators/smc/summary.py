@@ -190,7 +190,7 @@ def summarise(
 
 def _diagnostics(
     counted: Sequence[Counted], learned: Learned, learning: Learning | None, causes: Sequence[Cause]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     contributions = _joined(counted, "contributions")
     found = {
         "particles": counted[0].course.particles,

@@ -269,7 +269,7 @@ class Parameters:
             table[table[:, column] < low, column] = np.nan
         return table
 
-    def _numbers(self) -> dict[str, Any]:
+    def _numbers(self) -> dict[str, float]:
         found = {}
         for name, value in self.values.items():
             try:

@@ -42,12 +42,12 @@ class Learned:
         text = json.dumps(self._content(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def to_dict(self, names: NoiseNames | None) -> dict[str, Any]:
+    def to_dict(self, names: NoiseNames | None) -> dict[str, object]:
         """Return JSON data, with the names of the noise for people."""
         proposal = described(self.mixture, names) if self.mixture is not None and names is not None else {}
         return {**proposal, **self._content(), "digest": self.digest}
 
-    def _content(self) -> dict[str, Any]:
+    def _content(self) -> dict[str, object]:
         content: dict[str, Any] = {"steps": self.shape[0] - 1, "noise_size": self.shape[1]}
         if self.mixture is not None:
             content = {**self.mixture.to_dict()}

@@ -94,7 +94,7 @@ class Network:
         standard = np.clip(np.nan_to_num(standard, nan=0.0, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)
         return np.concatenate([standard, _times(len(self.centre))[steps]], axis=1)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return JSON data."""
         return {
             "centre": self.centre.tolist(),

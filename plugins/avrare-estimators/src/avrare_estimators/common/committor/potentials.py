@@ -108,7 +108,7 @@ class Potentials:
         """Return the log odds (n,) of reaching the deepest level at scheduled step number ``step``."""
         return self.network.log_odds(step, features)[:, -1]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Return JSON data."""
         levels = [None if np.isinf(level) else level for level in self.levels.tolist()]
         return {

@@ -154,7 +154,7 @@ class Lessons:
             return self.probability
         return float(self.elite[1].sum()) / len(self.violated) / 10.0
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> dict[str, object]:
         """Return the entry of the newest stage."""
         rows, elite = self.elite
         weights, violated = self.weights, self.violated

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.estimation.plan.plan import Plan
@@ -30,7 +29,7 @@ def check_shape(found: tuple[int, int], plan: Plan, path: str) -> None:
         raise UsageError(text, AGAIN)
 
 
-def described(mixture: TapeMixture, names: NoiseNames) -> dict[str, Any]:
+def described(mixture: TapeMixture, names: NoiseNames) -> dict[str, object]:
     """Return the content of a file's entry, with the names of the noise for people."""
     content = mixture.to_dict()
     for atom in content["atoms"]:

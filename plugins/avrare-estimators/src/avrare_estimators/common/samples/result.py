@@ -219,7 +219,7 @@ def _interval_of_weights(
     return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
 
 
-def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
+def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object]:
     found: dict[str, Any] = {
         "mean_weight": marks.mean,
         "mean_weight_error": marks.standard_error,
@@ -240,7 +240,7 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, Any]:
     return found
 
 
-def _describe_climb(level: float, groups: Groups) -> dict[str, Any]:
+def _describe_climb(level: float, groups: Groups) -> dict[str, object]:
     return {
         "level": level,
         "entered": float(groups.entered.mean()),

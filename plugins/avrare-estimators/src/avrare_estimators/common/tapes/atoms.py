@@ -68,7 +68,7 @@ class Atoms:
         """A."""
         return len(self.channel)
 
-    def take(self, index: object) -> Atoms:
+    def take(self, index: Integers) -> Atoms:
         """Return some of the atoms."""
         return Atoms(*(getattr(self, field.name)[index] for field in fields(self)))
 

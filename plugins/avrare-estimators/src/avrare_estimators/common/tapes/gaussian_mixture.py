@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
@@ -37,7 +38,7 @@ class GaussianMixture:
     std: Floats
 
     @staticmethod
-    def single(mean: object, std: object, shape: tuple[int, int]) -> GaussianMixture:
+    def single(mean: ArrayLike, std: ArrayLike, shape: tuple[int, int]) -> GaussianMixture:
         """Return one Gaussian from numbers or arrays that broadcast to (steps + 1, noise_size).
 
         Raises:

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
@@ -149,7 +150,7 @@ class TapeMixture:
         text = json.dumps(self.to_dict(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def choose(self, uniform: Floats, sums: Floats | None = None) -> Any:
+    def choose(self, uniform: Floats, sums: Floats | None = None) -> NDArray[np.void]:
         """Return atoms and amounts, a record array (M, 2), of rows with these uniform numbers (M, 3).
 
         The atom is ``NONE`` where there is no second. With ``sums`` (M, D + 1) all is drawn given the steps
@@ -190,7 +191,7 @@ class TapeMixture:
         grown = 1.0 + spread * self._lengths[_steps_of(sums)[:, None], direction]
         return np.asarray((own.shift + spread * along) / grown + np.sqrt(spread / grown) * normal)
 
-    def transform(self, noise: Floats, chosen: Any, first: int) -> None:
+    def transform(self, noise: Floats, chosen: NDArray[np.void], first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
         for column in range(chosen.shape[1]):
             atom, amount = chosen["atom"][:, column], chosen["amount"][:, column]
