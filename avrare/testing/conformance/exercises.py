@@ -16,7 +16,15 @@ import numpy as np
 from avrare.base import batch
 from avrare.base.errors import AvrareError
 from avrare.driving import Action, Observation, Prediction
-from avrare.protocols import Floats, PerceptionErrorModel, overrides
+from avrare.protocols import (
+    Controller,
+    Floats,
+    PerceptionErrorModel,
+    Simulator,
+    Specification,
+    Tracker,
+    overrides,
+)
 from avrare.testing.conformance import sample_traffic as road
 from avrare.testing.conformance.suite import Skipped, Subject
 
@@ -29,7 +37,7 @@ Between = Callable[[Any], Any]
 Play = Callable[[Any, Floats, Between], Iterator[Outputs]]
 
 
-def _simulator(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _simulator(part: Simulator, tape: Floats, between: Between) -> Iterator[Outputs]:
     world = part.reset(tape[:, 0])
     for step in range(STEPS + 1):
         if step:
@@ -37,7 +45,7 @@ def _simulator(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
         yield _named(step, part.signals(world)) | _features(part, world, step)
 
 
-def _step_world(part: Any, world: Any, noise: Floats) -> Any:
+def _step_world(part: Simulator, world: object, noise: Floats) -> object:
     # straight on if there is an ego, without an action in other simulators
     action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if part.scene else None
     try:
@@ -69,7 +77,7 @@ class _ActionProbe:
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __neg__ = _report
 
 
-def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
+def _reads_its_action(part: Simulator, world: object, noise: Floats) -> bool:
     # a step that fails on None without reading it has a fault
     try:
         part.step(world, _ActionProbe(), noise)
@@ -80,7 +88,7 @@ def _reads_its_action(part: Any, world: Any, noise: Floats) -> bool:
     return False
 
 
-def _perception(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _perception(part: PerceptionErrorModel, tape: Floats, between: Between) -> Iterator[Outputs]:
     lasting = overrides(part, PerceptionErrorModel.follow)
     memory = part.start(tape[:, 0, _ROAD:]) if lasting else None
     for step in range(STEPS + 1):
@@ -94,7 +102,7 @@ def _perception(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
             yield {f"log_prob at {step}": part.log_prob(world, observation)}
 
 
-def _tracker(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _tracker(part: Tracker, tape: Floats, between: Between) -> Iterator[Outputs]:
     track = part.start(road.world(tape[:, 0, :_ROAD], 0))
     for step in range(STEPS + 1):
         if step:
@@ -102,7 +110,7 @@ def _tracker(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
         yield _named(step, vars(part.predict(track, 3))) | _features(part, track, step)
 
 
-def _features(part: Any, state: Any, step: int) -> Outputs:
+def _features(part: Simulator | Tracker | Controller, state: object, step: int) -> Outputs:
     # What a part declares for learning must be as good as what it gives to others.
     declared = part.features(state)
     return {} if declared is None else {f"features at step {step}": declared}
@@ -116,7 +124,7 @@ def _observation(numbers: Floats, step: int) -> Observation:
     return Observation(detected, x, y, speed)
 
 
-def _controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _controller(part: Controller, tape: Floats, between: Between) -> Iterator[Outputs]:
     memory = part.start(len(tape))
     ahead = 0.2 * np.arange(part.horizon + 1)
     for step in range(STEPS + 1):
@@ -127,7 +135,7 @@ def _controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
         yield _named(step, vars(action)) | _features(part, memory, step)
 
 
-def _plain_controller(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _plain_controller(part: Controller, tape: Floats, between: Between) -> Iterator[Outputs]:
     memory = part.start(len(tape))
     for step in range(STEPS + 1):
         action, memory = part.act(between(memory), tape[:, step], None)
@@ -137,7 +145,7 @@ def _plain_controller(part: Any, tape: Floats, between: Between) -> Iterator[Out
 _MAX_OBSERVATION = 64
 
 
-def _observation_size(part: Any) -> int:
+def _observation_size(part: Controller) -> int:
     """Return the count of numbers that a controller without vehicles takes, by trying."""
     reason = ""
     for size in range(1, _MAX_OBSERVATION + 1):
@@ -150,7 +158,7 @@ def _observation_size(part: Any) -> int:
     raise Skipped(f"no observation of 1 to {_MAX_OBSERVATION} numbers fits it: {reason}")
 
 
-def _specification(part: Any, tape: Floats, between: Between) -> Iterator[Outputs]:
+def _specification(part: Specification, tape: Floats, between: Between) -> Iterator[Outputs]:
     state = part.start(len(tape))
     for step in range(STEPS + 1):
         signals = _AnySignals(tape[:, step], step)
