@@ -10,53 +10,59 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats, Signals, Specification, Verdict
+from avrare.rollout.request import Integers
 
-ScoreFunction = Callable[[dict[str, Any], int], Floats]
+_MemoryT = TypeVar("_MemoryT")
+_History = dict[str, NDArray[Any]]
+ScoreFunction = Callable[[_History, int], Floats]
 """``function(signals so far, t) -> (N,)``; signals have shape (N, t + 1, ...)."""
 _SCORE_HINT = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
 
 
 @dataclass(frozen=True)
-class ScoredState:
+class ScoredState(Generic[_MemoryT]):
     """State of a specification with a score of its own."""
 
-    inner: Any
+    inner: object
     score: Floats  # (N,) running score
-    memory: Any  # further state of the score
+    memory: _MemoryT  # further state of the score
 
 
-class _Scored(Specification):
+class _Scored(Specification, Generic[_MemoryT]):
     def __init__(self, inner: Specification) -> None:
         self.inner = inner
 
-    def start(self, n: int) -> ScoredState:
+    def start(self, n: int) -> ScoredState[_MemoryT]:
         """Return the state before sample 0."""
         return ScoredState(self.inner.start(n), np.full(n, -np.inf), self._start_memory(n))
 
-    def update(self, state: ScoredState, signals: Signals) -> tuple[ScoredState, Verdict]:
+    def update(self, state: ScoredState[_MemoryT], signals: Signals) -> tuple[ScoredState[_MemoryT], Verdict]:
         """Return state and verdict after one more sample."""
         inner, verdict = self.inner.update(state.inner, signals)
         score, memory = self._score(state, inner, signals)
         return ScoredState(inner, score, memory), replace(verdict, score=score)
 
-    def margin(self, state: ScoredState) -> Floats | None:
+    def margin(self, state: ScoredState[_MemoryT]) -> Floats | None:
         """Return the margin of the inner specification."""
         return self.inner.margin(state.inner)
 
-    def _start_memory(self, n: int) -> Any:
-        return None
+    def _start_memory(self, n: int) -> _MemoryT:
+        raise NotImplementedError
 
-    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
+    def _score(
+        self, state: ScoredState[_MemoryT], inner: object, signals: Signals
+    ) -> tuple[Floats, _MemoryT]:
         raise NotImplementedError
 
 
-class MarginScored(_Scored):
+class MarginScored(_Scored[Integers]):
     """Specification "always φ", scored by the lost share of the noise-free margin.
 
     ``nominal`` is the robustness (steps + 1,) of φ along the noise-free rollout, positive.
@@ -67,10 +73,12 @@ class MarginScored(_Scored):
         finite = nominal[np.isfinite(nominal)]
         self.nominal = np.where(np.isfinite(nominal), nominal, finite.max() if finite.size else 1.0)
 
-    def _start_memory(self, n: int) -> Any:
+    def _start_memory(self, n: int) -> Integers:
         return np.zeros(n, dtype=np.int64)
 
-    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
+    def _score(
+        self, state: ScoredState[Integers], inner: object, signals: Signals
+    ) -> tuple[Floats, Integers]:
         margin = self.inner.margin(inner)
         if margin is None:
             raise TypeError("a margin score needs a formula of the shape `always ...`")
@@ -88,39 +96,44 @@ class PrefixScored(Specification):
     def __init__(self, inner: Specification) -> None:
         self.inner = inner
 
-    def start(self, n: int) -> Any:
+    def start(self, n: int) -> object:
         """Return the state before sample 0."""
         return self.inner.start(n)
 
-    def update(self, state: object, signals: Signals) -> tuple[Any, Verdict]:
+    def update(self, state: object, signals: Signals) -> tuple[object, Verdict]:
         """Return state and verdict after one more sample."""
         state, verdict = self.inner.update(state, signals)
         return state, replace(verdict, score=-verdict.robustness)
 
 
-class FormulaScored(_Scored):
+class FormulaScored(_Scored[object]):
     """Specification scored by another formula, which only orders the particles."""
 
     def __init__(self, inner: Specification, guide: Specification) -> None:
         super().__init__(inner)
         self.guide = guide
 
-    def _start_memory(self, n: int) -> Any:
+    def _start_memory(self, n: int) -> object:
         return self.guide.start(n)
 
-    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
+    def _score(self, state: ScoredState[object], inner: object, signals: Signals) -> tuple[Floats, object]:
         guide, guided = self.guide.update(state.memory, signals)
         return guided.score, guide
 
 
-class FunctionScored(_Scored):
+class FunctionScored(_Scored[_History | None]):
     """Specification scored by the running maximum of a function of the signals so far."""
 
     def __init__(self, inner: Specification, function: ScoreFunction) -> None:
         super().__init__(inner)
         self.function = function
 
-    def _score(self, state: ScoredState, inner: object, signals: Signals) -> tuple[Floats, Any]:
+    def _start_memory(self, n: int) -> None:
+        return None
+
+    def _score(
+        self, state: ScoredState[_History | None], inner: object, signals: Signals
+    ) -> tuple[Floats, _History]:
         history = {name: np.array(values)[:, None] for name, values in signals.items()}
         if state.memory is not None:
             history = {
