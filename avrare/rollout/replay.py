@@ -66,7 +66,7 @@ def _replay_batch(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
 
 
 def _extract_row(
-    outcome: Rollouts, samples: list[tuple[Integers, Signals, Any]], row: int
+    outcome: Rollouts, samples: list[tuple[Integers, Signals, object]], row: int
 ) -> ReplayedRollout:
     found = [
         (int(np.searchsorted(rows, row)), signals, state) for rows, signals, state in samples if row in rows

@@ -177,7 +177,7 @@ class Branches:
                 "estimate with mc, or derive every random choice from the noise passed to the world",
             )
 
-    def test_copy(self, history: InputHistory, t: int, given: tuple[Any, Floats]) -> None:
+    def test_copy(self, history: InputHistory, t: int, given: tuple[object, Floats]) -> None:
         """Check that the first copy of this process continues like the world that it is a copy of."""
         self.untested = False
         spare = history.branch(t)

@@ -165,7 +165,7 @@ def _find_vehicle(result: MonitoringResult, distance: Floats) -> int:
     return names.index(named[0]) if named else int(np.argmin(distance[decisive.sample]))
 
 
-def _select(vehicles: Vehicles, index: object) -> Vehicles:
+def _select(vehicles: Vehicles, index: int | slice | list[int]) -> Vehicles:
     return Vehicles(*(values[..., index] for values in vars(vehicles).values()))
 
 

@@ -51,7 +51,7 @@ Execute = Callable[[Problem, Estimator, Settings], Result]
 """Runs an estimator on a problem with one specification."""
 
 
-def parse_cross_check(value: CrossCheck | Mapping[str, Any] | bool, estimator: str) -> CrossCheck | None:
+def parse_cross_check(value: CrossCheck | Mapping[str, object] | bool, estimator: str) -> CrossCheck | None:
     """Return the check that the argument of ``avrare.estimate`` stands for, None for False."""
     if isinstance(value, bool):
         check = CrossCheck() if value else None

@@ -78,7 +78,7 @@ class TapeGenerator(np.random.Generator):
         out[...] = values
         return out
 
-    def normal(self, loc: object = 0.0, scale: object = 1.0, size: object = None) -> Any:
+    def normal(self, loc: Any = 0.0, scale: Any = 1.0, size: Any = None) -> Any:
         """Draw as ``numpy.random.Generator`` does."""
         return loc + scale * self.standard_normal(_shape(size, loc, scale))
 

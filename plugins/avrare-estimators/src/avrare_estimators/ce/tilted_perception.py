@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from avrare.driving import Observation
+from avrare.driving import Observation, Scene
 from avrare.protocols import Floats
 
 INPUTS, OUTPUTS = 8, 5
 
 
-def network_inputs(world: Any, scene: Any) -> Floats:
+def network_inputs(world: Any, scene: Scene) -> Floats:
     """Return the visible state (N, V, 8) of each other vehicle.
 
     Distance ahead, to the left, and in all [m]; cosine and sine of its heading relative to the ego's; its
