@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,9 +79,7 @@ def _extract_row(
     )
 
 
-def tabulate_signals(
-    signals: Mapping[str, NDArray[Any]], scene: Scene | None = None
-) -> tuple[tuple[str, ...], Floats]:
+def tabulate_signals(signals: Signals, scene: Scene | None = None) -> tuple[tuple[str, ...], Floats]:
     """Return names (K,) and values (T, K) of all numbers of the signals (T, ...), by name.
 
     An entry for each other vehicle is named by the vehicle: ``others_x[van]``.

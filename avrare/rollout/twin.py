@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
+from avrare.protocols import System
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.stack.closed_loop import ClosedLoop
@@ -70,7 +71,7 @@ def _describe_tapes(problem: Any, twin: Any) -> str:
     return "; ".join(found)
 
 
-def _sizes(system: Any) -> dict[str, int]:
+def _sizes(system: System) -> dict[str, int]:
     """Return the noise numbers of each part of a system."""
     if not isinstance(system, ClosedLoop):
         return {"system": system.noise_size}
@@ -79,7 +80,7 @@ def _sizes(system: Any) -> dict[str, int]:
     return {"draws": drawn, "simulator": system.simulator.noise_size, "perception": own}
 
 
-def measure_cost(problem: object, twin: object) -> float:
+def measure_cost(problem: Any, twin: Any) -> float:
     """Return the time of a rollout of a twin over that of the stack, as the nearest power of 2."""
     seconds: dict[int, list[float]] = {0: [], 1: []}
     for _ in range(_REPEATS):  # in turns, and the least of them: other work on the machine only adds

@@ -42,7 +42,7 @@ class BurnIn:
         self._tracker, self._perception, self._steps, self._dt = tracker, perception, steps, dt
         self._perfect = find_perfect_noise(perception) if perception is not None else np.zeros(0)
 
-    def run(self, world: object, noise: Floats) -> tuple[Observation | None, Any, Any]:
+    def run(self, world: object, noise: Floats) -> tuple[Observation | None, object, object]:
         """Return observation, track and memory of perception at t = 0, from noise (N, P) of perception."""
         track, observation = self._tracker.start(world), None
         noise = noise[:, : len(self._perfect)]  # a proposal may need more

@@ -149,7 +149,7 @@ class ClosedLoop(System):
             return None
         return self.tracker.predict(state.track, self.controller.horizon)
 
-    def act(self, state: LoopState, noise: Floats | None = None) -> tuple[Any, Any]:
+    def act(self, state: LoopState, noise: Floats | None = None) -> tuple[object, object]:
         """Return the action of the next step and the controller's memory after it, None without one."""
         if self.controller is None:
             return None, None

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,7 @@ class DrawnStart:
         self._simulator, self._scene = simulator, simulator.scene
         self._specifications = specifications
 
-    def reset(self, noise: Floats) -> tuple[Any, DrawnValues]:
+    def reset(self, noise: Floats) -> tuple[World, DrawnValues]:
         """Return the worlds at t = 0 and what was drawn, from noise (N, K + the simulator's)."""
         scores, rest = noise[:, : self.size], noise[:, self.size :]
         values, world = self._place(scores, rest)
@@ -86,7 +85,7 @@ class DrawnStart:
         """Return the drawn values as signals (N,)."""
         return {name: drawn.values[:, k] for k, name in enumerate(self.signal_names)}
 
-    def _place(self, scores: Floats, rest: Floats) -> tuple[Floats, Any]:
+    def _place(self, scores: Floats, rest: Floats) -> tuple[Floats, World]:
         # Sums of products in one order: the bits of a row may not depend on the size of the batch.
         correlated = [
             sum((self._factor[k, j] * scores[:, j] for j in range(k)), self._factor[k, k] * scores[:, k])

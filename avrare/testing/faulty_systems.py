@@ -6,9 +6,12 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.protocols import Bools, Floats, Signals, System, SystemWrapper
 from avrare.rollout.child_process import run_here
+
+State = dict[str, NDArray[Any]]
 
 
 class Walk(System):
@@ -19,15 +22,15 @@ class Walk(System):
     def __init__(self, drift: float = 0.0, scale: float = 0.1) -> None:
         self.drift, self.scale = drift, scale
 
-    def initial(self, noise: Floats) -> Any:
+    def initial(self, noise: Floats) -> State:
         """Start all particles at 0."""
         return {"x": np.zeros(len(noise))}
 
-    def step(self, state: Any, noise: Floats) -> Any:
+    def step(self, state: State, noise: Floats) -> State:
         """Advance by one step."""
         return {"x": self.moved(state["x"], noise)}
 
-    def signals(self, state: Any) -> dict[str, Floats]:
+    def signals(self, state: State) -> dict[str, Floats]:
         """Return ``x`` (N,)."""
         return {"x": state["x"]}
 
@@ -92,19 +95,19 @@ class Fragile(Walk):
         """Return one whose x becomes NaN with probability ``chance``, at the start or at each step."""
         return cls("nan", NormalDist().inv_cdf(1.0 - chance), at_start)
 
-    def initial(self, noise: Floats) -> Any:
+    def initial(self, noise: Floats) -> State:
         """Start all particles at 0, or with an error."""
         return self._state(np.zeros(len(noise)), noise, self.at_start)
 
-    def step(self, state: Any, noise: Floats) -> Any:
+    def step(self, state: State, noise: Floats) -> State:
         """Advance by one step, or into an error."""
         return self._state(self.moved(state["x"], noise), noise, not self.at_start)
 
-    def faults(self, state: Any) -> Bools:
+    def faults(self, state: State) -> Bools:
         """Return the rows with a reported fault (N,)."""
         return np.asarray(state["bad"] & (self.how == "fault"))
 
-    def _state(self, x: Floats, noise: Floats, now: bool) -> Any:
+    def _state(self, x: Floats, noise: Floats, now: bool) -> State:
         bad = (noise[:, 1] > self.beyond) & now
         if self.how == "raise" and bad.any():
             raise RuntimeError("the planner gave up")

@@ -10,7 +10,7 @@ import numpy as np
 
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.executors.work import Work, run_errand
+from avrare.rollout.executors.work import Executor, Work, run_errand
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
@@ -82,7 +82,7 @@ def _add(problem: Problem, number: Any) -> int:
     return problem.steps + int(number)
 
 
-def _outcomes(executor: Any) -> list[Any]:
+def _outcomes(executor: Executor) -> list[Any]:
     executor.open(_work())
     with closing(executor):
         return list(executor.map(_chunks(_CHUNKS)))

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from avrare.driving import Observation, Scene
+from avrare.driving import Observation, Scene, World
 from avrare.protocols import Floats
 
 INPUTS, OUTPUTS = 8, 5
 
 
-def network_inputs(world: Any, scene: Scene) -> Floats:
+def network_inputs(world: World, scene: Scene) -> Floats:
     """Return the visible state (N, V, 8) of each other vehicle.
 
     Distance ahead, to the left, and in all [m]; cosine and sine of its heading relative to the ego's; its
@@ -109,7 +109,7 @@ class TiltedPerception:
         """Noise size of the target."""
         return int(self.target.noise_size)
 
-    def law(self, world: object) -> Any:
+    def law(self, world: World) -> Any:
         """Return the target's law of the observation of ``world``, tilted."""
         law, tilt = self.target.law(world), self.network(network_inputs(world, self.target.scene))
         odds = law.detect * np.exp(tilt[..., 0])
@@ -122,16 +122,16 @@ class TiltedPerception:
             scale=law.scale * np.exp(tilt[..., 3:5]),
         )
 
-    def observe(self, world: object, noise: Floats) -> Observation:
+    def observe(self, world: World, noise: Floats) -> Observation:
         """Draw one observation of every other vehicle."""
         return self.law(world).draw(world, noise)  # type: ignore[no-any-return]
 
-    def log_prob(self, world: object, observation: Observation) -> Floats:
+    def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the log density (N,) of an observation."""
         return self.law(world).log_prob(world, observation)  # type: ignore[no-any-return]
 
 
-def residuals(law: Any, world: Any, observation: Observation) -> Floats:
+def residuals(law: Any, world: World, observation: Observation) -> Floats:
     """Return the errors (N, V, 2) along and across each vehicle over the law's scale; 0 where missed."""
     others = world.others
     dx = np.where(observation.detected, others.x - observation.x, 0.0)
