@@ -174,7 +174,7 @@ def build(config: FunctionConfig, scene: Scene | None) -> FunctionController:
     return FunctionController(function, config.batched, scene)
 
 
-def _run(path: Path) -> Any:
+def _run(path: Path) -> object:
     if not path.is_file():
         raise UsageError(f"{path}: no such file", "its path is relative to the current folder")
     module = ModuleType(path.stem)

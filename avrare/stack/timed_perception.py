@@ -98,7 +98,7 @@ class TimedPerception(PerceptionErrorModel):
         used = fresh[:, None] & (np.arange(self._capacity) >= newest[:, None])
         return _blank(read, ~fresh), FrameQueue(step, frames, np.where(used, _NEVER, waits), inner)
 
-    def locate(self, ego: object, memory: FrameQueue) -> Any:
+    def locate(self, ego: object, memory: FrameQueue) -> object:
         """Return the ego as the planner believes it, without delay."""
         return self._model.locate(ego, memory.model)
 

@@ -80,7 +80,7 @@ class _Valued(World):
     def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         return self.world.named(table)
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> object:
         return self.world.snapshot()
 
     def restore(self, snapshot: object) -> None:

@@ -131,7 +131,7 @@ class Noisy(World):
         """Hand values of options on to the world."""
         self.world.assign(values)
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> object:
         """Return a copy of the world's state and of the error of its observation."""
         return self.world.snapshot(), self._error
 

@@ -55,7 +55,7 @@ class World(ABC):
         """Add ``delta`` to the state, after a reset; without it ``Noisy`` refuses ``initial``."""
         raise NotImplementedError
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> object:
         """Return a copy of the state, for ``copy="hook"``."""
         raise NotImplementedError
 
@@ -90,7 +90,7 @@ class NotDeterministic(UsageError):
     """World that does not depend on its noise alone, where that is required."""
 
 
-def observed(world: World, signals: Mapping[str, Any]) -> Any:
+def observed(world: World, signals: Mapping[str, Any]) -> object:
     """Return the observation (d,) of ``world``, whose signals are given."""
     seen = world.observation()
     if seen is not None:

@@ -100,7 +100,7 @@ class WorldPool:
         if world is not None:
             close(world)
 
-    def snapshot(self, world: World) -> Any:
+    def snapshot(self, world: World) -> object:
         """Copy the state of ``world``; None where copies are made by replay."""
         if self.copying == "replay":
             return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -90,7 +89,7 @@ def _find(scenario: ParametricScenario, path: str) -> Floats:
     return found
 
 
-def _network_array(scenario: ParametricScenario, path: str) -> Any:
+def _network_array(scenario: ParametricScenario, path: str) -> object:
     controller = scenario.scenario.stack.loop.controller
     if controller is not None and controller.arrays and path.startswith(_ARRAYS):
         name = path.removeprefix(_ARRAYS)

@@ -54,7 +54,7 @@ class SerialExecutor(Executor):
             faulthandler.disable()
             self._says_where = False
 
-    def _run(self, task: Task) -> Any:
+    def _run(self, task: Task) -> object:
         if isinstance(task, Errand):
             return run_guarded(task.purpose, self._work.problem.system, partial(self._work.run, task))
         return self._work.run(task)

@@ -93,7 +93,7 @@ class WorkerProcess:
         self._process.join()
 
 
-def unpack(answer: bytes) -> Any:
+def unpack(answer: bytes) -> object:
     """Return the outcome in an answer, or raise the exception in it."""
     outcome = pickle.loads(answer)
     if isinstance(outcome, BaseException):
@@ -143,7 +143,7 @@ def _serve(connection: Connection) -> None:
             connection.send_bytes(pack(work, connection.recv()))
 
 
-def _read_work(payload: bytes) -> Any:
+def _read_work(payload: bytes) -> object:
     try:
         return pickle.loads(payload)
     except Exception as error:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.base.errors import AvrareError
@@ -66,7 +67,7 @@ class _ActionRead(Exception):
     """Raised when a probe in place of an action is read."""
 
 
-def _report(*_: object) -> Any:
+def _report(*_: object) -> object:
     raise _ActionRead
 
 
@@ -166,18 +167,19 @@ def _specification(part: Specification, tape: Floats, between: Between) -> Itera
         yield _named(step, vars(verdict))
 
 
-class _AnySignals(Mapping[str, Any]):
+class _AnySignals(Mapping[str, NDArray[Any]]):
     """Signals of the traffic, and a wave (N,) under any other name."""
 
     def __init__(self, numbers: Floats, step: int) -> None:
         self._numbers, self._step = numbers, step
         self._traffic = road.signals(road.world(numbers, step))
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> NDArray[Any]:
         if name in self._traffic:
             return self._traffic[name]
         column = zlib.crc32(name.encode()) % self._numbers.shape[1]
-        return np.sin(0.7 * self._step) + self._numbers[:, column]
+        wave: Floats = np.sin(0.7 * self._step) + self._numbers[:, column]
+        return wave
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str)
@@ -227,7 +229,7 @@ class Exercise:
         return dict(item for some in self._play(self._part, tape, between) for item in some.items())
 
 
-def split_and_joined(state: object) -> Any:
+def split_and_joined(state: object) -> object:
     """Take a state apart and join it, as the splitting estimators do."""
     if not batch.leaves(state):
         return state
@@ -236,7 +238,7 @@ def split_and_joined(state: object) -> Any:
     return batch.concatenate([batch.take(state, first), batch.take(state, rest)])
 
 
-def read_only(state: object) -> Any:
+def read_only(state: object) -> object:
     """Return a copy that cannot be written to."""
     own = batch.separated(state)
     for leaf in batch.leaves(own):

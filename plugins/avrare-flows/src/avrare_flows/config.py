@@ -14,12 +14,12 @@ from avrare.scenario.fingerprint import named_files
 from avrare.scenario.validation import check_options
 
 
-def _tuples(value: object) -> Any:
+def _tuples(value: object) -> object:
     # Frozen models hold no lists.
     return tuple(_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
-def _law_tuple(value: object) -> Any:
+def _law_tuple(value: object) -> object:
     return _tuples([value] if isinstance(value, dict) else value)
 
 

@@ -99,7 +99,7 @@ class WeightedSystem(SystemWrapper):
         x, weight = self._warped(noise)
         return WeightedState(self.system.step(state.state, x), state.log_weight + weight)
 
-    def unwrap(self, state: WeightedState) -> Any:
+    def unwrap(self, state: WeightedState) -> object:
         """Return the state of the system over physical noise."""
         return state.state
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
-def _tuple(value: object) -> Any:
+def _tuple(value: object) -> object:
     """Return a list as a tuple: strict validation takes no lists."""
     return tuple(value) if isinstance(value, list) else value
 

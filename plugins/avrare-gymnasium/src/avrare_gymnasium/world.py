@@ -142,7 +142,7 @@ class GymWorld(World):
         numbers: list[float] = observation.ravel().tolist()
         return numbers
 
-    def _snapshot(self) -> Any:
+    def _snapshot(self) -> object:
         inner: Any = self.env.unwrapped
         numbers = self.observed, self.outcome, self.steps, dict(self.attributes)
         return inner.snapshot(), copy.deepcopy(inner.np_random), *numbers

@@ -34,7 +34,7 @@ def _stack(depth: int) -> Callable[[Any], Any]:
     return lambda value: _tuples([value] if _depth(value) == depth else value)
 
 
-def _covariances(value: Any) -> Any:
+def _covariances(value: Any) -> object:
     if _depth(value) != 1:
         return _stack(2)(value)
     value = _tuples(value)

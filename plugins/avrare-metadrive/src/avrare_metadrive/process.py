@@ -60,7 +60,7 @@ class Process:
             theirs.close()
         return Process(ours)
 
-    def _ask(self, name: str, arguments: tuple[object, ...], handle: int | None = None) -> Any:
+    def _ask(self, name: str, arguments: tuple[object, ...], handle: int | None = None) -> object:
         try:
             self._connection.send((name, arguments))
             if handle is not None:

@@ -65,7 +65,7 @@ class LookAhead(SystemWrapper):
         """Return the system's signals and the score."""
         return {**self.system.signals(state.inner), _SIGNAL: state.score}
 
-    def unwrap(self, state: AheadState) -> Any:
+    def unwrap(self, state: AheadState) -> object:
         """Return the state of the system; rows whose continuation would break down have not done so."""
         return state.inner
 

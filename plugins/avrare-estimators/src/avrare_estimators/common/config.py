@@ -31,7 +31,7 @@ def allow_name(names: Any, choice: Any) -> BeforeValidator:
     return BeforeValidator(_expand_name, json_schema_input_type=names | choice)
 
 
-def _expand_name(choice: object) -> Any:
+def _expand_name(choice: object) -> object:
     return {"name": choice} if isinstance(choice, str) else choice
 
 

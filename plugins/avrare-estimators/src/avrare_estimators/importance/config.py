@@ -26,7 +26,7 @@ MOST_CLIMBING_RUNS = 16
 """Runs that have addresses of their own for the noise of their chains."""
 
 
-def _list_numbers(numbers: object) -> Any:
+def _list_numbers(numbers: object) -> object:
     return numbers.tolist() if hasattr(numbers, "tolist") else numbers
 
 
@@ -60,7 +60,7 @@ def _check_plugin(proposal: Mapping[str, object]) -> Mapping[str, object]:
     return proposal
 
 
-def _check_object(proposal: object) -> Any:
+def _check_object(proposal: object) -> object:
     if isinstance(proposal, NoiseProposal) or (is_perception(proposal) and not isinstance(proposal, Mapping)):
         return proposal
     raise ValueError(

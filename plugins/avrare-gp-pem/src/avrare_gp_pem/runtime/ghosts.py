@@ -248,7 +248,7 @@ class GhostPem:
         own = int(self.vehicles.noise_size)
         return noise[:, :own], noise[:, own:].reshape(len(noise), self.ghosts.slots, NOISE_PER_GHOST)
 
-    def _share(self, world: World) -> Any:
+    def _share(self, world: World) -> object:
         """Return the probability that a renewed slot holds a ghost, in the world's weather."""
         law, weather = self.ghosts, weather_of(world)
         if not law.weather or weather is None:

@@ -100,7 +100,7 @@ class GpPem(LawPem):
         return scale_law(self.variant.law(box, self.config.speed_sd), self.config)
 
 
-def build_gp(config: GpPemConfig, scene: Scene) -> Any:
+def build_gp(config: GpPemConfig, scene: Scene) -> object:
     """Build the fitted model for a scene.
 
     Raises:
@@ -128,7 +128,7 @@ def build_gp(config: GpPemConfig, scene: Scene) -> Any:
     )
 
 
-def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any, heading: Any) -> Any:
+def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any, heading: Any) -> object:
     """Return a model with errors of motion, persistence and ghosts, as far as they are wanted."""
     full = with_motion_errors(model, config.speed_y_sd, heading)
     kinds = full.kinds if isinstance(full, MotionErrorPem) else ()
@@ -207,7 +207,7 @@ class ParametricPem(LawPem):
         return scale_law(law, config)
 
 
-def build_parametric(config: ParametricPemConfig, scene: Scene) -> Any:
+def build_parametric(config: ParametricPemConfig, scene: Scene) -> object:
     """Build the parametric model for a scene."""
     model = ParametricPem(config, scene)
     return _with_options(model, config, config.persistence, config.ghosts, config.heading)
@@ -276,6 +276,6 @@ class NaivePem:
         return density
 
 
-def build_naive(config: NaivePemConfig, scene: Scene) -> Any:
+def build_naive(config: NaivePemConfig, scene: Scene) -> object:
     """Build the naive model for a scene."""
     return _with_options(NaivePem(config, scene), config, config.persistence, config.ghosts, config.heading)

@@ -178,7 +178,7 @@ class Kernel:
     note = ""
     rollouts = 1.0
 
-    def init(self, runs: int) -> Any:
+    def init(self, runs: int) -> object:
         """Return the tuning before the first level."""
         return ()
 
@@ -201,11 +201,11 @@ class Kernel:
         """Continue the step; ``points`` are the proposals of the waiting chains."""
         raise NotImplementedError
 
-    def adapt(self, tuning: Any, outcome: StepOutcome) -> Any:
+    def adapt(self, tuning: Any, outcome: StepOutcome) -> object:
         """Return the tuning after a finished step; called in the pilot only."""
         return tuning
 
-    def watch(self, tuning: Any, outcome: StepOutcome) -> Any:
+    def watch(self, tuning: Any, outcome: StepOutcome) -> object:
         """Return the tuning after a step of either pass (in the one that counts, chains ignore it)."""
         return tuning
 
