@@ -25,6 +25,7 @@ CODES = {
     "sensitivity": {0, 4, 5, 6},
     "falsify": {0, 1, 4, 5, 6},
     "replay": {0, 1, 4, 5},
+    "scenes": {0, 1, 4, 5},
     "check-plugin": {0, 1, 4, 5},
 }
 """Command -> exit codes that an input may lead to; of all others 0, 4, 5."""

@@ -18,7 +18,7 @@ def strike(random):
         Path("catalogue.yaml").write_bytes(as_text(reduce_sizes(tree)))
         return ["rate", "catalogue.yaml", "--quiet", "--out", "o", "--budget", "rollouts=150"]
     if what == 1:
-        path = pick(random, sorted(Path("search").rglob("*.*")))
+        path = pick(random, sorted(file for file in Path("search").rglob("*.*") if file.is_file()))
         path.write_bytes(_damaged(path, random))
         return SEARCH
     if what == 2:

@@ -34,7 +34,7 @@ examples:
   avrare scenes openscenario/
   avrare scenes cut_in.xosc --trace drive.csv --dt 0.01 --until 20
 
-exit code: 0 all are read, 3 some are refused
+exit code: 0 all are read, 1 some are refused
 """
 
 
@@ -88,6 +88,8 @@ def list_scenes(paths: Sequence[str]) -> list[str]:
     """
     scenes: list[str] = []
     for path in paths:
+        if not Path(path).exists():
+            raise UsageError(f"{path}: no such file or folder", "check the path")
         if not Path(path).is_dir():
             scenes.append(path)
             continue
