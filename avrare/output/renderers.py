@@ -6,12 +6,13 @@ Each imports what it needs when it is called, so that ``import avrare`` is fast.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
     from avrare.analysis.compare.comparison import Comparison
     from avrare.analysis.monitor.monitoring import MonitoringResult
     from avrare.base.plot import Plot
