@@ -247,7 +247,7 @@ class _Simulation:
         if before is not None:
             ended = self._find_ended(before.system, len(rows))
             if ended is not None and ended.any():  # what was judged before stays
-                carry = batch.choose(ended, replace(before, system=state), carry)
+                carry = replace(carry, verdicts=batch.choose(ended, before.verdicts, carry.verdicts))
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
         if unknown.any():
             text = "the formula has no value: log or sqrt of a negative number, infinity - infinity, or 0/0"
