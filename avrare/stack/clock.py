@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Scene
@@ -80,6 +81,11 @@ class Clock:
 def round_up(steps: float) -> int:
     """Return the least number of whole steps that is no less, but for rounding."""
     return math.ceil(steps - _SAME)
+
+
+def round_all_up(steps: Floats) -> NDArray[np.int64]:
+    """Round each of (N,) up, as ``round_up`` does."""
+    return np.ceil(steps - _SAME).astype(np.int64)
 
 
 def move_samples(prediction: Prediction, first: float, stride: float, steps: int) -> Prediction:

@@ -13,7 +13,7 @@ from avrare.base import batch
 from avrare.driving import Observation, Prediction
 from avrare.protocols import Bools, Floats, PerceptionErrorModel, Tracker
 from avrare.scenario.timing import Timing
-from avrare.stack.clock import Clock, move_samples, round_up
+from avrare.stack.clock import Clock, move_samples, round_all_up, round_up
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 from avrare.stack.observing import observe
 
@@ -111,7 +111,7 @@ class TimedPerception(PerceptionErrorModel):
         waits = np.full(len(noise), self._clock.latency)
         if timing.perception_jitter:
             late = timing.perception_latency + timing.perception_jitter * np.maximum(next(columns), 0.0)
-            waits = np.array([round_up(steps) for steps in (late / self._clock.dt).tolist()])
+            waits = round_all_up(late / self._clock.dt)
         if timing.lost_frames:
             waits = np.where(next(columns) < NormalDist().inv_cdf(timing.lost_frames), _NEVER, waits)
         return waits

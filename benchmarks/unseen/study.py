@@ -63,12 +63,12 @@ class Outcome:
 
     @property
     def covers(self) -> bool:
-        """Whether the interval covers the truth."""
+        """True where the interval covers the truth."""
         return self.low <= self.truth <= self.high
 
     @property
     def misses(self) -> bool:
-        """Whether the interval misses the truth by more than a factor of three."""
+        """True where the interval misses the truth by more than a factor of three."""
         return self.high * 3.0 < self.truth or self.low > self.truth * 3.0
 
 

@@ -1,6 +1,7 @@
 """A warning that doubts an estimate opens its interval; nothing else does."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -65,3 +66,14 @@ def test_at_most_twelve_warnings_doubt_an_interval_and_each_says_what_to_do():
     assert not MAY_MISS_FAILURES & MAY_SCATTER
     for name in DOUBTS - {"heuristic_kernel"}:  # its text is the kernel's
         assert any(word in texts[name] for word in ("use ", "compare with", "raise ")), name
+
+
+def test_an_open_interval_is_never_narrowed_by_a_later_doubt():
+    template = avrare.estimate(reference_problem("a_beta_-2").problem(), "mc", rollouts=100)
+    at = partial(intervals.log_normal, 1e-4, 0.04, freedom=20)
+    result = replace(template, probability=1e-4, interval_at=at, fresh=FreshRows(50_000))
+    opened = open_interval(result, ["outliers"], least_upper=0.02)
+    for later in (["contradicted"], ["weight_degenerate"]):
+        low, high = open_interval(opened, later, least_upper=0.01).interval
+        assert high >= 0.02
+        assert low <= opened.interval[0]

@@ -56,6 +56,17 @@ def test_disagreement_is_wide_and_the_larger_stands(template):
     assert "disagree" in words
 
 
+@pytest.mark.parametrize("name", ["outliers", "unchecked"])
+def test_a_finding_of_a_probe_holds_until_its_doubt_is_answered(template, name):
+    first = open_interval(witness(template, "is", 1e-4), [name], least_upper=0.02)
+    first = replace(first, health={name: "a reason"})
+    for probability in (1.2e-4, 0.0):  # agrees; says too little
+        result, _ = reconcile(first, witness(template, "ams", probability), 0.95)
+        doubted = name in result.health
+        assert doubted == (name == "outliers" or not probability)
+        assert (result.interval[1] >= 0.02) == doubted
+
+
 @pytest.mark.parametrize(("probability", "error"), [(0.0, np.nan), (3e-4, 1.0)])
 def test_a_witness_of_little_power_answers_nothing(template, probability, error):
     first = witness(template, "is", 1e-4, health=["unchecked"])

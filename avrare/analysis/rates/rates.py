@@ -16,7 +16,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.verdict import describe_assumption, is_below, worst_verdict
+from avrare.estimation.result.verdict import describe_assumption, is_above, is_below, worst_verdict
 
 BROKEN = "more rollouts ended in an error than allowed"
 _OWN_FIELDS = (
@@ -310,7 +310,7 @@ def _decide(
     if is_below(high, threshold.limit, strict):
         objections = {name: list(scene.warnings) for name, scene in scenes.items()}
         verdict = "pass"
-    elif low > threshold.limit:
+    elif is_above(low, threshold.limit, strict):
         objections, verdict = {name: sorted(scene.doubts) for name, scene in scenes.items()}, "fail"
     else:
         return Decision(threshold, "inconclusive")

@@ -27,7 +27,7 @@ class SceneEstimate:
 
     @property
     def follows_counts(self) -> bool:
-        """Whether the interval follows from the numbers of failures and rollouts alone.
+        """True where the interval follows from the numbers of failures and rollouts alone.
 
         The counts of an ensemble are of one model, and its rollouts of all.
         """

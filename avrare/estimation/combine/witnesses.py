@@ -30,7 +30,8 @@ _FREEDOM = 8
 def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str]:
     """Return the result of two witnesses, at the cost of both, and what they say of each other.
 
-    Their shares of the mean are equal, whatever they have found: it stays unbiased.
+    Their shares of the mean are equal, whatever they have found. Which estimate stands where they disagree
+    depends on them, so that one is not unbiased; its interval holds both.
     """
     outcome, noticed = compare(undo_opening(first), undo_opening(second))
     if outcome == "agree" and noticed > MOST_NOTICED:
@@ -72,6 +73,7 @@ def _mean(first: Result, second: Result) -> Result:
     variance = sum((one.relative_error * one.probability / mean / 2.0) ** 2 for one in pair)
     errors = max(one.errors / max(one.rollouts, 1) for one in pair)
     kept = [{name: text for name, text in one.health.items() if name not in _ANSWERED} for one in pair]
+    doubted = (one for one, health in zip(pair, kept, strict=True) if DOUBTS.intersection(health))
     weights = first.failures.weights
     if weights is not None:
         weights = weights * (mean / first.probability)
@@ -82,6 +84,7 @@ def _mean(first: Result, second: Result) -> Result:
         relative_error=float(np.sqrt(variance)),
         interval_at=partial(intervals.log_normal, mean, variance, freedom=_FREEDOM, errors=errors),
         unopened_at=None,
+        least_upper=max((one.least_upper for one in doubted), default=0.0),
         health=kept[1] | kept[0],
         failures=replace(first.failures, weights=weights),
     )

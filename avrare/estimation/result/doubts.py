@@ -22,7 +22,7 @@ DOUBTS = MAY_MISS_FAILURES | MAY_SCATTER
 
 
 def open_interval(result: Result, warnings: Collection[str], least_upper: float = 0.0) -> Result:
-    """Return a result whose interval holds whatever its warnings doubt.
+    """Return a result whose interval holds whatever its warnings doubt; one that is open already only widens.
 
     The upper end is at least the exact one of all rollouts drawn from the target, and what a check allows.
     The lower end, where the estimate may be too high, is that of Markov's inequality: an unbiased estimate
@@ -36,12 +36,13 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
     found = DOUBTS.intersection(warnings)
     if not found or result.fresh is None:
         return result
-    scatters, mean = bool(MAY_SCATTER & found), result.probability
-    unopened = at = result.unopened_at or result.interval_at
-    if "weight_degenerate" in found:  # the scatter of such weights says nothing
+    scatters, mean, at = bool(MAY_SCATTER & found), result.probability, result.interval_at
+    if "weight_degenerate" in found and result.unopened_at is None:  # their scatter says nothing
         at = partial(_point, mean)
+    least_upper = max(least_upper, result.least_upper)
     opened = partial(_open, mean, at, result.fresh, scatters, least_upper)
-    return replace(result, interval_at=opened, unopened_at=unopened)
+    unopened = result.unopened_at or result.interval_at
+    return replace(result, interval_at=opened, unopened_at=unopened, least_upper=least_upper)
 
 
 def undo_opening(result: Result) -> Result:

@@ -148,6 +148,7 @@ class Result:
             None where every rollout was drawn from the target, as in Monte Carlo.
         fresh: Counts of the rollouts drawn from the target, where that is not all of the estimate.
         unopened_at: ``interval_at`` before doubts opened it; None where nothing did.
+        least_upper: Probability that a probe or a check of the estimate allows, whatever the estimate says.
         cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
@@ -180,6 +181,7 @@ class Result:
     blind_bound: float | None = None
     fresh: FreshRows | None = None
     unopened_at: Callable[[float], Interval] | None = field(default=None, compare=False)
+    least_upper: float = field(default=0.0, compare=False)
     cross_check: CrossCheckResult | None = None
     seconds: float = 0.0
     relation: str = "violated"

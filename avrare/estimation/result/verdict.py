@@ -25,7 +25,7 @@ def judge(result: Result, threshold: Threshold) -> Verdict:
     low, high = result.interval_at(threshold.confidence)
     if is_below(high, threshold.limit, threshold.strict):
         return "inconclusive" if result.health else grade_pass(result, threshold)
-    if low > threshold.limit or (low == threshold.limit and threshold.strict):
+    if is_above(low, threshold.limit, threshold.strict):
         return "inconclusive" if find_doubts(result.health) else "fail"
     return "inconclusive"
 
@@ -38,6 +38,11 @@ def find_doubts(health: Iterable[str]) -> frozenset[str]:
 def is_below(end: float, limit: float, strict: bool) -> bool:
     """Return whether the end of an interval lies below a limit, or at it unless ``strict``."""
     return end < limit or (end == limit and not strict)
+
+
+def is_above(end: float, limit: float, strict: bool) -> bool:
+    """Return whether the end of an interval breaks a limit: above it, or at it where it is ``strict``."""
+    return end > limit or (end == limit and strict)
 
 
 def grade_pass(result: Result, threshold: Threshold) -> Verdict:

@@ -1,4 +1,4 @@
-"""What every problem is: a system with a formula, its driving meaning and its exact failure probability."""
+"""Problem: a system with a formula, its driving meaning and its exact failure probability."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Driver:
 
 @dataclass(frozen=True)
 class Reaction:
-    """How far each driver has come with its reaction.
+    """Progress of each driver's reaction.
 
     Attributes:
         delay: Time until it may brake [s].

@@ -41,7 +41,7 @@ _STIFFNESS = 0.4
 
 @dataclass(frozen=True)
 class Drive:
-    """What V vehicles of N particles are doing.
+    """Motions of V vehicles of N particles.
 
     Attributes:
         heading: (N, V) heading of the bodies against their lanes, lane changes aside [rad].

@@ -48,7 +48,7 @@ def lane_direction(roads: RoadMap, y: Floats, s: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Starts:
-    """What the file says of the start.
+    """Start as the file gives it.
 
     Attributes:
         places: Place of each vehicle.
