@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING
 import avrare.base.renderers as _table
 import avrare.output.renderers as _renderers
 
-if TYPE_CHECKING:  # the only list of the public names: ``find_modules`` reads it, too
-    from avrare.analysis.causes.require import require as require
-    from avrare.analysis.causes.scenario_parameters import sensitivity as sensitivity
-    from avrare.analysis.causes.synthesis import synthesize as synthesize
+if TYPE_CHECKING:  # the public names of the core: ``find_modules`` reads them, too
     from avrare.analysis.causes.why import why as why
     from avrare.analysis.check.check import check as check
     from avrare.analysis.check.validation import validate as validate
@@ -52,12 +49,17 @@ else:
     def __getattr__(name: str) -> object:
         import importlib
 
-        modules = find_modules()
         if name == "__all__":
-            return sorted(modules)
-        if name not in modules:
+            return __dir__()
+        modules = find_modules()
+        if name in modules:
+            value = getattr(importlib.import_module(modules[name]), name)
+        elif name.startswith("_"):  # Python asks for some of these by itself
             raise AttributeError(f"module 'avrare' has no attribute {name!r}")
-        value = getattr(importlib.import_module(modules[name]), name)
+        else:
+            from avrare.plugin.provided import load_function
+
+            value = load_function(name)
         globals()[name] = value
         return value
 
@@ -66,12 +68,14 @@ _table.fill(_renderers.RENDERERS)
 
 
 def __dir__() -> list[str]:
-    return sorted(find_modules())
+    from avrare.plugin.provided import list_functions
+
+    return sorted([*find_modules(), *list_functions()])
 
 
 @functools.cache
 def find_modules() -> dict[str, str]:
-    """Return the module of each public name, read from the imports above."""
+    """Return the module of each public name, read from the imports ``NAME as NAME`` above."""
     import ast
     from pathlib import Path
 
@@ -82,4 +86,5 @@ def find_modules() -> dict[str, str]:
         for statement in imports
         if statement.module is not None and statement.module.startswith("avrare.")
         for alias in statement.names
+        if alias.asname == alias.name
     }

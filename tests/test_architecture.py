@@ -82,7 +82,6 @@ def test_the_core_imports_no_plugin():
 
 
 OTHER_MEANINGS = {
-    ("analysis/causes/sensitivity.py", "is"): "the verb",
     ("analysis/page/build.py", "is"): "the verb",
     ("cli/main.py", "policy"): "a command, with the distribution to install for it",
     ("cli/replay.py", "commonroad"): "a file format",

@@ -16,13 +16,15 @@ import avrare
 import odd_systems
 from avrare.analysis.causes.attribution import Attribution
 from avrare.analysis.causes.kinds import Kinds
-from avrare.analysis.causes.synthesis import Synthesis
 from avrare.base.plot import Plot
 from avrare.base.records import Answer
+from avrare.plugin import provided
+from avrare.plugin.provided import FUNCTIONS
 from avrare.scenario.schema import Block
 from avrare.stack.builder import build_block
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem
+from avrare_design.synthesis import Synthesis
 
 
 def walk(limit=2.5, system=None, **keywords):
@@ -306,7 +308,15 @@ def test_public_names():
         assert name in dir(avrare)
     with pytest.raises(AttributeError, match="estimatte"):
         _ = avrare.estimatte
+    assert {*FUNCTIONS} <= {*dir(avrare)}
     assert issubclass(avrare.FormulaError, avrare.UsageError)
+
+
+def test_a_function_of_a_missing_distribution_names_the_pip_line(monkeypatch):
+    monkeypatch.setattr(provided, "entry_points", lambda **_: ())
+    with pytest.raises(avrare.PluginError, match=r"avrare\.require is provided by avrare-design") as caught:
+        provided.load_function("require")
+    assert caught.value.hint == "pip install avrare-design"
 
 
 def test_the_readme_example_runs_in_a_bare_process():
@@ -341,14 +351,14 @@ def list_functions(value):
 
 
 def find_classes(annotation, module):
-    """Return the classes of the core that an annotation of a module names.
+    """Return the classes of this project that an annotation of a module names.
 
     Those of ``avrare.protocols`` are contracts: their states are of any type.
     """
     names = vars(sys.modules[module])
     values = [names.get(word) for word in re.findall(r"\w+", str(annotation))]
     classes = [value for value in values if isinstance(value, type)]
-    return [value for value in classes if re.match(r"avrare\.(?!protocols)", value.__module__)]
+    return [value for value in classes if re.match(r"avrare(_\w+)?\.(?!protocols)", value.__module__)]
 
 
 def test_no_public_signature_is_untyped():

@@ -30,9 +30,6 @@ COMMANDS = {
     "failures": ("avrare.cli.failures", "list, add and print stored failures"),
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
-    "sensitivity": ("avrare.cli.sensitivity", "estimate how the probability changes with parameters"),
-    "require": ("avrare.cli.require", "find the parameter value that keeps a probability below a bound"),
-    "synthesize": ("avrare.cli.synthesize", "change numbers of a scenario until its failures are rarer"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),
@@ -43,9 +40,10 @@ COMMANDS = {
 }
 """Name -> module with ``execute(args)`` (returns the exit code, None: 0), and a summary."""
 
-COMMAND_GROUP = "avrare.commands"
-
 PROVIDED = {
+    "sensitivity": ("avrare-design", "estimate how the probability changes with parameters"),
+    "require": ("avrare-design", "find the parameter value that keeps a probability below a bound"),
+    "synthesize": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
     "pem": ("avrare-gp-pem", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
     "scenes": ("avrare-single-track", "tell which OpenSCENARIO files are read, or act one out"),
@@ -167,14 +165,9 @@ def command_parser(name: str) -> Parser:
 def _module(name: str) -> Any:
     if name in COMMANDS:
         return importlib.import_module(COMMANDS[name][0])
-    from importlib.metadata import entry_points  # half the time of `avrare --help`
+    from avrare.plugin.provided import load_command
 
-    distribution, _ = PROVIDED[name]
-    points = entry_points(group=COMMAND_GROUP, name=name)
-    if not points:
-        reason = f"avrare {name} is provided by {distribution}, which is not installed"
-        raise PluginError(reason, f"pip install {distribution}")
-    return next(iter(points)).load()
+    return load_command(name, PROVIDED[name][0])
 
 
 def _top_parser() -> Parser:

@@ -36,48 +36,48 @@ def at_least(minimum: int) -> Callable[[str], int]:
     return integer
 
 
-_NATURAL: dict[str, Any] = {"type": at_least(0)}
-_REPEATABLE: dict[str, Any] = {"action": "append", "default": []}
-_SCENARIO: Options = {"scenario SCENARIO": "scenario file"}
-_SET: Options = {"--set KEY=VALUE": ("override one value", _REPEATABLE)}
-_SAFE: Options = {
+NATURAL: dict[str, Any] = {"type": at_least(0)}
+REPEATABLE: dict[str, Any] = {"action": "append", "default": []}
+SCENARIO: Options = {"scenario SCENARIO": "scenario file"}
+SET: Options = {"--set KEY=VALUE": ("override one value", REPEATABLE)}
+SAFE: Options = {
     "--safe": "refuse code that is no installed plugin, and files outside the scenario's folder: for "
     "scenarios of strangers"
 }
-_OVERRIDES: Options = {
-    "--set KEY=VALUE": ("override one value, e.g. estimator.rollouts=1000; may be repeated", _REPEATABLE),
+OVERRIDES: Options = {
+    "--set KEY=VALUE": ("override one value, e.g. estimator.rollouts=1000; may be repeated", REPEATABLE),
     "--estimator NAME": "use estimator NAME with its defaults instead of the scenario's estimator block",
-    **_SAFE,
+    **SAFE,
 }
-_SCENARIOS: Options = {"scenarios SCENARIO": ("scenario file", {"nargs": "+"}), **_OVERRIDES}
-_WORKERS: Options = {"--workers N": ("processes (default 1)", {"type": at_least(1), "default": 1})}
-_RUN: Options = {
+SCENARIOS: Options = {"scenarios SCENARIO": ("scenario file", {"nargs": "+"}), **OVERRIDES}
+WORKERS: Options = {"--workers N": ("processes (default 1)", {"type": at_least(1), "default": 1})}
+RUN: Options = {
     "--seed N": ("random seed; default: the scenario's", {"type": int}),
-    **_WORKERS,
+    **WORKERS,
     "--executor NAME": "executor: serial, processes or ray (with options: ray,address=auto); "
     "default: processes if workers > 1, else serial",
     "--budget KIND=N": "budget per estimate: steps=N, rollouts=N or seconds=N",
 }
-_DISPLAY: Options = {
+DISPLAY: Options = {
     "|": {
         "--quiet": "print only verdicts and errors",
         "--plain": "no colours, nothing redrawn: for logs",
     }
 }
-_OUTPUT: Options = {
+OUTPUT: Options = {
     "--out DIR": "write the result as JSON into this folder",
     "--json": "print JSON and nothing else on stdout",
-    **_SAFE,
+    **SAFE,
 }
-_RESUMABLE: Options = {
-    **_OUTPUT,
+RESUMABLE: Options = {
+    **OUTPUT,
     "--out DIR": "write the result as JSON into this folder; the same command goes on there after a kill",
 }
-_FAILURES: Options = {
+FAILURES: Options = {
     "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
 }
-_SEARCH: Options = {
-    **_FAILURES,
+SEARCH: Options = {
+    **FAILURES,
     "--budget N": ("maximal number of rollouts", {"type": at_least(2)}),
     "--write-blob FILE": "write the failure as text that --blob reads",
 }
@@ -85,8 +85,8 @@ _SEARCH: Options = {
 OPTIONS: dict[str, Options] = {
     "run": {
         "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
-        **_OVERRIDES,
-        **_RUN,
+        **OVERRIDES,
+        **RUN,
         "--until relative_error=X|threshold=X": "run until the relative error is at most X, or until the "
         "interval excludes X, with an estimator that has this option",
         "--learned FILE": "run with FILE, the learned.json of another run of the estimator, and no pilot",
@@ -96,12 +96,12 @@ OPTIONS: dict[str, Options] = {
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",
         "--json": "print result.json and nothing else on stdout",
         "--no-pictures": "draw no pictures",
-        **_DISPLAY,
+        **DISPLAY,
     },
     "check": {
-        **_SCENARIOS,
+        **SCENARIOS,
         "scenarios SCENARIO": ("scenario file, or one catalogue with thresholds", {"nargs": "+"}),
-        **_RUN,
+        **RUN,
         "--spend KIND=N": "maximal budget, spent in up to four interim looks until every verdict is decided",
         "baselines": {
             "--baseline DIR": "baseline folder (DIR/NAME for several scenarios); implies a comparison",
@@ -121,19 +121,19 @@ OPTIONS: dict[str, Options] = {
             "after an interruption, and checks again once it is finished",
             "--json": "print check.json and nothing else on stdout",
         },
-        **_DISPLAY,
+        **DISPLAY,
     },
     "rate": {
         "catalogue CATALOGUE": "catalogue file: scenes with exposures",
-        **_WORKERS,
-        "--executor NAME": _RUN["--executor NAME"],
+        **WORKERS,
+        "--executor NAME": RUN["--executor NAME"],
         "--budget KIND=N": "budget of all scenes together, the pilot included: steps=N or rollouts=N; "
         "default: the catalogue's",
         "--out DIR": "results folder (default: a new one under runs/)",
         "--resume DIR": "resume the run of the same catalogue in this folder, or begin it there",
         "--json": "print rate.json and nothing else on stdout",
-        **_SAFE,
-        **_DISPLAY,
+        **SAFE,
+        **DISPLAY,
     },
     "compare": {
         "scenario SCENARIO": "scenario file, or problem:ID",
@@ -145,28 +145,28 @@ OPTIONS: dict[str, Options] = {
         "--truth P": "true probability, or mc=ROLLOUTS to estimate it first",
         "--set KEY=VALUE": (
             "ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated",
-            _REPEATABLE,
+            REPEATABLE,
         ),
-        "--seed N": ("seed of the first repetition; default: the scenario's, or 0", _NATURAL),
-        **_WORKERS,
+        "--seed N": ("seed of the first repetition; default: the scenario's, or 0", NATURAL),
+        **WORKERS,
         "--out DIR": "write comparison.json, .md and .png",
         "--json": "print comparison.json and nothing else on stdout",
         "--no-pictures": "draw nothing",
-        **_SAFE,
-        **_DISPLAY,
+        **SAFE,
+        **DISPLAY,
     },
-    "validate": {**_SCENARIOS, "--build": "also build the stack and run three steps"},
+    "validate": {**SCENARIOS, "--build": "also build the stack and run three steps"},
     "replay": {
         "scenario SCENARIO": ("scenario file; optional with --run", {"nargs": "?"}),
-        **_SET,
-        **_SAFE,
+        **SET,
+        **SAFE,
         "failure": {
             "--failure ID": "ID of a stored failure; with --run: an index",
             "--blob TEXT": "failure as text; @FILE reads it from a file, @- from stdin",
             "--run DIR": "run folder; default: its worst failure",
             "--specification NAME": "with --run: the violated specification",
         },
-        **_SEARCH,
+        **SEARCH,
         "--shrink": "find the smallest noise that still fails",
         "--lost": "say when it was lost: the last moment from which a drive on without noise keeps the rule",
         "--csv FILE": "write the rollout as CSV for `avrare monitor`",
@@ -175,17 +175,17 @@ OPTIONS: dict[str, Options] = {
         "--rerun FILE": "write the same as .rrd for the Rerun viewer",
     },
     "falsify": {
-        **_SCENARIO,
-        **_SET,
-        **_SAFE,
+        **SCENARIO,
+        **SET,
+        **SAFE,
         "--specification NAME": "specification to violate; required if there are several",
-        "--seed N": ("random seed (default 0)", {**_NATURAL, "default": 0}),
-        **_SEARCH,
+        "--seed N": ("random seed (default 0)", {**NATURAL, "default": 0}),
+        **SEARCH,
     },
     "failures": {},
-    "failures list": _FAILURES,
-    "failures blob": {"id ID": "", **_FAILURES},
-    "failures add": {"run DIR": "folder written by `avrare run`", **_FAILURES, **_SAFE},
+    "failures list": FAILURES,
+    "failures blob": {"id ID": "", **FAILURES},
+    "failures add": {"run DIR": "folder written by `avrare run`", **FAILURES, **SAFE},
     "kinds": {
         "folder DIR": "run folder",
         "--specification NAME": "only this specification (default: all with failures)",
@@ -196,55 +196,23 @@ OPTIONS: dict[str, Options] = {
         ),
         "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
         "--budget N": ("with --shrink: rollouts for each of them (default 3000)", {"type": at_least(2)}),
-        **_OUTPUT,
+        **OUTPUT,
     },
     "attribution": {
         "folder DIR": "run folder",
         "--specification NAME": "only this specification (default: all with failures)",
         "--fresh N": (
             "fresh tapes for each perfect part, which find the failures that it makes (default 1000)",
-            {**_NATURAL, "default": 1000},
+            {**NATURAL, "default": 1000},
         ),
         "--channels": "give each noise channel a row of its own",
         "--variant NAME:KEY=VALUE": (
             "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
-            _REPEATABLE,
+            REPEATABLE,
         ),
-        "--seed N": ("seed of the fresh noise; default: that of the run", _NATURAL),
-        **_WORKERS,
-        **_RESUMABLE,
-    },
-    "sensitivity": {
-        **_SCENARIO,
-        **_SET,
-        "--specification NAME": "specification; required if there are several",
-        "--parameter KEY": (
-            "parameter, for example perception.miss_scale or tracker.gate; may be repeated (default: the "
-            "numbers of the perception error model)",
-            _REPEATABLE,
-        ),
-        "--run DIR": "run of this scenario, whose stored failures are used in place of fresh tapes",
-        "--budget rollouts=N": "fresh tapes, of each paired comparison too (default 2000)",
-        "--step SHARE": (
-            "relative distance of the two values of a paired comparison (default 0.1)",
-            {"type": float, "default": 0.1},
-        ),
-        "--seed N": ("seed of the fresh tapes (default 0)", {**_NATURAL, "default": 0}),
-        **_WORKERS,
-        **_RESUMABLE,
-    },
-    "require": {
-        **_SCENARIO,
-        **_SET,
-        "--parameter KEY": "parameter to search, for example perception.miss_scale",
-        "--probability BOUND": "bound to keep, for example '< 1e-4'",
-        "--specification NAME": "specification; required if there are several",
-        "--between LOW,HIGH": "values to look between (default: a fifth and five times the scenario's)",
-        "--budget rollouts=N": "budget of all estimates together (default 20000)",
-        "--seed N": ("seed of the first estimate (default 0)", {**_NATURAL, "default": 0}),
-        **_WORKERS,
-        **_RESUMABLE,
-        "--plain": "no colours, nothing redrawn: for logs",
+        "--seed N": ("seed of the fresh noise; default: that of the run", NATURAL),
+        **WORKERS,
+        **RESUMABLE,
     },
     "rules": {
         "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),
@@ -254,7 +222,7 @@ OPTIONS: dict[str, Options] = {
         "file FILE": "recorded drive, folder of recorded drives, or run folder",
         "specification": {
             "--rule NAME": "traffic rule of a plugin; 'avrare rules' lists them; for many drives also A,B",
-            "--set KEY=VALUE": ("set an option of the rule; may be repeated", _REPEATABLE),
+            "--set KEY=VALUE": ("set an option of the rule; may be repeated", REPEATABLE),
             "--stl FORMULA": "formula over signals or vehicles",
             "--specification NAME": "specification of the scenario or of the run",
         },
@@ -271,13 +239,13 @@ OPTIONS: dict[str, Options] = {
         "--jobs N": ("processes for many drives (default 1)", {"type": at_least(1), "default": 1}),
         "--out DIR": "write monitor.csv, monitor.json and, of one drive, monitor.png",
         "--json": "print the result with all samples, or with all drives, as JSON",
-        **_SAFE,
+        **SAFE,
     },
     "report": {
         "folder DIR": "run folder",
         "--out FILE": "report file (default: report.html in DIR)",
         "--open": "open the report in the browser",
-        **_SAFE,
+        **SAFE,
     },
     "plugins": {
         "--json": "print a JSON list instead of a table",
@@ -290,14 +258,14 @@ OPTIONS: dict[str, Options] = {
         "--kind KIND": f"kind of a plugin's component: one of {', '.join(KINDS)}",
         "--no-driving": "write a perception model, tracker or controller for simulators without vehicles",
         "--simulator NAME": "simulator of the scenario (default: the only one that is installed)",
-        "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", _REPEATABLE),
+        "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", REPEATABLE),
         "--act": "also write a controller for the scenario: a function in a Python file",
         "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
     },
     "check-plugin": {
         "name NAME": "component, or distribution: all of its components",
         "--kind KIND": "only components of this kind",
-        "--set KEY=VALUE": ("set an option of the component; may be repeated", _REPEATABLE),
+        "--set KEY=VALUE": ("set an option of the component; may be repeated", REPEATABLE),
         "--json": "print a JSON list instead of lines",
     },
 }
@@ -314,23 +282,30 @@ _ACTIONS = {
 
 def add_options(parser: argparse.ArgumentParser, command: str) -> None:
     """Add the options of a command."""
-    _add(parser, OPTIONS[command])
+    add_rows(parser, OPTIONS[command])
     if command in _ACTIONS:
         actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
         for name, text in _ACTIONS[command].items():
-            _add(actions.add_parser(name, help=text), OPTIONS[f"{command} {name}"])
+            add_rows(actions.add_parser(name, help=text), OPTIONS[f"{command} {name}"])
     if command in EPILOGS:
         parser.epilog, parser.formatter_class = EPILOGS[command], argparse.RawDescriptionHelpFormatter
-    if command in ("monitor", "require"):
-        # A list such as -1.75,1.75,5.25 begins with a minus but is not an option.
-        parser._negative_number_matcher = re.compile(r"-\.?\d")
+    if command == "monitor":
+        permit_negative_lists(parser)
 
 
-def _add(parser: argparse._ActionsContainer, options: Options) -> None:
+def permit_negative_lists(parser: argparse.ArgumentParser) -> None:
+    """Read a list such as -1.75,1.75 as a value: it begins with a minus but is not an option."""
+    parser._negative_number_matcher = re.compile(r"-\.?\d")
+
+
+def add_rows(parser: argparse._ActionsContainer, options: Options) -> None:
+    """Add the options of a table."""
     for usage, entry in options.items():
         if isinstance(entry, dict):
             titled = usage != "|"
-            _add(parser.add_argument_group(usage) if titled else parser.add_mutually_exclusive_group(), entry)
+            add_rows(
+                parser.add_argument_group(usage) if titled else parser.add_mutually_exclusive_group(), entry
+            )
             continue
         name, _, metavar = usage.partition(" ")
         text, settings = entry if isinstance(entry, tuple) else (entry, {})

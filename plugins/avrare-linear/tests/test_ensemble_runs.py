@@ -3,10 +3,10 @@
 import json
 
 import pytest
-from feedback_loop import feedback_loop
 
 from avrare.cli.main import main
 from avrare.estimation import estimate_scenario
+from feedback_loop import feedback_loop
 
 LOOP = feedback_loop(2000)
 DRAWS = "ensemble: {simulator.feedback.gain: [[[0.3, 0.4]], [[0.2, 0.4]], [[0.4, 0.4]]]}\n"

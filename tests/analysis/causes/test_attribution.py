@@ -7,12 +7,12 @@ import avrare
 from avrare.analysis.causes.attribution import attribute, attribution_of_result, measure_saving
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
-from avrare.analysis.causes.sensitivity import sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Failures
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
+from avrare_design.sensitivity import sample_failures
 from noisy_loop import Drawn, noisy_problem
 
 

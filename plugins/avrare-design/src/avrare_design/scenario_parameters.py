@@ -12,15 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.sensitivity import (
-    Sensitivities,
-    Sensitivity,
-    derive_by_pairs,
-    derive_by_score,
-    knows_score,
-    sample_failures,
-    sort_by_effect,
-)
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.analysis.failures.failure import compute_fingerprints
 from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
@@ -37,6 +28,15 @@ from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.schema import Scenario
 from avrare.scenario.yaml import dump_list
+from avrare_design.sensitivity import (
+    Sensitivities,
+    Sensitivity,
+    derive_by_pairs,
+    derive_by_score,
+    knows_score,
+    sample_failures,
+    sort_by_effect,
+)
 
 _DEFAULT = "perception."
 _NO_DERIVATIVE = ("height",)

@@ -6,15 +6,44 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from avrare.analysis.causes.require import require
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.options import display
+from avrare.cli.options import (
+    NATURAL,
+    RESUMABLE,
+    SCENARIO,
+    SET,
+    WORKERS,
+    Options,
+    add_rows,
+    display,
+    permit_negative_lists,
+)
 from avrare.cli.output import show_or_write
-from avrare.cli.sensitivity import read_rollouts
 from avrare.output.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
+from avrare_design.commands.sensitivity import read_rollouts
+from avrare_design.require import require
 
 _ROLLOUTS = 20_000
+_OPTIONS: Options = {
+    **SCENARIO,
+    **SET,
+    "--parameter KEY": "parameter to search, for example perception.miss_scale",
+    "--probability BOUND": "bound to keep, for example '< 1e-4'",
+    "--specification NAME": "specification; required if there are several",
+    "--between LOW,HIGH": "values to look between (default: a fifth and five times the scenario's)",
+    "--budget rollouts=N": "budget of all estimates together (default 20000)",
+    "--seed N": ("seed of the first estimate (default 0)", {**NATURAL, "default": 0}),
+    **WORKERS,
+    **RESUMABLE,
+    "--plain": "no colours, nothing redrawn: for logs",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add_rows(parser, _OPTIONS)
+    permit_negative_lists(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -6,17 +6,42 @@ import argparse
 from pathlib import Path
 
 from avrare.analysis.causes.resumption import identify_run, keep_outcomes
-from avrare.analysis.causes.scenario_parameters import sensitivity
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line
+from avrare.cli.options import NATURAL, REPEATABLE, RESUMABLE, SCENARIO, SET, WORKERS, Options, add_rows
 from avrare.cli.output import show_or_write
 from avrare.estimation.plan.budget import Budget
 from avrare.results.run import Run
 from avrare.scenario.fingerprint import identify
 from avrare.scenario.load import load
+from avrare_design.scenario_parameters import sensitivity
 
 _ROLLOUTS = 2000
+_OPTIONS: Options = {
+    **SCENARIO,
+    **SET,
+    "--specification NAME": "specification; required if there are several",
+    "--parameter KEY": (
+        "parameter, for example perception.miss_scale or tracker.gate; may be repeated (default: the "
+        "numbers of the perception error model)",
+        REPEATABLE,
+    ),
+    "--run DIR": "run of this scenario, whose stored failures are used in place of fresh tapes",
+    "--budget rollouts=N": "fresh tapes, of each paired comparison too (default 2000)",
+    "--step SHARE": (
+        "relative distance of the two values of a paired comparison (default 0.1)",
+        {"type": float, "default": 0.1},
+    ),
+    "--seed N": ("seed of the fresh tapes (default 0)", {**NATURAL, "default": 0}),
+    **WORKERS,
+    **RESUMABLE,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add_rows(parser, _OPTIONS)
 
 
 def execute(args: argparse.Namespace) -> int:

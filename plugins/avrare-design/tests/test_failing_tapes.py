@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from avrare.analysis.causes.failing_tapes import derive_from_failures
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.sensitivity import sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Failures
+from avrare_design.failing_tapes import derive_from_failures
+from avrare_design.sensitivity import sample_failures
 from noisy_loop import exact, noisy_problem
 
 

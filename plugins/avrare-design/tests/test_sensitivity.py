@@ -7,13 +7,13 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-from avrare.analysis.causes.scenario_parameters import ParametricScenario
-from avrare.analysis.causes.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
 from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.testing.faulty_systems import Walk
+from avrare_design.scenario_numbers import ScenarioNumbers
+from avrare_design.scenario_parameters import ParametricScenario
+from avrare_design.sensitivity import derive_by_pairs, derive_by_score, sample_failures
 from noisy_loop import Drawn, Sensor, exact, noisy_problem
 
 SCENARIO = "scenarios/lane_change.yaml"

@@ -11,12 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from avrare.analysis.causes.requirement import Requirement, Trial
 from avrare.analysis.causes.resumption import keep_outcomes
-from avrare.analysis.causes.reweighed_trial import Reweigher
-from avrare.analysis.causes.root_search import find_requirement
-from avrare.analysis.causes.scenario_parameters import ParametricScenario
-from avrare.analysis.causes.sensitivity import knows_score
 from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.estimate_scenario import check_scenario
@@ -28,6 +23,11 @@ from avrare.rollout.problem import Problem
 from avrare.scenario.fingerprint import identify
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.schema import Threshold
+from avrare_design.requirement import Requirement, Trial
+from avrare_design.reweighed_trial import Reweigher
+from avrare_design.root_search import find_requirement
+from avrare_design.scenario_parameters import ParametricScenario
+from avrare_design.sensitivity import knows_score
 
 _WIDE = 5.0
 _OWN_MODEL = "the answer is that under the scenario's own model alone: its ensemble is left out"

@@ -6,20 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from feedback_loop import feedback_loop
 
 import avrare
-from avrare.analysis.causes.descent import Search, descend
-from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-from avrare.analysis.causes.scenario_parameters import ParametricScenario
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.settings import Settings
 from avrare.rollout.executors.serial import SerialExecutor
+from avrare_design.descent import Search, descend
+from avrare_design.scenario_numbers import ScenarioNumbers
+from avrare_design.scenario_parameters import ParametricScenario
 from avrare_linear.estimator import LinearLevels
 from avrare_linear.estimator_config import LinearEssConfig
+from feedback_loop import feedback_loop
 
 LOOP = feedback_loop(4000, '  slow: {stl: "always (abs(v) < 1.2)"}\n')
 GAIN = "simulator.feedback.gain"

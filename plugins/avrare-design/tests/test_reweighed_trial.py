@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.require import _reweighable
-from avrare.analysis.causes.reweighed_trial import HALVING, Reweigher, _estimate
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor
 from avrare.estimation.result.intervals import weighted_counts
 from avrare.estimation.result.result import Failures
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.testing.faulty_systems import Walk
+from avrare_design.require import _reweighable
+from avrare_design.reweighed_trial import HALVING, Reweigher, _estimate
 from noisy_loop import STEPS, Adder, Gain, Last, Sensor, exact, noisy_problem
 
 

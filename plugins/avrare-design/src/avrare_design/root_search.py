@@ -20,10 +20,10 @@ from itertools import combinations
 
 import numpy as np
 
-from avrare.analysis.causes.requirement import Requirement, Trial
-from avrare.analysis.causes.reweighed_trial import Nearby
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor
+from avrare_design.requirement import Requirement, Trial
+from avrare_design.reweighed_trial import Nearby
 
 SHARES = (1, 1, 1, 1, 2, 2, 4, 4)
 """Parts of the budget of the estimates: the first two at the ends, the last two decide, or one for both."""

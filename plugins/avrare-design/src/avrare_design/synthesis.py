@@ -9,10 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from avrare.analysis.causes.descent import Iteration, Search, descend
-from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
-from avrare.analysis.causes.scenario_parameters import ParametricScenario, read_failing_result
-from avrare.analysis.causes.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
@@ -27,6 +23,10 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.yaml import dump
+from avrare_design.descent import Iteration, Search, descend
+from avrare_design.scenario_numbers import ScenarioNumbers
+from avrare_design.scenario_parameters import ParametricScenario, read_failing_result
+from avrare_design.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 
 PROOF_ROLLOUTS = 10_000
 _SEED_OF_PROOF = 1_000_000

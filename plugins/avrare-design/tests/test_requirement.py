@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.requirement import Trial
-from avrare.analysis.causes.reweighed_trial import Nearby, Reweigher, Score
-from avrare.analysis.causes.root_search import SHARES, _Search, find_requirement
 from avrare.base.errors import AvrareError, Interrupted, UsageError
 from avrare.base.special_functions import bisect
 from avrare.cli.main import main
 from avrare.estimation.loop.checkpoint import FileJournal
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.result.intervals import clopper_pearson
+from avrare_design.requirement import Trial
+from avrare_design.reweighed_trial import Nearby, Reweigher, Score
+from avrare_design.root_search import SHARES, _Search, find_requirement
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.analysis.causes.scenario_parameters import ParametricScenario, look_up
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare_design.scenario_parameters import ParametricScenario, look_up
 
 _ARRAYS = "controller.arrays."
 

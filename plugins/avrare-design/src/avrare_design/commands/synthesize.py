@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.cli.options import at_least
 from avrare.cli.output import say
 
+_GROUP = "avrare_design.synthesis"
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
 _ANY = {
     "estimator": None,
@@ -104,11 +106,7 @@ def _refuse(args: argparse.Namespace, defaults: Mapping[str, object], what: str)
 
 
 def _execute_linear(args: argparse.Namespace) -> int:
-    from importlib.metadata import entry_points
-
-    from avrare.cli.main import COMMAND_GROUP
-
-    points = entry_points(group=COMMAND_GROUP, name="synthesize")
+    points = entry_points(group=_GROUP, name="linear")
     if not points:
         raise PluginError(
             f"{args.parameter[0]}: parameters of linear systems need avrare-linear, which is not installed",
@@ -121,10 +119,10 @@ def _execute_linear(args: argparse.Namespace) -> int:
 
 
 def _execute_any(args: argparse.Namespace) -> int:
-    from avrare.analysis.causes.synthesis import synthesize
     from avrare.analysis.causes.tape_runs import TapeRunner
     from avrare.cli.failure_output import progress_line
-    from avrare.cli.sensitivity import read_rollouts
+    from avrare_design.commands.sensitivity import read_rollouts
+    from avrare_design.synthesis import synthesize
 
     proof = None if args.proof is None else read_rollouts(args.proof, 0, "--proof")
     with progress_line() as progress:

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.analysis.causes.failing_tapes import Derivative, derive_from_failures
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.scenario_numbers import ScenarioNumbers
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare_design.failing_tapes import Derivative, derive_from_failures
+from avrare_design.scenario_numbers import ScenarioNumbers
 
 _LONGEST = 0.5
 """Largest change of a number in one iteration, in its unit."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from avrare.analysis.causes.reweighed_trial import Nearby, Score
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
+from avrare_design.reweighed_trial import Nearby, Score
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Design by probabilities: sensitivities, requirements on parameters, and synthesis of controllers."""
