@@ -19,8 +19,6 @@ if TYPE_CHECKING:  # the public names of the core: ``find_modules`` reads them, 
     from avrare.analysis.compare.study import compare as compare
     from avrare.analysis.failures.falsify import falsify as falsify
     from avrare.analysis.failures.stored_replays import replay as replay
-    from avrare.analysis.monitor.batch import monitor_all as monitor_all
-    from avrare.analysis.monitor.drive import monitor as monitor
     from avrare.analysis.rates.rate import rate as rate
     from avrare.base.errors import AvrareError as AvrareError
     from avrare.base.errors import FormulaError as FormulaError

@@ -44,24 +44,6 @@ examples:
   avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
   avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
 """,
-    "monitor": """\
-FILE is one of
-  a CSV file of signals: a column 'time' and one column per signal
-  a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
-      heading, speed, length, width and, optionally, acceleration
-  a CommonRoad XML file
-  NN_tracks.csv of a recording in the format of highD or inD, beside its two files of metadata
-  a folder of such files: every vehicle is the ego in turn (as with --ego all for one file)
-  a run folder, whose stored failures are replayed
-
-examples:
-  avrare monitor gaps.csv --stl "always (gap > 2)"
-  avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
-  avrare monitor recordings --rule R_G1,R_I2 --jobs 2 --out table
-  avrare monitor runs/lane_change --specification safe_distance --failure 0
-
-exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing
-""",
     "report": """\
 DIR is a folder written by `avrare run`. The report is a single file without external
 resources: send it by mail, or archive it with the build.

@@ -31,7 +31,6 @@ COMMANDS = {
     "kinds": ("avrare.cli.kinds", "sort the failures of a run into kinds with probabilities"),
     "attribution": ("avrare.cli.attribution", "tell which noise carries the failures of a run"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
-    "monitor": ("avrare.cli.monitor", "evaluate a rule or formula on a recorded drive or a failure"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),
     "plugins": ("avrare.cli.plugins", "list the installed components"),
     "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
@@ -41,6 +40,7 @@ COMMANDS = {
 """Name -> module with ``execute(args)`` (returns the exit code, None: 0), and a summary."""
 
 PROVIDED = {
+    "monitor": ("avrare-recordings", "evaluate a rule or formula on a recorded drive or a failure"),
     "sensitivity": ("avrare-design", "estimate how the probability changes with parameters"),
     "require": ("avrare-design", "find the parameter value that keeps a probability below a bound"),
     "synthesize": ("avrare-design", "change numbers of a scenario until its failures are rarer"),

@@ -15,8 +15,6 @@ from avrare.plugin.component import KINDS
 if TYPE_CHECKING:
     from avrare.output.terminal.console import Mode
 
-LANE_WIDTH = 3.5
-
 Options: TypeAlias = dict[str, "str | tuple[str, dict[str, Any]] | Options"]
 """Usage -> help, or (help, settings of ``add_argument``); a title, or ``|`` for alternatives -> group."""
 
@@ -218,29 +216,6 @@ OPTIONS: dict[str, Options] = {
         "names NAME": ("show these rules in full; case and '_' are ignored", {"nargs": "*"}),
         "--json": "print a JSON list",
     },
-    "monitor": {
-        "file FILE": "recorded drive, folder of recorded drives, or run folder",
-        "specification": {
-            "--rule NAME": "traffic rule of a plugin; 'avrare rules' lists them; for many drives also A,B",
-            "--set KEY=VALUE": ("set an option of the rule; may be repeated", REPEATABLE),
-            "--stl FORMULA": "formula over signals or vehicles",
-            "--specification NAME": "specification of the scenario or of the run",
-        },
-        "recording": {
-            "--ego NAME": "vehicle under test (default in CSV files: ego; in a folder: all, each in turn)",
-            "--scenario FILE": "scenario whose simulator provides the road",
-            "--lanes Y,...": "lane centres from right to left [m]",
-            "--lane-width W": (f"lane width [m] (default {LANE_WIDTH})", {"type": float}),
-            "--access-ramp I,...": "indices of access ramp lanes, from 0",
-            "--broad-marking I,...": "indices of lanes whose left border is a broad marking",
-            "--network FILE": "CommonRoad file with the lanes of a recording in the format of inD",
-            "--failure K": ("index of a run's failure (default: the worst)", {"type": int}),
-        },
-        "--jobs N": ("processes for many drives (default 1)", {"type": at_least(1), "default": 1}),
-        "--out DIR": "write monitor.csv, monitor.json and, of one drive, monitor.png",
-        "--json": "print the result with all samples, or with all drives, as JSON",
-        **SAFE,
-    },
     "report": {
         "folder DIR": "run folder",
         "--out FILE": "report file (default: report.html in DIR)",
@@ -289,8 +264,6 @@ def add_options(parser: argparse.ArgumentParser, command: str) -> None:
             add_rows(actions.add_parser(name, help=text), OPTIONS[f"{command} {name}"])
     if command in EPILOGS:
         parser.epilog, parser.formatter_class = EPILOGS[command], argparse.RawDescriptionHelpFormatter
-    if command == "monitor":
-        permit_negative_lists(parser)
 
 
 def permit_negative_lists(parser: argparse.ArgumentParser) -> None:

@@ -14,17 +14,11 @@ from avrare.analysis.failures.storage import decode
 from avrare.analysis.failures.stored_replays import FailureReplay, replay
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import print_warnings, say, write_file
-from avrare.output.documents.mcap_recording import write_mcap
-from avrare.output.documents.rerun_recording import write_rerun
+from avrare.cli.output import print_warnings, say
 from avrare.output.terminal.failure_text import describe_shrinking
-from avrare.results.recordings.commonroad import to_commonroad
-from avrare.results.recordings.csv_recording import csv_vehicle_names, to_csv
-from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.plugin.provided import load_function
 from avrare.results.run import Run
-from avrare.rollout.frames import extract_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.replay import ReplayedRollout
 
 _EXPORTS = ("csv", "commonroad", "mcap", "rerun")
 
@@ -35,7 +29,7 @@ def execute(args: argparse.Namespace) -> int:
     found = _replay_failure_of_run(args) if args.run is not None else _replay_stored_failure(args)
     scenario, failure = found.scenario, found.failure
     say(*found.lines())
-    _export(args, scenario, found.rollout, f"failure {failure.id}")
+    _export(args, found)
     if found.rollout.outcome == "error":
         return int(ExitCode.ROLLOUT_ERRORS)
     if found.rollout.outcome == "passes":
@@ -96,35 +90,10 @@ def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
     return replay(run, index, args.specification, scenario=args.scenario, overrides=args.set)
 
 
-def _export(args: argparse.Namespace, scenario: LoadedScenario, found: ReplayedRollout, source: str) -> None:
-    if all(getattr(args, name) is None for name in _EXPORTS):
-        return
-    if not found.signals:
-        raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
-    problem = scenario.problem(scenario.specifications)
-    recording = record_rollout(problem, found, source)
-    names = recording.names
-    if args.csv is not None:
-        _write(args.csv, to_csv(recording))
-        for name, written in zip(names, csv_vehicle_names(names), strict=True):
-            if written != name:
-                reason = (
-                    f"{name!r} is the ego" if name == "ego" else "a spreadsheet or terminal would obey it"
-                )
-                say(f"the vehicle {name!r} is written as {written!r}: {reason}")
-    if args.commonroad is not None:
-        _write(args.commonroad, to_commonroad(recording, scenario.name))
-    if args.mcap is not None:
-        write_mcap(Path(args.mcap), recording, extract_frames(problem, found))
-        say(f"written to {args.mcap}")
-    if args.rerun is not None:
-        write_rerun(Path(args.rerun), recording, extract_frames(problem, found))
-        say(f"written to {args.rerun}")
-
-
-def _write(path: str, text: str) -> None:
-    write_file(path, text, "choose another file")
-    say(f"written to {path}")
+def _export(args: argparse.Namespace, replay: FailureReplay) -> None:
+    for name in _EXPORTS:
+        if path := getattr(args, name):
+            say(f"written to {path}", *load_function("export")(replay, path, name))
 
 
 def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure) -> None:

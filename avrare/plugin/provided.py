@@ -9,7 +9,14 @@ from avrare.base.errors import PluginError
 
 COMMAND_GROUP = "avrare.commands"
 FUNCTION_GROUP = "avrare.functions"
-FUNCTIONS = {"require": "avrare-design", "sensitivity": "avrare-design", "synthesize": "avrare-design"}
+FUNCTIONS = {
+    "export": "avrare-recordings",
+    "monitor": "avrare-recordings",
+    "monitor_all": "avrare-recordings",
+    "require": "avrare-design",
+    "sensitivity": "avrare-design",
+    "synthesize": "avrare-design",
+}
 """Name of a function of ``avrare`` -> the distribution that provides it."""
 
 

@@ -32,20 +32,20 @@ from avrare.output.documents import (
     check_documents,
     comparison_documents,
     github_output,
-    monitoring_documents,
 )
 from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.plots.monitoring_plot import plot_monitoring
 from avrare.output.session.report import render_report
-from avrare.output.terminal import comparison_table, monitoring_text, paired_table, result_table
+from avrare.output.terminal import comparison_table, paired_table, result_table
 from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.console import make_console, print_lines, print_table
 from avrare.output.terminal.progress_line import Progress
 from avrare.plugin.registry import default_registry
-from avrare.results.recordings.commonroad import to_commonroad
-from avrare.results.recordings.csv_recording import read_csv, to_csv
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 from avrare.testing.problems import walk
+from avrare_recordings.formats.commonroad import to_commonroad
+from avrare_recordings.formats.csv_recording import read_csv, to_csv
+from avrare_recordings.output import monitoring_documents, monitoring_text
 from plain_results import plain_result
 
 NAMES = {

@@ -11,8 +11,8 @@ from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare.driving import Action, Lane, Road
 from avrare.driving.lanes import ENDLESS
-from avrare.results.recordings.commonroad import open_commonroad
 from avrare.stack.closed_loop import ClosedLoop
+from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_single_track.driver_model import idm
 from avrare_single_track.file_config import OpenScenarioConfig, RecordedConfig
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes

@@ -8,11 +8,11 @@ from pydantic import ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
 from avrare.driving import Action
-from avrare.results.recordings.commonroad import open_commonroad
-from avrare.results.recordings.drives import open_drives
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
+from avrare_recordings.formats.commonroad import open_commonroad
+from avrare_recordings.formats.drives import open_drives
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from drone_files import highd_rows, write_highd, write_ind

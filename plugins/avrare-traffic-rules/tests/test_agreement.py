@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from avrare.driving import Road
-from avrare.results.recordings.csv_recording import read_csv
 from avrare.stack.builder import build_rule
+from avrare_recordings.formats.csv_recording import read_csv
 
 FOLDER = Path(__file__).parents[4] / "shared" / "conformance" / "crmonitor"
 DIFFERENT = {

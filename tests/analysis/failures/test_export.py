@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import PluginError, UsageError
-from avrare.output.documents.mcap_recording import write_mcap
-from avrare.output.documents.rerun_recording import write_rerun
-from avrare.results.recordings.commonroad import read_commonroad, to_commonroad
-from avrare.results.recordings.csv_recording import csv_vehicle_names, read_csv, to_csv
 from avrare.results.recordings.recording import FIELDS, Recording
 from avrare.rollout.frames import extract_frames
 from avrare.rollout.replay import replay_tape, replay_tapes
+from avrare_recordings.formats.commonroad import read_commonroad, to_commonroad
+from avrare_recordings.formats.csv_recording import csv_vehicle_names, read_csv, to_csv
+from avrare_recordings.formats.mcap_recording import write_mcap
+from avrare_recordings.formats.rerun_recording import write_rerun
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def test_rerun_that_is_not_installed_is_an_extra(recording, tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(PluginError) as caught:
         write_rerun(tmp_path / "drive.rrd", recording, ())
-    assert caught.value.hint == "pip install 'avrare[rerun]'"
+    assert caught.value.hint == "pip install 'avrare-recordings[rerun]'"
 
 
 def test_rerun_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_path):

@@ -283,9 +283,9 @@ def _interrupt(*words):
 
 
 def _make_drives():
-    from avrare.results.recordings.commonroad import to_commonroad
-    from avrare.results.recordings.csv_recording import read_csv
     from avrare.results.recordings.recording import parse_road
+    from avrare_recordings.formats.commonroad import to_commonroad
+    from avrare_recordings.formats.csv_recording import read_csv
 
     lines = (ROOT / "docs" / "cut_in.csv").read_text().splitlines()
     Path("drive.csv").write_text("\n".join(lines[: 1 + 3 * 20]) + "\n")

@@ -11,7 +11,7 @@ import numpy as np
 from avrare.driving import Road
 from avrare.driving.reference_line import PolygonalLine
 from avrare.protocols import Floats
-from avrare.results.recordings.ways import Way, find_crossing
+from avrare_recordings.roads.ways import Way, find_crossing
 
 if TYPE_CHECKING:
     from highway_env.envs.common.abstract import AbstractEnv

@@ -13,11 +13,11 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
 from avrare.protocols import Floats
-from avrare.results.recordings.commonroad import open_problem
-from avrare.results.recordings.drives import open_drives
-from avrare.results.recordings.drone_recording import is_drone_recording
-from avrare.results.recordings.plane_drives import PlaneDrives
 from avrare.results.recordings.recording import ABSENT, FIELDS, Recording, VehicleTrack
+from avrare_recordings.formats.commonroad import open_problem
+from avrare_recordings.formats.drives import open_drives
+from avrare_recordings.formats.drone_recording import is_drone_recording
+from avrare_recordings.roads.plane_drives import PlaneDrives
 from avrare_single_track.file_config import RecordedConfig
 
 _POSE = ("x", "y", "heading", "speed")

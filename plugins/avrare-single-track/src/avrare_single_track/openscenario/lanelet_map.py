@@ -14,8 +14,8 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare.results.recordings.commonroad import read_lanelets
-from avrare.results.recordings.lanelet_road import find_road
+from avrare_recordings.formats.commonroad import read_lanelets
+from avrare_recordings.roads.lanelet_road import find_road
 from avrare_single_track.openscenario.opendrive import Network, RoadMap
 from avrare_single_track.openscenario.xml_tree import Element
 from avrare_single_track.recorded import has_constant_lanes

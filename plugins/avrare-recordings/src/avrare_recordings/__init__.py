@@ -1,0 +1,1 @@
+"""Recorded drives: their formats and roads, and monitoring under a specification."""

@@ -1,0 +1,1 @@
+"""Command of this distribution: ``avrare monitor``."""

@@ -1,0 +1,1 @@
+"""Formats of recorded drives: CSV, CommonRoad, highD and inD, MCAP, Rerun."""

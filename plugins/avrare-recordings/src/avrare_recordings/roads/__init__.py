@@ -1,0 +1,1 @@
+"""Roads of recorded drives, from their lanelets, and the ways through intersections."""
