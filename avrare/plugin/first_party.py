@@ -68,13 +68,14 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-linear": {"simulator": ("linear",), "estimator": ("ess_linear",)},
     "avrare-metadrive": {"simulator": ("metadrive",), "controller": ("metadrive_expert",)},
     "avrare-mpc": {"controller": ("mpc",)},
+    "avrare-openscenario": {"simulator": ("openscenario",)},
     "avrare-policy": {"controller": ("policy",)},
     "avrare-ray": {"executor": ("ray",)},
     "avrare-reference-drivers": {
         "controller": ("reference_driver", "cruise", "hold"),
         "specification": ("avoidable_collision",),
     },
-    "avrare-single-track": {"simulator": ("single_track", "commonroad", "openscenario")},
+    "avrare-single-track": {"simulator": ("single_track", "commonroad")},
     "avrare-traffic-rules": {"specification": ("traffic_rules",)},
 }
 FIRST_PARTY = {

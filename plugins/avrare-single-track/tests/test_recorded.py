@@ -14,7 +14,7 @@ from avrare.driving.lanes import ENDLESS
 from avrare.stack.closed_loop import ClosedLoop
 from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_single_track.driver_model import idm
-from avrare_single_track.file_config import OpenScenarioConfig, RecordedConfig
+from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
 from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
@@ -99,8 +99,6 @@ def test_mistakes(write):
 def test_the_ego_s_options_are_checked_before_anything_is_built(ego, words):
     with pytest.raises(ValidationError, match=words):
         RecordedConfig(file="scene.xml", ego=ego)
-    with pytest.raises(ValidationError, match=words.replace("the recording", "the file")):
-        OpenScenarioConfig(file="scene.xosc", ego=ego)
 
 
 def test_a_start_that_is_not_exact_is_refused(write):

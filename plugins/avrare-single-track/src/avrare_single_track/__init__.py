@@ -5,7 +5,7 @@ from avrare.plugin import Component, hookimpl
 
 @hookimpl
 def avrare_components() -> list[Component]:
-    """Return the simulators ``single_track``, ``commonroad`` and ``openscenario``."""
+    """Return the simulators ``single_track`` and ``commonroad``."""
     return [
         Component(
             kind="simulator",
@@ -22,13 +22,5 @@ def avrare_components() -> list[Component]:
             factory="avrare_single_track.recorded:build",
             summary="recorded scene of CommonRoad, highD or inD; the others are replayed or react",
             needs=("casadi", "commonroad"),
-        ),
-        Component(
-            kind="simulator",
-            name="openscenario",
-            config="avrare_single_track.file_config:OpenScenarioConfig",
-            factory="avrare_single_track.openscenario.simulator:build",
-            complete="avrare_single_track.openscenario.completion:complete",
-            summary="OpenSCENARIO XML scene: a single-track ego among vehicles that act out its storyboard",
         ),
     ]

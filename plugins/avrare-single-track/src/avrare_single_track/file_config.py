@@ -1,4 +1,4 @@
-"""Options of simulators of files: recorded scenes, and those in OpenSCENARIO XML."""
+"""Options of the simulator of recorded scenes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avrare.base.errors import did_you_mean
-from avrare.plugin import Drawable
 from avrare.scenario.fingerprint import is_file
-from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig, Options
+from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig
 
 _TRACKS = "_tracks.csv"
 _KINDS = "tracksMeta", "recordingMeta"
@@ -29,7 +28,12 @@ class HandedOverConfig(FollowingConfig[float]):
     lane_changes: bool = Field(default=False, description="change lanes where it pays (MOBIL)")
 
 
-def _check_body(ego: dict[str, float], source: str) -> dict[str, float]:
+def check_body(ego: dict[str, float], source: str) -> dict[str, float]:
+    """Return options of the ego's body, without those of its start, which ``source`` gives.
+
+    Raises:
+        ValueError: One of them is no option of a body, or has a wrong value.
+    """
     for name in ego:
         if name in ("x", "y", "heading", "speed"):
             raise ValueError(f"ego.{name} is that of {source}: leave it out")
@@ -111,7 +115,7 @@ class RecordedConfig(BaseModel):
     @field_validator("ego")
     @classmethod
     def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
-        return _check_body(ego, "the recording")
+        return check_body(ego, "the recording")
 
     @model_validator(mode="after")
     def _one_start(self) -> Self:
@@ -121,51 +125,3 @@ class RecordedConfig(BaseModel):
                 text = "is of a planning problem" if self.vehicle is not None else "is of a `vehicle`"
                 raise ValueError(f"{name} {text}: leave it out")
         return self
-
-
-class OpenScenarioConfig(Options):
-    """Options of the simulator ``openscenario``."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [{"file": "cut_in.xosc", "entity": "Ego"}]})
-
-    file: Path = Field(
-        description="OpenSCENARIO XML 1.x: a scenario, or a file of parameter distributions that names one",
-        json_schema_extra={"file": True},
-    )
-    entity: str = Field(default="Ego", min_length=1, description="name of the entity that is the ego")
-    road: Path | None = Field(
-        default=None,
-        description="OpenDRIVE or CommonRoad file; default: the one that the scenario names",
-        json_schema_extra={"file": True},
-    )
-    catalogs: tuple[Path, ...] = Field(
-        default=(),
-        max_length=100,
-        description="files of catalogs; default: those that the scenario refers to",
-    )
-    dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
-    parameters: dict[str, Drawable | str] = Field(
-        default_factory=dict, description="values or laws of parameters, in place of those that are declared"
-    )
-    ego: dict[str, float] = Field(
-        default_factory=dict,
-        description="limits of the ego, as in single_track: friction, acceleration_max, steering_max, ...",
-    )
-    ignore_ego_events: bool = Field(
-        default=False, description="pass over what the storyboard has the ego do; its start counts"
-    )
-    weather: Drawable | None = Field(
-        default=None, gt=0.0, description="factor on the errors of perception and on the odds of a miss"
-    )
-
-    after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
-
-    @property
-    def used_files(self) -> dict[str, Path]:
-        """Files of catalogs, which count in the fingerprint."""
-        return {f"catalogs.{number}": path for number, path in enumerate(self.catalogs)}
-
-    @field_validator("ego")
-    @classmethod
-    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
-        return _check_body(ego, "the file")

@@ -1,0 +1,272 @@
+"""Traffic that acts out a storyboard, all particles at once; triggers see the ego as it drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.driving import Vehicles
+from avrare.protocols import Bools, Floats
+from avrare_openscenario.conditions import Traffic, holds
+from avrare_openscenario.courses import Course
+from avrare_openscenario.motions import Drive, Motions
+from avrare_openscenario.scenario_file import ScenarioFile
+from avrare_openscenario.starts import place_all, speed_all
+from avrare_openscenario.story import Assignment, Trigger
+
+Integers = NDArray[np.int64]
+_AT_REST = 1e-3
+"""Speed below which a vehicle stands still [m/s]."""
+
+
+@dataclass(frozen=True)
+class StoryMemory:
+    """State of a storyboard in N particles: C conditions, A acts, E events, V vehicles and the ego.
+
+    Attributes:
+        table: (N, K) numbers of the file.
+        acts: (N, A) which acts have begun.
+        stopped: (N, A) which were ended by their stop triggers.
+        begun: (N, E) step at which an event began, -1 before.
+        ended: (N, E) step at which it ended, -1 before.
+        runs: (N, E) how often it began.
+        before: (N, C) 1 where a condition held at the last step, 0 where not, -1 before the first.
+        late: (N, C, D) what held, edges included, at the last D steps, the newest first.
+        travelled: (N, V + 1) way so far [m].
+        still: (N, V + 1) time at rest so far [s].
+        variables: (N, P) values of variables.
+        drive: What the vehicles are doing.
+    """
+
+    table: Floats
+    acts: Bools
+    stopped: Bools
+    begun: Integers
+    ended: Integers
+    runs: Integers
+    before: Integers
+    late: Bools
+    travelled: Floats
+    still: Floats
+    variables: Floats
+    drive: Drive
+
+
+class ActedTraffic:
+    """Vehicles of a file.
+
+    Args:
+        file: The file.
+        dt: Step [s].
+    """
+
+    def __init__(self, file: ScenarioFile, dt: float) -> None:
+        self.file, self.story, self.maps, self.dt = file, file.story, file.maps, dt
+        self.lengths = np.array([body.length for body in file.bodies])
+        self.widths = np.array([body.width for body in file.bodies])
+        self.ahead = np.array([body.ahead for body in file.bodies])
+        self.count = len(file.bodies) - file.ego
+        self.motions = Motions(file, dt)
+        self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
+
+    def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
+        """Return the ego (N,), the others (N, V) and the memory at t = 0, with drawn parameters (N,)."""
+        table = self.file.parameters.table(values, n)
+        s, d, heading = place_all(self.story, self.maps, table, self.ahead)
+        speed = speed_all(self.story, table)
+        every = Vehicles(s, d, heading, speed, np.zeros_like(speed))
+        for action in self.story.adjustments:
+            every = self.motions.put(action, table, every)
+        heading, speed = every.heading, every.speed
+        story, vehicles = self.story, self.count
+        memory = StoryMemory(
+            table,
+            np.zeros((n, len(story.acts)), np.bool_),
+            np.zeros((n, len(story.acts)), np.bool_),
+            np.full((n, len(story.events)), -1),
+            np.full((n, len(story.events)), -1),
+            np.zeros((n, len(story.events)), np.int64),
+            np.full((n, len(story.conditions)), -1),
+            np.zeros((n, len(story.conditions), int(self.delays.max(initial=0)) + 1), np.bool_),
+            np.zeros_like(speed),
+            np.zeros_like(speed),
+            table[:, list(story.variables)],
+            Drive(
+                heading[:, :vehicles],
+                Course.idle(n, vehicles),
+                Course.idle(n, vehicles),
+                np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
+            ),
+        )
+        ego, others = (
+            Vehicles(*(part[:, rows] for part in vars(every).values())) for rows in (-1, slice(vehicles))
+        )
+        return ego, others, memory
+
+    def check_start(self) -> None:
+        """Raise an error where a vehicle starts off the road, or the ego against it.
+
+        Raises:
+            UsageError: Such a vehicle.
+        """
+        ego, others, _ = self.start(1, {})
+        starts = [(others.x[0, k], others.heading[0, k]) for k in range(self.count)]
+        starts += [(ego.x[0], ego.heading[0])] if self.file.ego else []
+        for body, roads, (station, heading) in zip(self.file.bodies, self.maps, starts, strict=True):
+            length = roads.line.length
+            if not np.isfinite(station):
+                raise UsageError(f"{self.file.path}: {body.name!r} is on no road at the start")
+            if not 0.0 <= station <= length:
+                text = f"{self.file.path}: {body.name!r} begins at {station:.6g} m of its road"
+                raise UsageError(text, f"the road goes from 0 to {length:.6g} m")
+            if self.file.ego and body is self.file.bodies[-1] and np.cos(heading) < 0.0:
+                text = f"{self.file.path}: {body.name!r} drives against the reference line of its road"
+                raise UsageError(text, "only an ego that drives along it is supported")
+
+    def step(
+        self, memory: StoryMemory, step: Integers, ego: Vehicles | None, others: Vehicles
+    ) -> tuple[StoryMemory, Vehicles]:
+        """Return the memory and the others one step later; the ego, if there is one, is that of this step."""
+        memory, every = self._trigger(memory, step, _join(others, ego))
+        drive, found = self.motions.move(memory.table, memory.drive, step, every)
+        memory = replace(memory, drive=drive)
+        mean = replace(found, speed=0.5 * np.abs(others.speed + found.speed))
+        driven = _join(mean, ego).speed * self.dt
+        resting = np.abs(_join(found, ego).speed) < _AT_REST
+        memory = replace(
+            memory,
+            travelled=memory.travelled + driven,
+            still=np.where(resting, memory.still + self.dt, 0.0),
+        )
+        return self._end_events(memory, step + 1), found
+
+    def _trigger(self, memory: StoryMemory, step: Integers, every: Vehicles) -> tuple[StoryMemory, Vehicles]:
+        traffic = Traffic(
+            np.asarray(step * self.dt, dtype=np.float64),
+            every,
+            self.lengths,
+            self.widths,
+            self.ahead,
+            memory.travelled,
+            memory.still,
+            memory.variables,
+        )
+        memory, met = self._conditions(memory, traffic)
+        acts, stopped = np.array(memory.acts), np.array(memory.stopped)
+        for index, trigger in enumerate(self.story.acts):
+            acts[:, index] |= _meets(trigger, met)
+            if (stop := self.story.stops[index]) is not None:
+                stopped[:, index] |= acts[:, index] & _meets(stop, met)
+        memory = self._stop_events(replace(memory, acts=acts, stopped=stopped), step)
+        for index, event in enumerate(self.story.events):
+            rows = acts[:, event.act] & ~stopped[:, event.act] & _meets(event.trigger, met)
+            rows &= (memory.begun[:, index] < 0) | (memory.ended[:, index] >= 0)
+            rows &= memory.runs[:, index] < event.count
+            if event.waits:
+                peers = [k for k, peer in enumerate(self.story.events) if peer.maneuver == event.maneuver]
+                rows &= ~((memory.begun[:, peers] >= 0) & (memory.ended[:, peers] < 0)).any(axis=1)
+            if rows.any():
+                memory, every = self._begin_event(memory, index, rows, step, every)
+        return memory, every
+
+    def _stop_events(self, memory: StoryMemory, step: Integers) -> StoryMemory:
+        # The events of acts that their stop triggers ended.
+        ended = np.array(memory.ended)
+        for index, event in enumerate(self.story.events):
+            running = memory.stopped[:, event.act] & (memory.begun[:, index] >= 0) & (ended[:, index] < 0)
+            if running.any():
+                ended[:, index] = np.where(running, step, ended[:, index])
+                memory = _drop(memory, event.actions, running)
+        return replace(memory, ended=ended)
+
+    def _conditions(self, memory: StoryMemory, traffic: Traffic) -> tuple[StoryMemory, Bools]:
+        conditions = self.story.conditions
+        if not conditions:
+            return memory, np.zeros((len(memory.table), 0), np.bool_)
+        raw = np.stack(
+            [
+                holds(one, traffic, self.maps, memory.table, memory.acts, memory.begun, memory.ended)
+                for one in conditions
+            ],
+            axis=1,
+        )
+        edges = np.array(raw)
+        for index, one in enumerate(conditions):
+            was = memory.before[:, index]
+            if one.edge in ("rising", "falling", "risingOrFalling"):
+                rises, falls = raw[:, index] & (was == 0), ~raw[:, index] & (was == 1)
+                edges[:, index] = {"rising": rises, "falling": falls}.get(one.edge, rises | falls)
+        late = np.concatenate([edges[:, :, None], memory.late[:, :, :-1]], axis=2)
+        met = late[:, np.arange(len(conditions)), self.delays]
+        return replace(memory, before=raw.astype(np.int64), late=late), met
+
+    def _begin_event(
+        self,
+        memory: StoryMemory,
+        index: int,
+        rows: Bools,
+        step: Integers,
+        every: Vehicles,
+    ) -> tuple[StoryMemory, Vehicles]:
+        event = self.story.events[index]
+        ended, begun = np.array(memory.ended), np.array(memory.begun)
+        begun[:, index] = np.where(rows, step, begun[:, index])
+        ended[:, index] = np.where(rows, -1, ended[:, index])
+        if event.overrides:
+            for other, peer in enumerate(self.story.events):
+                running = rows & (begun[:, other] >= 0) & (ended[:, other] < 0)
+                if other != index and peer.maneuver == event.maneuver and running.any():
+                    ended[:, other] = np.where(running, step, ended[:, other])
+                    memory = _drop(memory, peer.actions, running)
+        runs = np.array(memory.runs)
+        runs[:, index] += rows
+        memory = replace(memory, begun=begun, ended=ended, runs=runs)
+        for number in event.actions:
+            action = self.story.actions[number]
+            if isinstance(action, Assignment):
+                variables = np.array(memory.variables)
+                variables[:, action.name] = np.where(rows, _assign(action, memory), variables[:, action.name])
+                memory = replace(memory, variables=variables)
+                continue
+            drive, every = self.motions.begin(number, rows, memory.table, memory.drive, every)
+            memory = replace(memory, drive=drive)
+        return memory, every
+
+    def _end_events(self, memory: StoryMemory, step: Integers) -> StoryMemory:
+        ended = np.array(memory.ended)
+        for index, event in enumerate(self.story.events):
+            busy = np.zeros(len(ended), np.bool_)
+            for course in (memory.drive.speed, memory.drive.across):
+                busy |= np.isin(course.action, list(event.actions)).any(axis=1)
+            over = (memory.begun[:, index] >= 0) & (ended[:, index] < 0) & ~busy
+            ended[:, index] = np.where(over, step, ended[:, index])
+        return replace(memory, ended=ended)
+
+
+def _drop(memory: StoryMemory, actions: Sequence[int], rows: Bools) -> StoryMemory:
+    drive = memory.drive
+    stopped = replace(drive, speed=drive.speed.stop(actions, rows), across=drive.across.stop(actions, rows))
+    return replace(memory, drive=stopped)
+
+
+def _assign(action: Assignment, memory: StoryMemory) -> Floats:
+    value, now = memory.table[:, action.value], memory.variables[:, action.name]
+    return {"set": value, "add": now + value, "multiply": now * value}[action.operation]
+
+
+def _join(others: Vehicles, ego: Vehicles | None) -> Vehicles:
+    if ego is None:
+        return others
+    pairs = zip(vars(others).values(), vars(ego).values(), strict=True)
+    return Vehicles(*(np.column_stack(pair) for pair in pairs))
+
+
+def _meets(trigger: Trigger, met: Bools) -> Bools:
+    # Rows in which one group of conditions holds as a whole; a trigger without any is met.
+    if not trigger:
+        return np.ones(len(met), np.bool_)
+    return np.asarray(np.any([met[:, list(group)].all(axis=1) for group in trigger], axis=0))

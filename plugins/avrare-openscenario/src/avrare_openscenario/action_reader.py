@@ -1,0 +1,380 @@
+"""Reading of actions: what a vehicle does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from avrare_openscenario.catalogs import Catalogs
+from avrare_openscenario.curves import sample_clothoids, sample_nurbs
+from avrare_openscenario.opendrive import Network
+from avrare_openscenario.parameters import Number, Parameters
+from avrare_openscenario.place_reader import find_entity, find_lane, read_place
+from avrare_openscenario.route_reader import read_route, read_route_place
+from avrare_openscenario.story import (
+    DIMENSIONS,
+    FORMS,
+    Action,
+    Assignment,
+    Gap,
+    LaneChange,
+    Place,
+    SpeedChange,
+    SpeedProfile,
+    Synchronize,
+    TargetSpeed,
+    Teleport,
+    Trajectory,
+    Transition,
+)
+from avrare_openscenario.xml_tree import Element, read_boolean
+
+_IDLE = {
+    "ControllerAction": "controllers are left out: the entity obeys the storyboard",
+    "ActivateControllerAction": "controllers are left out: the entity obeys the storyboard",
+    "VisibilityAction": "visibility changes nothing",
+    "AppearanceAction": "lights and animations change nothing",
+    "EnvironmentAction": "environment and weather change nothing",
+    "TrafficSignalAction": "",
+}
+"""Actions that are passed over, with their notes."""
+
+
+class ActionReader:
+    """Reader of the actions of one file.
+
+    Args:
+        parameters: Its parameters.
+        roads: Its roads.
+        names: Names of the entities.
+        catalogs: Catalogs of trajectories and environments.
+        variables: Names of its variables, by index.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        roads: Network,
+        names: Sequence[str],
+        catalogs: Catalogs,
+        variables: Sequence[str],
+    ) -> None:
+        self.parameters, self.roads, self.names = parameters, roads, names
+        self.catalogs, self.variables = catalogs, variables
+
+    def read_global(self, kind: Element) -> Action | None:
+        """Read a ``GlobalAction`` or ``UserDefinedAction``; None: it changes nothing."""
+        if kind.tag == "UserDefinedAction":
+            raise kind.error("a user-defined action is not read", "take it out")
+        action = kind.choice()
+        if action.tag == "EnvironmentAction":
+            action.pass_over(_IDLE["EnvironmentAction"])
+            return None
+        if action.tag in ("ParameterAction", "VariableAction"):
+            return self._read_assignment(action)
+        raise action.unknown("EnvironmentAction, ParameterAction, VariableAction")
+
+    def read_private(self, private: Element, actor: int) -> Action | None:
+        """Read a ``PrivateAction`` of a vehicle; None: it changes nothing."""
+        domain = private.choice()
+        if domain.tag in _IDLE:
+            domain.pass_over(_IDLE[domain.tag])
+            return None
+        if domain.tag == "TeleportAction":
+            return Teleport(actor, self.read_place(domain.child("Position")))
+        if domain.tag == "SynchronizeAction":
+            return self._read_synchronize(domain, actor)
+        if domain.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
+            raise domain.unknown("LongitudinalAction, LateralAction, RoutingAction, TeleportAction")
+        action = domain.choice()
+        match action.tag:
+            case "SpeedAction":
+                return self.read_speed_change(action, actor)
+            case "SpeedProfileAction":
+                return self._read_profile(action, actor)
+            case "LongitudinalDistanceAction" | "LateralDistanceAction":
+                return self._read_gap(action, actor)
+            case "LaneChangeAction":
+                return self._read_lane_change(action, actor)
+            case "LaneOffsetAction":
+                return self._read_lane_offset(action, actor)
+            case "AssignRouteAction":
+                return read_route(self, action, actor)
+            case "FollowTrajectoryAction":
+                return self._read_trajectory(action, actor)
+        known = "SpeedAction, SpeedProfileAction, LaneChangeAction, LaneOffsetAction"
+        raise action.unknown(f"{known}, LongitudinalDistanceAction, FollowTrajectoryAction")
+
+    def _number(self, element: Element, name: str, default: float | None = None) -> Number:
+        return self.parameters.number(element, name, default)
+
+    def _limit(self, element: Element | None, name: str) -> Number | None:
+        if element is None or element.get(name) is None:
+            return None
+        return self.parameters.number(element, name, low=0.0)
+
+    def read_place(self, position: Element) -> Place:
+        """Read a ``Position``."""
+        return read_place(position, self.parameters, self.roads, self.names, self)
+
+    def _find_entity(self, element: Element, name: str = "entityRef") -> int:
+        return find_entity(element, name, self.parameters, self.names)
+
+    def _read_assignment(self, action: Element) -> Assignment:
+        names = {name: index for index, name in enumerate(self.variables)}
+        name = action.get("variableRef") or action.attribute("parameterRef")
+        if name not in names:
+            raise action.error(f"there is no variable {name!r}")
+        change = action.choice()
+        if change.tag == "SetAction":
+            return Assignment(names[name], self.parameters.value(change, "value"), "set")
+        rule = change.child("Rule").choice()
+        if rule.tag == "AddValue":
+            return Assignment(names[name], self._number(rule, "value"), "add")
+        if rule.tag != "MultiplyByValue":
+            raise rule.unknown("AddValue, MultiplyByValue")
+        return Assignment(names[name], self._number(rule, "value"), "multiply")
+
+    def _read_transition(self, element: Element) -> Transition:
+        form = self.parameters.text(element, "dynamicsShape")
+        dimension = self.parameters.text(element, "dynamicsDimension")
+        for name, found, known in (
+            ("dynamicsShape", form, FORMS),
+            ("dynamicsDimension", dimension, DIMENSIONS),
+        ):
+            if found not in known:
+                raise element.error(f"{name} should be one of {', '.join(known)}, found {found!r}")
+        check_following(element)
+        low = 0.0 if dimension != "rate" else None  # of a rate, the size counts
+        value = self.parameters.number(element, "value", 0.0 if form == "step" else None, low)
+        return Transition(form, dimension, value)  # type: ignore[arg-type]  # checked above
+
+    def read_speed_change(self, action: Element, actor: int) -> SpeedChange:
+        """Read a ``SpeedAction``."""
+        transition = self._read_transition(action.child("SpeedActionDynamics"))
+        target = action.child("SpeedActionTarget").choice()
+        continuous = target.tag == "RelativeTargetSpeed" and read_boolean(target, "continuous")
+        return SpeedChange(actor, transition, self.read_speed(target), continuous)
+
+    def read_speed(self, target: Element) -> TargetSpeed:
+        """Read an absolute speed, or one relative to that of another vehicle."""
+        value = self._number(target, "value")
+        if target.tag in ("AbsoluteTargetSpeed", "AbsoluteSpeed"):
+            return TargetSpeed(value)
+        if target.tag != "RelativeTargetSpeed":
+            raise target.unknown("AbsoluteTargetSpeed, RelativeTargetSpeed")
+        kind = self.parameters.text(target, "speedTargetValueType")
+        if kind not in ("delta", "factor"):
+            raise target.error(f"speedTargetValueType should be delta or factor, found {kind!r}")
+        return TargetSpeed(value, self._find_entity(target), kind == "factor")
+
+    def _read_profile(self, action: Element, actor: int) -> SpeedProfile:
+        check_following(action, "followingMode")
+        if limits := action.find("DynamicConstraints"):
+            limits.pass_over("limits of a speed profile are left out: its times count")
+        entries = action.list("SpeedProfileEntry")
+        if not entries or any(entry.get("time") is None for entry in entries):
+            raise action.error("an entry has no time", "give each SpeedProfileEntry a time")
+        if action.get("entityRef") is not None:
+            raise action.error("speeds relative to another entity are not read")
+        durations = tuple(self.parameters.number(entry, "time", low=0.0) for entry in entries)
+        return SpeedProfile(actor, durations, tuple(self._number(entry, "speed") for entry in entries))
+
+    def _read_gap(self, action: Element, actor: int) -> Gap:
+        across = action.tag == "LateralDistanceAction"
+        timed = action.get("timeGap") is not None
+        value = self._number(action, "timeGap" if timed else "distance", 0.0)
+        sides = {"leadingReferencedEntity": 1, "trailingReferencedEntity": -1, "any": 0}
+        sides |= {"leftToReferencedEntity": 1, "rightToReferencedEntity": -1}
+        side = action.get("displacement") or "any"
+        if side not in sides:
+            raise action.error(f"displacement should be one of {', '.join(sides)}, found {side!r}")
+        action.get("coordinateSystem")
+        limits = action.find("DynamicConstraints")
+        if limits is not None:
+            for name in ("maxAccelerationRate", "maxDecelerationRate", "maxDeceleration"):
+                limits.get(name)
+        return Gap(
+            actor,
+            self._find_entity(action),
+            value,
+            timed,
+            read_boolean(action, "freespace"),
+            sides[side],
+            across,
+            read_boolean(action, "continuous"),
+            self._limit(limits, "maxAcceleration"),
+            self._limit(limits, "maxSpeed"),
+        )
+
+    def _read_lane_change(self, action: Element, actor: int) -> LaneChange:
+        transition = self._read_transition(action.child("LaneChangeActionDynamics"))
+        offset = self._number(action, "targetLaneOffset", 0.0)
+        target = action.child("LaneChangeTarget").choice()
+        if target.tag == "AbsoluteTargetLane":
+            lane = find_lane(target, "value", self.parameters, self.roads)
+            return LaneChange(actor, transition, lane, offset)
+        if target.tag != "RelativeTargetLane":
+            raise target.unknown("AbsoluteTargetLane, RelativeTargetLane")
+        other = self._find_entity(target)
+        return LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
+
+    def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
+        read_boolean(action, "continuous")  # an offset is kept until another action in any case
+        dynamics = action.child("LaneOffsetActionDynamics")
+        form = self.parameters.text(dynamics, "dynamicsShape")
+        if form not in FORMS:
+            raise dynamics.error(f"dynamicsShape should be one of {', '.join(FORMS)}, found {form!r}")
+        highest = self._limit(dynamics, "maxLateralAcc")
+        transition = Transition("step", "time", self.parameters.constant(0.0))
+        if form != "step" and highest is not None:
+            transition = Transition(form, "curvature", highest)
+        target = action.child("LaneOffsetTarget").choice()
+        offset = self._number(target, "value")
+        if target.tag == "AbsoluteTargetLaneOffset":
+            return LaneChange(actor, transition, 0, offset, actor)
+        if target.tag != "RelativeTargetLaneOffset":
+            raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
+        return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
+
+    def read_route_place(self, position: Element) -> Place:
+        """Read a ``RoutePosition``."""
+        return read_route_place(self, position)
+
+    def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
+        holder = action.find("TrajectoryRef") or action
+        if mode := action.find("TrajectoryFollowingMode"):
+            check_following(mode, "followingMode")
+        reference = action.find("TimeReference")
+        timing = reference.choice() if reference is not None and reference.children else None
+        absolute, scale, offset = False, 1.0, 0.0
+        if timing is not None and timing.tag == "Timing":
+            absolute = timing.attribute("domainAbsoluteRelative") == "absolute"
+            scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
+        found = self.read_curve(holder, actor, timing is not None and timing.tag == "Timing", scale, offset)
+        begin = action.get("initialDistanceOffset")
+        if begin is not None:
+            begin_number = self._number(action, "initialDistanceOffset")
+            return Trajectory(**{**vars(found), "begin": begin_number, "absolute": absolute})
+        return Trajectory(**{**vars(found), "absolute": absolute})
+
+    def read_curve(
+        self, holder: Element, actor: int, timed: bool, scale: float = 1.0, offset: float = 0.0
+    ) -> Trajectory:
+        """Read the trajectory in an element, or in the catalog that it refers to."""
+        reference = holder.find("CatalogReference")
+        trajectory = holder.child("Trajectory") if reference is None else None
+        if reference is not None:
+            trajectory = self.catalogs.resolve(reference, ("Trajectory",))
+        assert trajectory is not None
+        trajectory.get("name")
+        trajectory.skip_children("ParameterDeclarations")
+        if read_boolean(trajectory, "closed"):
+            raise trajectory.error("a closed trajectory is not read")
+        form = trajectory.child("Shape").choice()
+        if form.tag == "Polyline":
+            return self._read_polyline(form, actor, timed, scale, offset)
+        if form.tag in ("Clothoid", "ClothoidSpline"):
+            return self._read_clothoids(form, actor)
+        if form.tag == "Nurbs":
+            return self._read_nurbs(form, actor)
+        raise form.unknown("Polyline, Clothoid, ClothoidSpline, Nurbs")
+
+    def _read_polyline(
+        self, form: Element, actor: int, timed: bool, scale: float, offset: float
+    ) -> Trajectory:
+        vertices = form.list("Vertex")
+        if len(vertices) < 2:
+            raise form.error("should have at least two vertices")
+        places = tuple(self.read_place(vertex.child("Position")) for vertex in vertices)
+        if not timed or any(vertex.attributes.get("time") is None for vertex in vertices):
+            for vertex in vertices:
+                vertex.get("time")
+            return Trajectory(actor, places)
+        times = tuple(
+            self.parameters.scaled(self._number(vertex, "time"), scale, offset) for vertex in vertices
+        )
+        return Trajectory(actor, places, times)
+
+    def _read_clothoids(self, form: Element, actor: int) -> Trajectory:
+        fixed = self.parameters.fixed
+        pieces: list[tuple[float, float, float]] = []
+        if form.tag == "Clothoid":
+            start: Element | None = form.child("Position")
+            length = fixed(form, "length")
+            for name in ("startTime", "stopTime"):
+                form.get(name)
+            bend = fixed(form, "curvature")
+            turn = "curvaturePrime" if form.get("curvaturePrime") is not None else "curvatureDot"
+            pieces.append((length, bend, bend + length * fixed(form, turn)))
+        else:
+            form.get("timeEnd")
+            segments = form.list("ClothoidSplineSegment")
+            if not segments:
+                raise form.error("has no ClothoidSplineSegment")
+            start = segments[0].find("PositionStart")
+            if start is None and actor < 0:
+                raise form.error("its first segment has no PositionStart")
+            for segment in segments:
+                segment.get("timeStart")
+                if segment is not segments[0] and segment.find("PositionStart") is not None:
+                    raise segment.error("a later segment with a start of its own is not read")
+                bends = fixed(segment, "curvatureStart"), fixed(segment, "curvatureEnd")
+                pieces.append((fixed(segment, "length"), *bends))
+        if any(length <= 0.0 for length, _, _ in pieces):
+            raise form.error("a length should be above 0")
+        shape = sample_clothoids(pieces)
+        if start is not None:
+            return Trajectory(actor, (self.read_place(start),), shape=shape)
+        nothing = self.parameters.constant(0.0)  # it begins where the vehicle is
+        return Trajectory(actor, (Place("ahead", nothing, nothing, nothing, other=actor),), shape=shape)
+
+    def _read_nurbs(self, form: Element, actor: int) -> Trajectory:
+        points = form.list("ControlPoint")
+        places = tuple(self.read_place(point.child("Position")) for point in points)
+        weights = []
+        for point in points:
+            point.get("time")
+            weights.append(1.0 if point.get("weight") is None else self.parameters.fixed(point, "weight"))
+        knots = [self.parameters.fixed(knot, "value") for knot in form.list("Knot")]
+        order = self.parameters.whole(form, "order")
+        if not 2 <= order <= len(points) or len(knots) != len(points) + order or np.any(np.diff(knots) < 0):
+            raise form.error("should have at least `order` points, and as many ascending knots as both")
+        return Trajectory(actor, places, shares=sample_nurbs(order, weights, knots))
+
+    def _read_synchronize(self, action: Element, actor: int) -> Synchronize:
+        final = action.find("FinalSpeed")
+        speed, steady, steady_timed = None, None, False
+        if final is not None:
+            kind = final.choice()
+            if kind.tag == "RelativeSpeedToMaster":
+                factor = self.parameters.text(kind, "speedTargetValueType") == "factor"
+                master = self._find_entity(action, "masterEntityRef")
+                speed = TargetSpeed(self._number(kind, "value"), master, factor)
+            else:
+                speed = self.read_speed(kind)
+            for tag, timed in (("TargetDistanceSteadyState", False), ("TargetTimeSteadyState", True)):
+                if (element := kind.find(tag)) is not None:
+                    name = next(iter(element.attributes), "distance")
+                    steady, steady_timed = self._number(element, name), timed
+        return Synchronize(
+            actor,
+            self._find_entity(action, "masterEntityRef"),
+            self.read_place(action.child("TargetPosition")),
+            self.read_place(action.child("TargetPositionMaster")),
+            speed,
+            steady,
+            steady_timed,
+            self._number(action, "targetTolerance", 1.0),
+            self._number(action, "targetToleranceMaster", 1.0),
+        )
+
+
+def check_following(element: Element, name: str = "followingMode") -> None:
+    """Note where a file asks for limits of the vehicle, which are left out."""
+    mode = element.get(name)
+    if mode not in (None, "position", "follow"):
+        raise element.error(f"{name} should be position or follow, found {mode!r}")
+    if mode == "follow":
+        element.note("followed exactly: limits of the vehicle are left out")

@@ -1,0 +1,189 @@
+"""Entries of OpenSCENARIO catalogs, with their parameters put in."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from avrare.base.errors import did_you_mean
+from avrare_openscenario.parameters import Parameters
+from avrare_openscenario.xml_tree import Element, read_xml
+
+_REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
+_SUFFIX = ".xosc"
+_MOST = 100_000
+"""Most elements that entries put into a scenario."""
+READ = (
+    "VehicleCatalog",
+    "PedestrianCatalog",
+    "MiscObjectCatalog",
+    "ManeuverCatalog",
+    "TrajectoryCatalog",
+    "RouteCatalog",
+)
+"""Locations that are looked into."""
+
+
+class Catalogs:
+    """Catalogs that a scenario may refer to.
+
+    Args:
+        locations: The element ``CatalogLocations``, if there is one.
+        parameters: Parameters of the scenario.
+        path: File of the scenario.
+        given: Files in place of those in its folders; empty: those.
+        allowed: Raises an error where a file (path, what it is) may not be read.
+
+    Attributes:
+        used: Files of the catalogs that were referred to.
+    """
+
+    def __init__(
+        self,
+        locations: Element | None,
+        parameters: Parameters,
+        path: str,
+        given: Sequence[str] = (),
+        allowed: Callable[[str, str], None] | None = None,
+    ) -> None:
+        self.parameters, self.allowed = parameters, allowed
+        self.used: list[str] = []
+        self._entries: list[Element] = []
+        self._read: dict[str, Element] | None = None
+        self._copied = 0
+        folders = [] if locations is None else [one for tag in READ for one in locations.list(tag)]
+        self._folders = [
+            os.path.join(os.path.dirname(path), parameters.text(one.child("Directory"), "path"))
+            for one in folders
+        ]
+        self._given = list(given)
+        if locations is not None:
+            locations.skip()
+
+    def resolve(self, reference: Element, kinds: Sequence[str]) -> Element:
+        """Return the entry that an element ``CatalogReference`` names, which must be one of these kinds.
+
+        Raises:
+            UsageError: There is no such entry, or its parameters are not those that are assigned.
+        """
+        top = self._find(reference)
+        every = top.child("Catalog").children
+        name = self.parameters.text(reference, "entryName")
+        named = [one for one in every if one.get("name") == name]
+        if not named:
+            hint = did_you_mean(name, [one.get("name") or "" for one in every])
+            raise reference.error(f"there is no entry {name!r} in {top.path}", hint)
+        if len(named) > 1:
+            raise named[1].error(f"a second entry {name!r}", "give it another name")
+        found = named[0]
+        if found.tag not in kinds:
+            raise reference.error(f"the entry {name!r} is a {found.tag}", f"known here: {', '.join(kinds)}")
+        values = _values(found, reference)
+        entry = self._copy(found, values)
+        entry.skip_children("ParameterDeclarations")
+        self._entries.append(entry)
+        return entry
+
+    def refuse_unread(self) -> None:
+        """Raise an error at the first part of an entry that was not asked for."""
+        for one in self._entries:
+            one.refuse_unread()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return the notes on the entries, each with its place."""
+        return tuple(note for entry in self._entries for note in entry.notes())
+
+    def _find(self, reference: Element) -> Element:
+        if self._read is None:
+            self._read = self._read_all(reference)
+        name = self.parameters.text(reference, "catalogName")
+        if name not in self._read:
+            known = ", ".join(self._read) or "none"
+            hint = f"found in the folders of CatalogLocations: {known}"
+            raise reference.error(f"there is no catalog {name!r}", hint)
+        top = self._read[name]
+        if top.path not in self.used:
+            self.used.append(top.path)
+        return top
+
+    def _read_all(self, reference: Element) -> dict[str, Element]:
+        found: dict[str, Element] = {}
+        for path in self._given or self._list_files(reference):
+            if self.allowed is not None:
+                self.allowed(path, "CatalogLocations")
+            top = read_xml(path, "OpenSCENARIO")
+            catalog = top.find("Catalog")
+            if catalog is None:  # a scenario that lies beside
+                continue
+            name = catalog.attribute("name")
+            if name in found:
+                raise catalog.error(f"there are two catalogs {name!r}", f"the other is {found[name].path}")
+            found[name] = top
+        return found
+
+    def _list_files(self, reference: Element) -> list[str]:
+        paths = []
+        for folder in dict.fromkeys(self._folders):
+            if self.allowed is not None:
+                self.allowed(folder, "CatalogLocations")
+            try:
+                names = sorted(os.listdir(folder))
+            except (OSError, ValueError):
+                raise reference.error(f"the folder {folder} of CatalogLocations cannot be read") from None
+            paths += [os.path.join(folder, name) for name in names if name.lower().endswith(_SUFFIX)]
+        return paths
+
+    def _copy(self, element: Element, values: Mapping[str, str]) -> Element:
+        self._copied += 1
+        if self._copied > _MOST:
+            raise element.error(f"more than {_MOST:,} elements of catalogs are used")
+        return replace(
+            element,
+            attributes={name: _put_in(element, text, values) for name, text in element.attributes.items()},
+            children=[self._copy(one, values) for one in element.children],
+            _asked=set(),
+        )
+
+
+def _values(entry: Element, reference: Element) -> dict[str, str]:
+    # Values of the entry's own parameters; those that are assigned may refer to the scenario's.
+    block = entry.find("ParameterDeclarations")
+    values = {}
+    for one in block.list("ParameterDeclaration") if block is not None else ():
+        one.get("parameterType")
+        values[one.attribute("name")] = one.attribute("value")
+        for group in one.list("ConstraintGroup"):
+            group.skip()
+    if block is not None:
+        block.refuse_unread()
+    assigned_names: set[str] = set()
+    assigned = reference.find("ParameterAssignments")
+    for one in assigned.list("ParameterAssignment") if assigned is not None else ():
+        name = one.attribute("parameterRef").removeprefix("$")
+        if name not in values:
+            hint = did_you_mean(name, values)
+            raise one.error(f"the entry {entry.get('name')!r} has no parameter {name!r}", hint)
+        values[name] = one.attribute("value")
+        assigned_names.add(name)
+    for name, text in values.items():  # a value may refer to those before it; one assigned, to the scenario's
+        if name not in assigned_names:
+            values[name] = _put_in(entry, text, values)
+    return values
+
+
+def _put_in(element: Element, text: str, values: Mapping[str, str]) -> str:
+    names = _REFERENCE.findall(text)
+    for name in names:
+        if name not in values:
+            hint = did_you_mean(name, values)
+            raise element.error(f"no parameter {name!r} is declared in this entry", hint)
+    if names == [text[1:]]:
+        return values[names[0]]
+    return _REFERENCE.sub(lambda found: f"({_bare(values[found[1]])})", text)
+
+
+def _bare(value: str) -> str:
+    # An expression within another has no braces of its own.
+    return value[2:-1] if value.startswith("${") and value.endswith("}") else value

@@ -1,0 +1,201 @@
+"""Reading of conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal, get_args
+
+from avrare_openscenario.action_reader import ActionReader
+from avrare_openscenario.opendrive import Network
+from avrare_openscenario.parameters import Number, Parameters
+from avrare_openscenario.place_reader import find_entity, read_place
+from avrare_openscenario.story import Condition, Edge, Place, Rule
+from avrare_openscenario.xml_tree import Element, read_boolean
+
+_LONGEST_DELAY = 100_000
+"""Longest delay of a condition [steps]."""
+
+
+class ConditionReader:
+    """Reader of the conditions of one file.
+
+    Args:
+        parameters: Its parameters.
+        roads: Its roads.
+        names: Names of the entities.
+        kinds: What each of them is.
+        dt: Step [s].
+        curves: Reader of trajectories.
+        variables: Names of its variables, by index.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        roads: Network,
+        names: Sequence[str],
+        kinds: Sequence[str],
+        dt: float,
+        curves: ActionReader,
+        variables: Sequence[str],
+    ) -> None:
+        self.parameters, self.roads, self.names, self.kinds = parameters, roads, names, kinds
+        self.dt, self.curves, self.variables = dt, curves, variables
+
+    def read(self, condition: Element) -> Condition:
+        """Read a ``Condition``."""
+        condition.get("name")
+        edge = condition.get("conditionEdge") or "none"
+        if edge not in get_args(Edge):
+            raise condition.error(f"conditionEdge should be one of {', '.join(get_args(Edge))}")
+        seconds = 0.0 if condition.get("delay") is None else self.parameters.fixed(condition, "delay")
+        if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
+            text = f"delay should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
+            raise condition.error(text)
+        kind = condition.choice()
+        if kind.tag == "ByValueCondition":
+            found = self._read_by_value(kind.choice())
+        elif kind.tag == "ByEntityCondition":
+            found = self._read_by_entity(kind)
+        else:
+            raise kind.unknown("ByValueCondition, ByEntityCondition")
+        return replace(found, edge=edge, delay=found.delay + round(seconds / self.dt))  # type: ignore[arg-type]
+
+    def _read_by_value(self, one: Element) -> Condition:
+        match one.tag:
+            case "SimulationTimeCondition":
+                return Condition("time", *self._read_comparison(one))
+            case "StoryboardElementStateCondition":  # resolved when all elements are read
+                return Condition("state", "equalTo", self.parameters.constant(0.0))
+            case "ParameterCondition" | "VariableCondition":
+                name = one.attribute(f"{one.tag.removesuffix('Condition').lower()}Ref")
+                if name not in self.variables:
+                    raise one.error(f"there is no variable {name!r}")
+                value = self.parameters.value(one, "value")
+                return Condition("variable", self._read_rule(one), value, variable=self.variables.index(name))
+        known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
+        raise one.unknown(f"{known}, VariableCondition")
+
+    def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
+        return self._read_rule(one), self.parameters.number(one, "value")
+
+    def _read_rule(self, one: Element) -> Rule:
+        rule = self.parameters.text(one, "rule")
+        if rule not in get_args(Rule):
+            raise one.error(f"rule should be one of {', '.join(get_args(Rule))}, found {rule!r}")
+        return rule  # type: ignore[return-value]  # checked above
+
+    def _read_by_entity(self, condition: Element) -> Condition:
+        triggering = condition.child("TriggeringEntities")
+        entities = tuple(
+            find_entity(one, "entityRef", self.parameters, self.names) for one in triggering.list("EntityRef")
+        )
+        amount = triggering.attribute("triggeringEntitiesRule")
+        if amount not in ("any", "all") or not entities:
+            raise triggering.error("should name entities, any or all of them")
+        found = self._read_entity_condition(condition.child("EntityCondition").choice())
+        return replace(found, entities=entities, every=amount == "all")
+
+    def _read_entity_condition(self, one: Element) -> Condition:
+        simple = {
+            "TraveledDistanceCondition": "travelled",
+            "SpeedCondition": "speed",
+            "RelativeSpeedCondition": "relative_speed",
+            "AccelerationCondition": "acceleration",
+            "TimeHeadwayCondition": "headway",
+            "RelativeDistanceCondition": "distance",
+        }
+        if one.tag == "TraveledDistanceCondition":
+            return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
+        if one.tag in simple:
+            rule, value = self._read_comparison(one)
+            direction = self._read_direction(one)
+            other = -1
+            if one.tag in ("RelativeSpeedCondition", "TimeHeadwayCondition", "RelativeDistanceCondition"):
+                other = find_entity(one, "entityRef", self.parameters, self.names)
+            along, free = (
+                self._read_distance(one) if simple[one.tag] in ("headway", "distance") else (True, False)
+            )
+            if one.get("relativeDistanceType") == "lateral":
+                direction = "lateral"
+            return Condition(
+                simple[one.tag], rule, value, other=other, along=along, free=free, direction=direction
+            )
+        match one.tag:
+            case "CollisionCondition":
+                one_value = self.parameters.constant(1.0)
+                return Condition("collision", "equalTo", one_value, against=self._read_against(one))
+            case "EndOfRoadCondition" | "OffroadCondition":
+                kind = "road_end" if one.tag == "EndOfRoadCondition" else "off_road"
+                steps = round(self.parameters.fixed(one, "duration") / self.dt)
+                return Condition(kind, "equalTo", self.parameters.constant(1.0), delay=max(steps, 0))
+            case "StandStillCondition":
+                return Condition("standstill", "greaterOrEqual", self.parameters.number(one, "duration"))
+            case "TimeToCollisionCondition":
+                return self._read_collision_time(one)
+            case "DistanceCondition":
+                rule, value = self._read_comparison(one)
+                along, free = self._read_distance(one)
+                if one.get("relativeDistanceType") == "lateral":
+                    raise one.error("a lateral distance to a place is not read")
+                return Condition("distance", rule, value, along=along, free=free, place=self._place(one))
+            case "ReachPositionCondition":
+                tolerance = self.parameters.number(one, "tolerance")
+                return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
+        known = ", ".join((*simple, "StandStillCondition", "TimeToCollisionCondition", "DistanceCondition"))
+        raise one.unknown(f"{known}, ReachPositionCondition")
+
+    def _read_collision_time(self, one: Element) -> Condition:
+        rule, value = self._read_comparison(one)
+        along, free = self._read_distance(one)
+        if not along or one.get("relativeDistanceType") == "lateral":
+            raise one.error(
+                "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
+            )
+        target = one.child("TimeToCollisionConditionTarget").choice()
+        if target.tag != "EntityRef":
+            raise target.unknown("EntityRef")
+        other = find_entity(target, "entityRef", self.parameters, self.names)
+        return Condition("collision_time", rule, value, other=other, free=free)
+
+    def _place(self, one: Element) -> Place:
+        return read_place(one.child("Position"), self.parameters, self.roads, self.names, self.curves)
+
+    def _read_direction(self, one: Element) -> Literal["", "longitudinal", "lateral"]:
+        match one.get("direction"):
+            case None:
+                return ""
+            case "longitudinal":
+                return "longitudinal"
+            case "lateral" if one.tag == "RelativeSpeedCondition":
+                return "lateral"
+        raise one.error("direction should be longitudinal")
+
+    def _read_against(self, one: Element) -> tuple[int, ...]:
+        # Entities that a collision is with.
+        target = one.choice()
+        if target.tag == "EntityRef":
+            return (find_entity(target, "entityRef", self.parameters, self.names),)
+        if target.tag != "ByType":
+            raise target.unknown("EntityRef, ByType")
+        kinds = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
+        kind = target.attribute("type")
+        if kind not in kinds:
+            raise target.error(f"type should be one of {', '.join(kinds)}, found {kind!r}")
+        return tuple(index for index, found in enumerate(self.kinds) if found == kinds[kind])
+
+    def _read_distance(self, one: Element) -> tuple[bool, bool]:
+        # Whether a distance is along the road, and whether between the boxes.
+        kind = one.get("relativeDistanceType")
+        if kind is None:
+            along = read_boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
+            kind = "longitudinal" if along else "euclidianDistance"
+        one.get("alongRoute")
+        if kind not in ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance"):
+            raise one.error(f"relativeDistanceType {kind!r} is not read")
+        if one.get("coordinateSystem") not in (None, "entity", "lane", "road"):
+            raise one.error("coordinateSystem should be entity, lane or road")
+        one.get("routingAlgorithm")
+        one.attribute("freespace")
+        return kind == "longitudinal", read_boolean(one, "freespace")

@@ -1,0 +1,251 @@
+"""Evaluation of a storyboard's conditions, all particles at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.driving import Vehicles
+from avrare.driving.frames import to_plane
+from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.protocols import Bools, Floats
+from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.starts import move_along_body, place_point
+from avrare_openscenario.story import Condition
+from avrare_openscenario.trajectories import list_places
+
+_TOLERANCE = 1e-9
+"""Relative difference below which numbers are equal: 3 x 0.1 s is no more than 0.3 s."""
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """All vehicles at one step, the ego last.
+
+    Attributes:
+        time: (N,) [s].
+        vehicles: States (N, V + 1).
+        lengths: (V + 1,) [m].
+        widths: (V + 1,) [m].
+        ahead: (V + 1,) how far the middles are ahead of the points of reference [m].
+        travelled: (N, V + 1) way so far [m].
+        still: (N, V + 1) time at rest so far [s].
+        variables: (N, P) values of variables.
+    """
+
+    time: Floats
+    vehicles: Vehicles
+    lengths: Floats
+    widths: Floats
+    ahead: Floats
+    travelled: Floats
+    still: Floats
+    variables: Floats
+
+
+def holds(
+    condition: Condition,
+    traffic: Traffic,
+    maps: Sequence[RoadMap],
+    table: Floats,
+    acts: Bools,
+    begun: NDArray[np.int64],
+    ended: NDArray[np.int64],
+) -> Bools:
+    """Tell (N,) where a condition holds, edges and delays aside.
+
+    Args:
+        condition: The condition.
+        traffic: The vehicles.
+        maps: The road of each vehicle.
+        table: (N, K) numbers of the file.
+        acts: (N, A) which acts have begun.
+        begun: (N, E) step at which each event began, -1 before.
+        ended: (N, E) step at which it ended, -1 before.
+    """
+    value = table[:, condition.value]
+    if condition.kind == "time":
+        return compare(condition.rule, traffic.time, value)
+    if condition.kind == "state":
+        return _state_holds(condition, acts, begun, ended)
+    if condition.kind == "variable":
+        return compare(condition.rule, traffic.variables[:, condition.variable], value)
+    found = np.stack(
+        [
+            compare(condition.rule, _measure(condition, entity, traffic, maps, table), value)
+            for entity in condition.entities
+        ]
+    )
+    return np.asarray(found.all(axis=0) if condition.every else found.any(axis=0))
+
+
+def compare(rule: str, left: Floats, right: Floats) -> Bools:
+    """Tell where a comparison of OpenSCENARIO holds."""
+    slack = _TOLERANCE * (1.0 + np.abs(right))
+    match rule:
+        case "lessThan":
+            return np.asarray(left < right - slack)
+        case "lessOrEqual":
+            return np.asarray(left <= right + slack)
+        case "greaterThan":
+            return np.asarray(left > right + slack)
+        case "greaterOrEqual":
+            return np.asarray(left >= right - slack)
+        case "equalTo":
+            return np.asarray(np.abs(left - right) <= slack)
+    return np.asarray(np.abs(left - right) > slack)
+
+
+def _state_holds(
+    condition: Condition, acts: Bools, begun: NDArray[np.int64], ended: NDArray[np.int64]
+) -> Bools:
+    events = list(condition.events)
+    some = (begun[:, events] >= 0).any(axis=1)
+    if condition.begin == "act":
+        some = acts[:, condition.act]
+    elif condition.begin == "story":
+        some = np.ones(len(begun), np.bool_)
+    all_ended = some & (ended[:, events] >= 0).all(axis=1)
+    match condition.state:
+        case "standbyState":
+            return np.asarray(~some)
+        case "startTransition":
+            return np.asarray(some)
+        case "runningState":
+            return np.asarray(some & ~all_ended)
+    return np.asarray(all_ended)
+
+
+def _measure(
+    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Floats:
+    roads = maps[entity]
+    speeds, other = traffic.vehicles.speed, condition.other
+    match condition.kind:
+        case "travelled":
+            return traffic.travelled[:, entity]
+        case "standstill":
+            return traffic.still[:, entity]
+        case "speed":
+            return speeds[:, entity]
+        case "acceleration":
+            return traffic.vehicles.acceleration[:, entity]
+        case "relative_speed":
+            turned = traffic.vehicles.heading[:, other] - traffic.vehicles.heading[:, entity]
+            if condition.direction == "longitudinal":
+                return np.asarray(speeds[:, entity] - np.cos(turned) * speeds[:, other])
+            if condition.direction == "lateral":
+                return np.asarray(-np.sin(turned) * speeds[:, other])
+            return np.asarray(speeds[:, entity] - speeds[:, other])
+        case "collision":
+            return _touches(condition, entity, traffic, maps)
+        case "road_end":
+            station = traffic.vehicles.x[:, entity]
+            return np.asarray((station <= 0.0) | (station >= roads.line.length), dtype=np.float64)
+        case "off_road":
+            return _off_road(_pick(traffic.vehicles, entity), roads)
+    if condition.place is not None:
+        return _distance_to_place(condition, entity, traffic, maps, table)
+    distance = _distance(condition, entity, other, traffic, maps)
+    if condition.kind == "distance":
+        return distance
+    closing = speeds[:, entity]
+    if condition.kind == "collision_time":
+        along = speeds * np.cos(traffic.vehicles.heading)
+        side = np.sign(traffic.vehicles.x[:, other] - traffic.vehicles.x[:, entity])
+        closing = side * (along[:, entity] - along[:, other])
+    moving = closing > _TOLERANCE
+    return np.where(moving, distance / np.where(moving, closing, 1.0), np.inf)
+
+
+def _distance(
+    condition: Condition, one: int, other: int, traffic: Traffic, maps: Sequence[RoadMap]
+) -> Floats:
+    here, there = _pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
+    roads = maps[one]
+    if condition.direction == "lateral":
+        reach = 0.5 * (traffic.widths[one] + traffic.widths[other]) if condition.free else 0.0
+        return np.asarray(np.maximum(np.abs(here.y - there.y) - reach, 0.0))
+    if condition.free and condition.along:
+        reach = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
+        return np.asarray(np.maximum(np.abs(here.x - there.x) - reach, 0.0))
+    if condition.free:
+        boxes = _box(roads, here, traffic, one), _box(roads, there, traffic, other)
+        return np.asarray(np.maximum(signed_distance(*boxes), 0.0))
+    here = _reference(roads, here, traffic.ahead[one])
+    return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
+
+
+def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
+    # Another vehicle along a road, which may not be its own.
+    vehicles = _pick(traffic.vehicles, other)
+    if maps[other] is roads:
+        return vehicles
+    x, y = maps[other].line.to_plane(vehicles.x, vehicles.y)
+    s, d = roads.line.to_road(x, y)
+    heading = vehicles.heading + maps[other].line.heading(vehicles.x) - roads.line.heading(s)
+    return replace(vehicles, x=s, y=d, heading=heading)
+
+
+def _distance_to_place(
+    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Floats:
+    assert condition.place is not None
+    roads = maps[entity]
+    references = {}
+    for k in list_places(condition.place):
+        seen = _reference(maps[k], _pick(traffic.vehicles, k), traffic.ahead[k])
+        references[k] = seen.x, seen.y, seen.heading
+    s, d, heading = place_point(condition.place, roads, maps, table, references)
+    goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
+    here = _pick(traffic.vehicles, entity)
+    if not condition.free:
+        here = _reference(roads, here, traffic.ahead[entity])
+        return _apart(condition.along, here, goal, roads)
+    if condition.along:
+        return np.asarray(np.maximum(np.abs(here.x - s) - 0.5 * traffic.lengths[entity], 0.0))
+    point = to_plane(roads.road, goal)
+    nothing = np.zeros_like(point.x)
+    spot = Rectangle(point.x, point.y, point.heading, nothing, nothing)
+    return np.asarray(np.maximum(signed_distance(_box(roads, here, traffic, entity), spot), 0.0))
+
+
+def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap]) -> Floats:
+    touches = np.zeros(len(traffic.time), np.bool_)
+    mine = _box(maps[one], _pick(traffic.vehicles, one), traffic, one)
+    for other in condition.against:
+        if other != one:
+            theirs = _box(maps[one], _see(traffic, other, maps[one], maps), traffic, other)
+            touches |= signed_distance(mine, theirs) <= 0.0
+    return touches.astype(np.float64)
+
+
+def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:
+    middles, reach = roads.middles(vehicle.x), 0.5 * roads.road.lane_width
+    aside = (np.abs(vehicle.y[:, None] - middles) > reach).all(axis=1)
+    return np.asarray(aside | (vehicle.x < 0.0) | (vehicle.x > roads.line.length), dtype=np.float64)
+
+
+def _box(roads: RoadMap, vehicles: Vehicles, traffic: Traffic, k: int) -> Rectangle:
+    place, size = to_plane(roads.road, vehicles), (traffic.lengths[k], traffic.widths[k])
+    return Rectangle(place.x, place.y, place.heading, *map(np.asarray, size))
+
+
+def _apart(along: bool, one: Vehicles, other: Vehicles, roads: RoadMap) -> Floats:
+    if along:
+        return np.asarray(np.abs(one.x - other.x))
+    one, other = to_plane(roads.road, one), to_plane(roads.road, other)
+    return np.hypot(one.x - other.x, one.y - other.y)
+
+
+def _reference(roads: RoadMap, vehicles: Vehicles, ahead: Floats) -> Vehicles:
+    # The point that a file speaks of: the middle of the rear axle.
+    s, d, heading = move_along_body(roads, vehicles.x, vehicles.y, vehicles.heading, -ahead)
+    return Vehicles(s, d, heading, vehicles.speed, vehicles.acceleration)
+
+
+def _pick(vehicles: Vehicles, k: int) -> Vehicles:
+    return Vehicles(*(part[:, k] for part in vars(vehicles).values()))

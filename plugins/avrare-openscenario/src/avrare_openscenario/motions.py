@@ -1,0 +1,399 @@
+"""Motions of vehicles along a road: what actions do, step by step, all particles at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Bools, Floats
+from avrare_openscenario.courses import Course, Integers, transition_span
+from avrare_openscenario.scenario_file import ScenarioFile
+from avrare_openscenario.starts import (
+    build_path,
+    lane_middle,
+    move_along_body,
+    nearest_lane,
+    place_point,
+    resolve_speed,
+)
+from avrare_openscenario.story import (
+    Assignment,
+    Gap,
+    LaneChange,
+    Place,
+    Route,
+    SpeedChange,
+    SpeedProfile,
+    Synchronize,
+    Teleport,
+    Trajectory,
+)
+from avrare_openscenario.synchronization import synchronize_speed
+from avrare_openscenario.trajectories import Path, Pose, list_places
+
+_CRAWL = 0.5
+"""Speed below which a heading does not follow a lane change [m/s]."""
+_STIFFNESS = 0.4
+"""Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motions of V vehicles of N particles.
+
+    Attributes:
+        heading: (N, V) heading of the bodies against their lanes, lane changes aside [rad].
+        speed: Changes of speed.
+        across: Changes of offset, and trajectories.
+        anchors: (N, T, V + 1, 3) poses of all points of reference where each trajectory began.
+    """
+
+    heading: Floats
+    speed: Course
+    across: Course
+    anchors: Floats
+
+
+class Motions:
+    """Motions of the vehicles of a file.
+
+    Args:
+        file: The file.
+        dt: Step [s].
+    """
+
+    def __init__(self, file: ScenarioFile, dt: float) -> None:
+        self.story, self.maps, self.dt = file.story, file.maps, dt
+        self.bodies = file.bodies
+        actions = enumerate(self.story.actions)
+        self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
+        self.ahead = np.array([body.ahead for body in file.bodies])
+
+    def begin(
+        self, number: int, rows: Bools, table: Floats, drive: Drive, every: Vehicles
+    ) -> tuple[Drive, Vehicles]:
+        """Begin an action in some rows; what is done after it, and all vehicles."""
+        action = self.story.actions[number]
+        assert not isinstance(action, Assignment | Route)
+        actor = action.actor
+        match action:
+            case SpeedChange():
+                speed = self._begin_speed(drive.speed, number, action, rows, table, every)
+                return replace(drive, speed=speed), every
+            case LaneChange():
+                across = self._begin_across(drive.across, number, action, rows, table, every)
+                return replace(drive, across=across), every
+            case Teleport():
+                moved = self._teleport(action, table, every)
+                heading = np.array(drive.heading)
+                heading[:, actor] = np.where(rows, moved.heading[:, actor], heading[:, actor])
+                across = drive.across.finish(actor, rows)
+                return replace(drive, heading=heading, across=across), _choose(rows, actor, moved, every)
+            case Gap() if action.acceleration is None and not action.continuous:
+                return drive, _choose(rows, actor, self.set_gap(action, table, every), every)
+            case Trajectory():
+                anchors = np.array(drive.anchors)
+                poses = [np.stack(self._reference(every, k), axis=1) for k in range(every.x.shape[1])]
+                anchors[rows, self.trajectories.index(number)] = np.stack(poses, axis=1)[rows]
+                across = self._begin_endless(
+                    drive.across, number, rows, np.zeros(len(rows)), not action.times
+                )
+                speed = drive.speed.finish(actor, rows) if action.times else drive.speed
+                return replace(drive, speed=speed, across=across, anchors=anchors), every
+            case Gap(across=True):
+                across = self._begin_endless(drive.across, number, rows, every.y[:, actor])
+                return replace(drive, across=across), every
+            case Gap() | SpeedProfile() | Synchronize():
+                speed = self._begin_endless(drive.speed, number, rows, every.speed[:, actor])
+                return replace(drive, speed=speed), every
+        raise AssertionError(action)
+
+    def _begin_endless(
+        self, course: Course, number: int, rows: Bools, value: Floats, by_way: bool = False
+    ) -> Course:
+        action = self.story.actions[number]
+        assert not isinstance(action, Assignment | Route)
+        span = np.full(len(rows), np.inf)
+        return course.begin(
+            number, action.actor, rows, start=value, target=value, span=span, form=0, by_way=by_way
+        )
+
+    def put(self, action: Gap | Teleport, table: Floats, every: Vehicles) -> Vehicles:
+        """Put a vehicle to its place, or its distance, in all rows."""
+        if isinstance(action, Gap):
+            return self.set_gap(action, table, every)
+        return self._teleport(action, table, every)
+
+    def set_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Vehicles:
+        """Put a vehicle at its distance to another one, with the other's speed."""
+        parts = {name: np.array(part) for name, part in vars(every).items()}
+        place = self._gap_place(gap, table, every)
+        if gap.across:
+            parts["y"][:, gap.actor] = place
+        else:
+            parts["x"][:, gap.actor] = place
+            parts["speed"][:, gap.actor] = every.speed[:, gap.other]
+        return Vehicles(**parts)
+
+    def move(self, table: Floats, drive: Drive, step: Integers, every: Vehicles) -> tuple[Drive, Vehicles]:
+        """Return what is done, and the vehicles (N, V) without the ego, one step later."""
+        heading, speed, across = drive.heading, drive.speed, drive.across
+        others = Vehicles(*(part[:, : heading.shape[1]] for part in vars(every).values()))
+        active = speed.action >= 0
+        begun = speed
+        speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))
+        velocity = np.where(active, wanted, others.speed)
+        speed, velocity = self._steer(table, begun, speed, drive, velocity, every)
+        start = np.where(active & (begun.span <= 0.0), velocity, others.speed)  # a step has no way
+        way = 0.5 * (start + velocity) * self.dt
+        changing = across.action >= 0
+        across, aside, slope = across.advance(self.dt, np.abs(way))
+        y = np.where(changing, aside, others.y)
+        direction = np.where(np.cos(heading) < 0.0, -1.0, 1.0)
+        x = self._advance(others.x, 0.5 * (others.y + y), direction * way)
+        drift = np.where(changing & (velocity > _CRAWL), slope * np.where(across.by_way, velocity, 1.0), 0.0)
+        turned = heading + direction * np.arctan2(drift, np.maximum(velocity, _CRAWL))
+        found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
+        return self._follow(table, replace(drive, speed=speed, across=across), step, every, found)
+
+    def _advance(self, x: Floats, y: Floats, way: Floats) -> Floats:
+        # Stations after a way along the roads, each vehicle on its own.
+        moved = x + way
+        for roads in dict.fromkeys(self.maps[: x.shape[1]]):
+            columns = [k for k, own in enumerate(self.maps[: x.shape[1]]) if own is roads]
+            if (line := roads.road.line) is not None:
+                moved[:, columns] = line.advance(x[:, columns], y[:, columns], way[:, columns])
+            if roads.closed:
+                moved[:, columns] %= roads.line.length
+        return moved
+
+    def _begin_speed(
+        self, course: Course, number: int, action: SpeedChange, rows: Bools, table: Floats, every: Vehicles
+    ) -> Course:
+        now, target = every.speed[:, action.actor], resolve_speed(action.target, table, every.speed)
+        transition, value = action.transition, table[:, action.transition.value]
+        if transition.form != "step" and transition.dimension == "distance":
+            with np.errstate(divide="ignore", invalid="ignore"):  # the way's time at the mean of both speeds
+                span = 2.0 * value / np.abs(now + target)
+        else:
+            span = transition_span(transition, target - now, value)
+        form = Course.form_index(transition)
+        return course.begin(
+            number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False
+        )
+
+    def _begin_across(
+        self, course: Course, number: int, action: LaneChange, rows: Bools, table: Floats, every: Vehicles
+    ) -> Course:
+        now, offset = every.y[:, action.actor], table[:, action.offset]
+        station = every.x[:, action.actor]
+        if action.exact:
+            target = every.y[:, action.other] + offset
+        else:
+            roads = self.maps[action.actor]
+            lane = np.full(len(rows), roads.lanes.get(action.lane, -1))
+            if action.other >= 0:
+                roads = self.maps[action.other]
+                along = np.sign(np.cos(every.heading[:, action.other])).astype(np.int64)
+                y, s = every.y[:, action.other], every.x[:, action.other]
+                lane = nearest_lane(roads, y, s) + along * action.lane
+            target = lane_middle(self.maps[action.actor], lane, station) + offset
+        return course.begin(
+            number,
+            action.actor,
+            rows,
+            start=now,
+            target=target,
+            span=transition_span(action.transition, target - now, table[:, action.transition.value]),
+            form=Course.form_index(action.transition),
+            by_way=action.transition.dimension == "distance",
+        )
+
+    def _teleport(self, action: Teleport, table: Floats, every: Vehicles) -> Vehicles:
+        roads = self.maps[action.actor]
+        references = self._references(action.place, every)
+        pose = place_point(action.place, roads, self.maps, table, references)
+        parts = {name: np.array(part) for name, part in vars(every).items()}
+        moved = move_along_body(roads, *pose, self.ahead[action.actor])
+        for name, value in zip(("x", "y", "heading"), moved, strict=True):
+            parts[name][:, action.actor] = value
+        return Vehicles(**parts)
+
+    def _steer(
+        self,
+        table: Floats,
+        begun: Course,
+        course: Course,
+        drive: Drive,
+        velocity: Floats,
+        every: Vehicles,
+    ) -> tuple[Course, Floats]:
+        # Speeds of actions that look at others, or at a table of times.
+        velocity = np.array(velocity)
+        for number, action in enumerate(self.story.actions):
+            if not isinstance(action, SpeedChange | SpeedProfile | Gap | Synchronize):
+                continue
+            actor = action.actor
+            if actor >= velocity.shape[1]:
+                continue
+            rows = begun.action[:, actor] == number
+            if (isinstance(action, SpeedChange) and not action.continuous) or not rows.any():
+                continue
+            clock = begun.clock[:, actor] + self.dt
+            over = np.zeros(len(rows), np.bool_)
+            match action:
+                case SpeedChange():
+                    wanted = resolve_speed(action.target, table, every.speed)
+                    value = np.where(course.action[:, actor] == number, velocity[:, actor], wanted)
+                    keep = np.array(course.action)
+                    keep[:, actor] = np.where(rows, number, keep[:, actor])
+                    target = np.array(course.target)
+                    target[:, actor] = np.where(rows, wanted, target[:, actor])
+                    course = replace(course, action=keep, target=target)
+                case SpeedProfile():
+                    times = np.cumsum(table[:, list(action.durations)], axis=1)
+                    speeds = np.column_stack([begun.start[:, actor], table[:, list(action.speeds)]])
+                    value = _interpolate(clock, np.column_stack([np.zeros(len(times)), times]), speeds)
+                    over = clock >= times[:, -1] - 1e-9
+                case Gap():
+                    value = self._close_gap(action, table, every)
+                case Synchronize():
+                    value, over = self._synchronize(action, table, drive, every)
+            velocity[:, actor] = np.where(rows, value, velocity[:, actor])
+            course = course.finish(actor, rows & over)
+        return course, velocity
+
+    def _gap_place(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
+        # Station, or offset, at which the distance is as it should be.
+        value = table[:, gap.value]
+        if gap.timed:
+            value = value * np.abs(every.speed[:, gap.other])
+        here, there = (every.y, every.y) if gap.across else (every.x, every.x)
+        mine, theirs = here[:, gap.actor], there[:, gap.other]
+        along = np.sign(np.cos(every.heading[:, gap.other]))
+        side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
+        sizes = [body.width if gap.across else body.length for body in self.bodies]
+        reach = 0.5 * (sizes[gap.actor] + sizes[gap.other]) if gap.free else 0.0
+        centre = theirs + side * (value + reach)
+        if gap.free or gap.across:
+            return np.asarray(centre)
+        mine_along = np.sign(np.cos(every.heading[:, gap.actor]))
+        return np.asarray(centre + mine_along * self.ahead[gap.actor] - along * self.ahead[gap.other])
+
+    def _close_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
+        lag = (self._gap_place(gap, table, every) - every.x[:, gap.actor]) * np.sign(
+            np.cos(every.heading[:, gap.actor])
+        )
+        now, theirs = every.speed[:, gap.actor], every.speed[:, gap.other]
+        if gap.acceleration is None:
+            return np.asarray(theirs + lag / self.dt)
+        most = table[:, gap.acceleration]
+        stiffness = _STIFFNESS * most
+        demand = np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * (theirs - now), -most, most)
+        fastest = np.inf if gap.speed is None else table[:, gap.speed]
+        return np.clip(now + self.dt * demand, 0.0, fastest)
+
+    def _synchronize(
+        self, action: Synchronize, table: Floats, drive: Drive, every: Vehicles
+    ) -> tuple[Floats, Bools]:
+        ways = [
+            self._way_to(place, vehicle, table, drive, every)
+            for place, vehicle in ((action.target, action.actor), (action.master_target, action.master))
+        ]
+        final = None if action.final is None else resolve_speed(action.final, table, every.speed)
+        steady = np.zeros(len(table)) if action.steady is None else table[:, action.steady]
+        if action.steady_timed and final is not None:
+            steady = steady * final
+        now, pace = every.speed[:, action.actor], np.abs(every.speed[:, action.master])
+        value = synchronize_speed(now, pace, ways[0], ways[1], final, steady, self.dt)
+        over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
+        return np.where(over & (final is not None), now if final is None else final, value), over
+
+    def _way_to(self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles) -> Floats:
+        roads = self.maps[vehicle]
+        s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
+        x, y = roads.line.to_plane(s, d)
+        here_s, here_d, heading = self._reference(every, vehicle)
+        here_x, here_y = roads.line.to_plane(here_s, here_d)
+        along = (s - here_s) * np.sign(np.cos(heading))
+        aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
+        way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
+        for number, action in enumerate(self.story.actions):
+            if isinstance(action, Trajectory) and action.actor == vehicle < drive.heading.shape[1]:
+                rows = drive.across.action[:, vehicle] == number
+                if rows.any():
+                    path = self._path(number, table, drive)
+                    way = np.where(rows, path.project(x, y) - path.project(here_x, here_y), way)
+        return np.asarray(way)
+
+    def _follow(
+        self, table: Floats, drive: Drive, step: Integers, every: Vehicles, found: Vehicles
+    ) -> tuple[Drive, Vehicles]:
+        # Vehicles on trajectories, or at a distance across.
+        heading, across = np.array(drive.heading), drive.across
+        for number, action in enumerate(self.story.actions):
+            if not isinstance(action, Trajectory | Gap) or action.actor >= found.x.shape[1]:
+                continue
+            rows = across.action[:, action.actor] == number
+            if not rows.any():
+                continue
+            actor = action.actor
+            if isinstance(action, Gap):
+                y = np.array(found.y)
+                y[:, actor] = np.where(rows, self._gap_place(action, table, every), y[:, actor])
+                found = replace(found, y=y)
+                continue
+            path = self._path(number, table, drive)
+            clock, velocity = across.clock[:, actor], found.speed[:, actor]
+            begin = 0.0 if action.begin is None else table[:, action.begin]
+            way = clock + begin
+            over = way >= path.ways[:, -1]
+            if action.times:
+                time = (step + 1) * self.dt if action.absolute else clock
+                times = table[:, list(action.times)]
+                way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
+                over = time >= times[:, -1]
+            x, y, turn = path.at(way)
+            turn = np.where(velocity < 0.0, turn + np.pi, turn)
+            roads = self.maps[actor]
+            s, d = roads.line.to_road(x, y)
+            pose = move_along_body(roads, s, d, turn - roads.line.heading(s), self.ahead[actor])
+            parts = {name: np.array(part) for name, part in vars(found).items()}
+            for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
+                parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
+            heading[:, actor] = np.where(rows, np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0), heading[:, actor])
+            found = Vehicles(**parts)
+            across = across.finish(actor, rows & over)
+        return replace(drive, across=across, heading=heading), found
+
+    def _path(self, number: int, table: Floats, drive: Drive) -> Path:
+        action = self.story.actions[number]
+        assert isinstance(action, Trajectory)
+        anchors = drive.anchors[:, self.trajectories.index(number)]
+        poses = {k: (anchors[:, k, 0], anchors[:, k, 1], anchors[:, k, 2]) for k in range(len(self.maps))}
+        return build_path(action, self.maps[action.actor], self.maps, table, poses)
+
+    def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
+        return {other: self._reference(every, other) for other in list_places(place)}
+
+    def _reference(self, every: Vehicles, vehicle: int) -> Pose:
+        s, d, heading = every.x[:, vehicle], every.y[:, vehicle], every.heading[:, vehicle]
+        return move_along_body(self.maps[vehicle], s, d, heading, -self.ahead[vehicle])
+
+
+def _choose(rows: Bools, vehicle: int, moved: Vehicles, every: Vehicles) -> Vehicles:
+    # All vehicles, of which one is moved in some rows.
+    parts = {name: np.array(part) for name, part in vars(every).items()}
+    for name, part in parts.items():
+        part[:, vehicle] = np.where(rows, getattr(moved, name)[:, vehicle], part[:, vehicle])
+    return Vehicles(**parts)
+
+
+def _interpolate(at: Floats, stations: Floats, values: Floats) -> Floats:
+    rows = np.arange(len(at))
+    begin = np.clip((stations <= at[:, None]).sum(axis=1) - 1, 0, stations.shape[1] - 2)
+    low, high = stations[rows, begin], stations[rows, begin + 1]
+    share = np.clip((at - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    return np.asarray(values[rows, begin] + share * (values[rows, begin + 1] - values[rows, begin]))

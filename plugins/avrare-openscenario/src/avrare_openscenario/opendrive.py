@@ -1,0 +1,385 @@
+"""Roads of OpenDRIVE files: straights, arcs and spirals in one line, with lanes of constant widths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from avrare.base.errors import UsageError
+from avrare.driving import Road
+from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, ReferenceLine
+from avrare.driving.values import Lane
+from avrare.protocols import Floats
+from avrare_openscenario.curves import polynomial
+from avrare_openscenario.road_lanes import KINDS, LaneStrip, read_lanes
+from avrare_openscenario.xml_tree import Element, read_xml
+
+_APART = 0.01
+"""Most distance of a piece from the end of the one before it [m]."""
+_TURNED = 1e-3
+"""Most angle between them [rad]."""
+_MOST_TURNED = 100.0
+"""Most angle that a spiral may turn by [rad]: more would be computed for hours."""
+_STEP = 0.5
+"""Distance of the points of a curve that is a polynomial [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadMap:
+    """Road of a file, with the names by which the file calls its parts.
+
+    Attributes:
+        road: Road.
+        line: Reference line in the plane of the file, also where the road is straight.
+        begins: Station at which each road of the file begins [m].
+        lanes: Index of each lane, by its id.
+        centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
+        closed: Whether its end is its begin.
+        linked: Whether another road or a junction follows its begin, and its end.
+    """
+
+    road: Road
+    line: ReferenceLine
+    begins: Mapping[str, float]
+    lanes: Mapping[int, int]
+    centres: Mapping[int, float]
+    closed: bool = False
+    linked: tuple[bool, bool] = (False, False)
+
+    def middles(self, s: Floats) -> Floats:
+        """Return y (..., L) of the centre of each lane at stations (...) [m]."""
+        if not self.road.lanes:
+            return np.broadcast_to(np.array(self.road.lane_centres), (*s.shape, len(self.road.lane_centres)))
+        s = np.clip(s, 0.0, self.line.length)
+        centres = [
+            np.interp(s, lane.stations, 0.5 * (lane.right + lane.left), np.nan, np.nan)
+            for lane in self.road.lanes
+        ]
+        return np.stack(centres, axis=-1)
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Way from a lane at an end of a line of roads into another line.
+
+    Attributes:
+        roads: The other line.
+        direction: Whether it is driven along (1) or against (-1) it.
+        lanes: Id of the lane there, by that of the lane here.
+    """
+
+    roads: RoadMap
+    direction: int
+    lanes: Mapping[int, int]
+
+
+@dataclass(frozen=True)
+class Network:
+    """Roads of a file, in lines that each follow one another.
+
+    Attributes:
+        maps: The lines.
+        notes: What of the file is left out, with its places.
+        connections: Ways on from each line (its identity) at its end (1) and its begin (-1).
+    """
+
+    maps: tuple[RoadMap, ...]
+    notes: tuple[str, ...] = ()
+    connections: Mapping[tuple[int, int], Sequence[Connection]] = field(default_factory=dict)
+
+    def find(self, road: str) -> RoadMap | None:
+        """Return the line that a road belongs to."""
+        return next((line for line in self.maps if road in line.begins), None)
+
+    def find_nearest(self, x: float, y: float) -> RoadMap:
+        """Return the line that is nearest to a place in the plane."""
+
+        def distance(roads: RoadMap) -> float:
+            s, d = roads.line.to_road(np.array([x]), np.array([y]))
+            outside = max(0.0 - s[0], s[0] - roads.line.length, 0.0)
+            return float(abs(d[0]) + outside) if np.isfinite(s[0]) else np.inf
+
+        return min(self.maps, key=distance)
+
+
+def read_opendrive(path: str) -> Network:
+    """Read the roads of a file.
+
+    Raises:
+        UsageError: The file is no OpenDRIVE, or has curves that are not read.
+    """
+    top = read_xml(path, "OpenDRIVE")
+    top.skip_children("header", "controller", "junction", "junctionGroup")
+    top.skip_everywhere("userData", "dataQuality")
+    roads = top.list("road")
+    if not roads:
+        raise top.error("has no road")
+    chains = _chains(roads)
+    maps = tuple(read_chain(chain) for chain in chains)
+    top.refuse_unread()
+    network = Network(maps, top.notes())
+    return replace(network, connections=_list_connections(top, chains, network))
+
+
+def _list_connections(
+    top: Element, chains: Sequence[Sequence[Element]], network: Network
+) -> dict[tuple[int, int], list[Connection]]:
+    found: dict[tuple[int, int], list[Connection]] = {}
+    junctions = {junction.attributes.get("id"): junction for junction in top.list("junction")}
+    for chain, roads in zip(chains, network.maps, strict=True):
+        for direction, road, side in ((1, chain[-1], "successor"), (-1, chain[0], "predecessor")):
+            link = road.find("link")
+            target = None if link is None else link.find(side)
+            if target is None:
+                continue
+            ways = found.setdefault((id(roads), direction), [])
+            name = target.attributes.get("elementId", "")
+            if target.attributes.get("elementType") != "junction":
+                into = 1 if target.attributes.get("contactPoint", "start") == "start" else -1
+                if (other := network.find(name)) is not None:
+                    lanes = _lane_links(road, side, -1 if direction > 0 else 0)
+                    lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
+                    ways.append(Connection(other, into, lanes))
+                continue
+            junction = junctions.get(name)
+            for way in junction.list("connection") if junction is not None else ():
+                other = network.find(way.attributes.get("connectingRoad", ""))
+                if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
+                    continue
+                into = 1 if way.attributes.get("contactPoint", "start") == "start" else -1
+                lanes = {int(one.number("from")): int(one.number("to")) for one in way.list("laneLink")}
+                ways.append(
+                    Connection(other, into, lanes or {lane: lane * into * direction for lane in roads.lanes})
+                )
+    return found
+
+
+def _lane_links(road: Element, side: str, section: int) -> dict[int, int]:
+    # Id of the lane that follows each, as the lanes of the last or first section say.
+    block = road.child("lanes").list("laneSection")[section]
+    links = {}
+    for group in block.children:
+        for lane in group.list("lane"):
+            link = lane.find("link")
+            after = None if link is None else link.find(side)
+            if after is not None:
+                links[int(lane.number("id"))] = int(after.number("id"))
+    return links
+
+
+def read_chain(chain: Sequence[Element]) -> RoadMap:
+    """Return roads that follow one another in a single line.
+
+    Raises:
+        UsageError: They do not join smoothly, or their lanes differ.
+    """
+    begins, pieces, at = {}, [], 0.0
+    points: list[Floats] = []
+    start: tuple[float, float, float] | None = None
+    before: CurvedLine | None = None
+    for road in chain:
+        begins[road.attribute("id")] = at
+        for geometry in road.child("planView").list("geometry"):
+            x, y, heading = (geometry.number(name) for name in ("x", "y", "hdg"))
+            if geometry.children and geometry.children[0].tag in ("paramPoly3", "poly3"):
+                points.append(_sample_polynomial(geometry, x, y, heading))
+                before = None
+                at += geometry.number("length")
+                continue
+            if before is not None:
+                _check_joint(geometry, before, x, y, heading)
+            start = start or (x, y, heading)
+            pieces.append(_read_piece(geometry))
+            before = CurvedLine((pieces[-1],), x, y, heading)
+            points.append(_sample_line(before))
+            at += before.length
+    if not points:
+        raise chain[0].error("has no geometry")
+    line: ReferenceLine = PolygonalLine(np.concatenate(points))
+    if start is not None and len(pieces) == len(points):
+        line = CurvedLine(tuple(pieces), *start)
+    lanes = read_lanes(chain[0], at if len(chain) == 1 else chain[0].number("length"))
+    for road in chain[1:]:
+        if not _same_lanes(read_lanes(road, road.number("length")), lanes):
+            raise road.error("its lanes differ from those of the road before it", "lanes must go on")
+    left = {road.get("rule") == "LHT" for road in chain} == {True}
+    for road in chain:
+        for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
+            _pass_over_profile(profile)
+        road.skip_children("objects", "signals", "type", "surface")
+        for name in ("name", "length", "junction"):
+            road.get(name)
+    linked = _is_linked(chain[0], "predecessor"), _is_linked(chain[-1], "successor")
+    return _assemble(line, begins, lanes, left, linked)
+
+
+def _is_linked(road: Element, side: str) -> bool:
+    link = road.find("link")
+    return link is not None and link.find(side) is not None
+
+
+def _same_lanes(lanes: Sequence[LaneStrip], others: Sequence[LaneStrip]) -> bool:
+    # Constant lanes of the same ids and borders.
+    def describe(lane: LaneStrip) -> tuple[float, ...]:
+        border = lane.border
+        values = border.right[0], border.left[0], np.ptp(border.right), np.ptp(border.left)
+        return lane.name, *np.round(values, 6)
+
+    return [describe(lane) for lane in lanes] == [describe(lane) for lane in others] and not any(
+        np.ptp(lane.border.right) or np.ptp(lane.border.left) for lane in lanes
+    )
+
+
+def _sample_line(piece: CurvedLine) -> Floats:
+    stations = np.linspace(0.0, piece.length, max(2, 1 + int(np.ceil(piece.length / _STEP))))
+    return np.stack(piece.frame(stations)[:2], axis=1)
+
+
+def _sample_polynomial(geometry: Element, x: float, y: float, heading: float) -> Floats:
+    geometry.get("s")
+    shape, length = geometry.choice(), geometry.number("length")
+    if length <= 0.0:
+        raise geometry.error("the length should be above 0")
+    stations = np.linspace(0.0, length, max(2, 1 + int(np.ceil(length / _STEP))))
+    if shape.tag == "poly3":
+        along, across = stations, polynomial([shape.number(name) for name in "abcd"], stations)
+    else:
+        share = stations if shape.get("pRange") == "arcLength" else stations / length
+        along, across = (
+            polynomial([shape.number(f"{name}{axis}") for name in "abcd"], share) for axis in "UV"
+        )
+    cos, sin = math.cos(heading), math.sin(heading)
+    return np.stack([x + cos * along - sin * across, y + sin * along + cos * across], axis=1)
+
+
+def _pass_over_profile(profile: Element) -> None:
+    flat = all(
+        child.attributes.get(name, "0").strip("+-0.eE") == "" for child in profile.children for name in "abcd"
+    )
+    if flat:
+        profile.skip()
+    else:
+        profile.pass_over("the road is read as flat")
+
+
+def _chains(roads: Sequence[Element]) -> list[list[Element]]:
+    # Roads that follow one another in the same direction; at a junction, a line ends.
+    named = {road.attribute("id"): road for road in roads}
+    following: dict[str, str] = {}
+    for name, road in named.items():
+        link = road.find("link")
+        if link is not None:
+            link.skip()
+        successor = None if link is None else link.find("successor")
+        if successor is not None and successor.attributes.get("contactPoint", "start") == "start":
+            following[name] = successor.attributes.get("elementId", "")
+    chains = []
+    first = [name for name in named if name not in following.values()]
+    waiting = dict.fromkeys([*first, *named])  # the others are rings
+    while waiting:
+        chain = [next(iter(waiting))]
+        del waiting[chain[0]]
+        while (after := following.get(chain[-1], "")) in waiting and _joins(named[chain[-1]], named[after]):
+            chain.append(after)
+            del waiting[after]
+        chains.append([named[name] for name in chain])
+    return chains
+
+
+def _joins(road: Element, after: Element) -> bool:
+    # Whether a road goes on smoothly in another one with the same lanes.
+    last, first = (
+        block.child("planView").list("geometry")[index] for block, index in ((road, -1), (after, 0))
+    )
+    try:
+        end = CurvedLine((_read_piece(last),), *(last.number(name) for name in ("x", "y", "hdg")))
+        _check_joint(first, end, *(first.number(name) for name in ("x", "y", "hdg")))
+        _read_piece(first)
+        lanes = [read_lanes(block, block.number("length")) for block in (road, after)]
+    except UsageError:
+        return False
+    return _same_lanes(*lanes)
+
+
+def _read_piece(geometry: Element) -> Piece:
+    geometry.get("s")
+    shape, length = geometry.choice(), geometry.number("length")
+    if length <= 0.0:
+        raise geometry.error("the length should be above 0")
+    match shape.tag:
+        case "line":
+            return Piece(length)
+        case "arc":
+            curvature = shape.number("curvature")
+            return Piece(length, curvature, curvature)
+        case "spiral":
+            ends = shape.number("curvStart"), shape.number("curvEnd")
+            if max(map(abs, ends)) * length > _MOST_TURNED:
+                raise shape.error(f"turns by more than {_MOST_TURNED:g} rad: no road does")
+            return Piece(length, *ends)
+    raise shape.unknown("line, arc, spiral")
+
+
+def _check_joint(geometry: Element, before: CurvedLine, x: float, y: float, heading: float) -> None:
+    end_x, end_y, end, _ = (part.item() for part in before.frame(np.array([before.length])))
+    apart, turned = math.hypot(x - end_x, y - end_y), math.remainder(heading - end, 2.0 * math.pi)
+    if apart > _APART or abs(turned) > _TURNED:
+        text = f"begins {apart:.3g} m and {turned:.3g} rad from the end of the piece before it"
+        raise geometry.error(text, "pieces must join smoothly")
+
+
+def _assemble(
+    line: ReferenceLine,
+    begins: dict[str, float],
+    lanes: list[LaneStrip],
+    left: bool,
+    linked: tuple[bool, bool],
+) -> RoadMap:
+    kept = [lane for lane in lanes if lane.kind in KINDS]
+    kinds = [KINDS[lane.kind] for lane in kept]
+    widths = [float(np.median(lane.border.left - lane.border.right)) for lane in kept]
+    centres = {lane.name: float(np.median(0.5 * (lane.border.right + lane.border.left))) for lane in lanes}
+    varies = any(
+        np.ptp(lane.border.right) or np.ptp(lane.border.left) or len(lane.border.stations) > 2
+        for lane in kept
+    )
+    apart = varies or any(
+        abs(lane.border.left[0] - other.border.right[0]) > 1e-6 for lane, other in pairwise(kept)
+    )
+    apart |= max(widths, default=0.0) - min(widths, default=0.0) > 1e-6
+    ends = np.array([0.0, line.length])
+    bent = not isinstance(line, CurvedLine) or any(
+        piece.curvature or piece.end_curvature for piece in line.pieces
+    )
+    own_frame = CurvedLine(line.pieces) if isinstance(line, CurvedLine) else line
+
+    def chosen(test: list[bool]) -> tuple[int, ...]:
+        return tuple(index for index, yes in enumerate(test) if yes)
+
+    def lane_of(strip: LaneStrip) -> Lane:
+        return (
+            strip.border
+            if varies
+            else Lane(ends, strip.border.right[:1].repeat(2), strip.border.left[:1].repeat(2))
+        )
+
+    road = Road(
+        tuple(centres[lane.name] for lane in kept),
+        float(np.median(widths)) if widths else 0.0,
+        chosen([kind == "ramp" for kind in kinds]),
+        0.0,
+        line.length,
+        own_frame if bent else None,
+        tuple(map(lane_of, kept)) if apart else (),
+        chosen([kind == "shoulder" for kind in kinds]),
+        chosen([(lane.name > 0) != left for lane in kept]),
+        chosen([lane.broad for lane in kept]),
+    )
+    tip = np.array([0.0, line.length])
+    closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
+    indices = {lane.name: index for index, lane in enumerate(kept)}
+    return RoadMap(road, line, begins, indices, centres, closed, linked)

@@ -1,0 +1,355 @@
+"""Parameters of a file, and the numbers that its attributes are: written, or expressions of parameters."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from avrare.base.errors import UsageError, did_you_mean
+from avrare.protocols import Floats
+from avrare_openscenario.xml_tree import Element
+
+Number: TypeAlias = int
+"""Number of a file, as its column in the table of all of them."""
+_REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
+_LONGEST = 2000
+"""Longest expression [characters]."""
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: np.divide,
+    ast.Mod: np.mod,
+    ast.USub: operator.neg,
+    ast.Not: np.logical_not,
+    ast.UAdd: operator.pos,
+}
+_FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
+    "round": (1, np.round),
+    "floor": (1, np.floor),
+    "ceil": (1, np.ceil),
+    "sqrt": (1, np.sqrt),
+    "pow": (2, np.power),
+    "abs": (1, np.abs),
+    "sign": (1, np.sign),
+    "min": (2, np.minimum),
+    "max": (2, np.maximum),
+    "sin": (1, np.sin),
+    "cos": (1, np.cos),
+    "tan": (1, np.tan),
+    "asin": (1, np.arcsin),
+    "acos": (1, np.arccos),
+    "atan": (1, np.arctan),
+}
+"""Functions of an expression, with the number of their arguments."""
+_TEXTS = 1e9
+"""Number that stands for the first text among values of variables."""
+_CONSTANTS = {"pi": math.pi, "true": 1.0, "false": 0.0}
+_RULES: dict[str, Callable[..., Any]] = {
+    "lessThan": np.less,
+    "lessOrEqual": np.less_equal,
+    "greaterThan": np.greater,
+    "greaterOrEqual": np.greater_equal,
+    "equalTo": np.equal,
+    "notEqualTo": np.not_equal,
+}
+"""Rules of a constraint; of texts, only the last two."""
+_Bound: TypeAlias = tuple[str, ast.expr | float | str]
+"""Rule and limit of a constraint."""
+
+
+@dataclass(frozen=True)
+class _Constraint:
+    # Groups of bounds of a parameter, one of which must hold.
+    name: str
+    groups: list[list[_Bound]]
+
+
+class Parameters:
+    """Parameters that a file declares, with the values that a scenario gives them.
+
+    Args:
+        declarations: The element ``ParameterDeclarations``, if there is one.
+        given: Values by name; those of drawn parameters are replaced rollout by rollout.
+        where: Name of the file, for messages.
+
+    Attributes:
+        values: Value of each, as text or number.
+        decisive: Those that decide what a file means, such as a lane, and so cannot be drawn.
+
+    Raises:
+        UsageError: A value is given for a parameter that is not declared.
+    """
+
+    def __init__(self, declarations: Element | None, given: Mapping[str, float | str], where: str) -> None:
+        self.values: dict[str, float | str] = {}
+        self.decisive: set[str] = set()
+        self._trees: list[ast.expr | float] = []
+        self._lowest: dict[Number, float] = {}
+        self._derived: dict[str, ast.expr] = {}
+        self._constraints: list[_Constraint] = []
+        self._texts: list[str] = []
+        self._given = given
+        self.declare(declarations)
+        for name in given:
+            if name not in self.values:
+                raise UsageError(
+                    f"{where}: no parameter {name!r} is declared", did_you_mean(name, self.values)
+                )
+
+    def declare(self, declarations: Element | None) -> None:
+        """Add the parameters that an element ``ParameterDeclarations`` has.
+
+        Raises:
+            UsageError: One is declared already, with another value.
+        """
+        elements = declarations.list("ParameterDeclaration") if declarations is not None else []
+        for element in elements:
+            element.get("parameterType")
+            name = element.attribute("name")
+            value = self._given[name] if name in self._given else self._declare(element, name)
+            if self.values.get(name, value) != value:
+                raise element.error(f"the parameter {name!r} is declared already", "give it another name")
+            self.values[name] = value
+        for element in elements:
+            self._read_constraints(element)
+
+    def _declare(self, element: Element, name: str) -> float | str:
+        # Value of a declaration, which may refer to those before it.
+        written = element.attribute("value")
+        reference = _REFERENCE.fullmatch(written)
+        if reference is not None and not _is_number(str(self._value(element, "value", reference[1]))):
+            return self.text(element, "value")
+        if "$" not in written:
+            return written
+        tree = self._parse(element, "value", written)
+        if isinstance(tree, float):
+            return tree
+        self._derived[name] = tree
+        return float(self._evaluate(tree, self._numbers()))
+
+    def _read_constraints(self, element: Element) -> None:
+        # One group of constraints must hold as a whole.
+        name = element.attribute("name")
+        groups = [
+            [self._read_bound(value, name) for value in group.list("ValueConstraint")]
+            for group in element.list("ConstraintGroup")
+        ]
+        if not groups:
+            return
+        self._constraints.append(_Constraint(name, groups))
+        if not self._fits(self._constraints[-1], {**self.values, **self._numbers()}):
+            text = f"the value {self.values[name]} of {name!r} is outside its ConstraintGroup"
+            raise element.error(text, "give another value under `parameters`")
+
+    def _read_bound(self, value: Element, name: str) -> _Bound:
+        rule, written = value.attribute("rule"), value.attribute("value")
+        if rule not in _RULES:
+            raise value.error(f"rule should be one of {', '.join(_RULES)}, found {rule!r}")
+        if _is_number(str(self.values[name])):
+            return rule, self._parse(value, "value", written)
+        if rule not in ("equalTo", "notEqualTo"):
+            raise value.error(f"the parameter {name!r} is no number: {self.values[name]!r}")
+        return rule, written
+
+    def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
+        found = known[constraint.name]
+        fits = False
+        for group in constraint.groups:
+            fits_group = True
+            for rule, bound in group:
+                limit = bound if isinstance(bound, str) else self._evaluate(bound, known)
+                fits_group &= _RULES[rule](found, limit)
+            fits |= fits_group
+        return fits
+
+    def text(self, element: Element, name: str) -> str:
+        """Return an attribute, or the text of the parameter that it refers to."""
+        written = element.attribute(name)
+        reference = _REFERENCE.fullmatch(written)
+        if reference is None:
+            return written
+        self.decisive.add(reference[1])
+        return str(self._value(element, name, reference[1]))
+
+    def number(
+        self, element: Element, name: str, default: float | None = None, low: float | None = None
+    ) -> Number:
+        """Return an attribute as a number that may depend on parameters, and is never below ``low``."""
+        written = element.get(name)
+        if written is None and default is not None:
+            return self.constant(default)
+        tree = self._parse(element, name, element.attribute(name))
+        self._trees.append(tree)
+        with np.errstate(all="ignore"):
+            value = self._evaluate(tree, self._numbers())
+        if not np.isfinite(value):
+            raise element.error(f"{name}: {written} is no finite number")
+        if low is not None:
+            if value < low:
+                raise element.error(f"{name} should be at least {low:g}, found {value:g}")
+            self._lowest[len(self._trees) - 1] = low
+        return len(self._trees) - 1
+
+    def constant(self, value: float) -> Number:
+        """Return a number that is the same in every rollout."""
+        self._trees.append(value)
+        return len(self._trees) - 1
+
+    def value(self, element: Element, name: str) -> Number:
+        """Return an attribute as a number, which stands for a text where it is one."""
+        written = element.attribute(name)
+        if "$" in written or _is_number(written) or written in _CONSTANTS:
+            reference = _REFERENCE.fullmatch(written)
+            text = None if reference is None else str(self._value(element, name, reference[1]))
+            if text is None or _is_number(text):
+                return self.number(element, name)
+            written = text
+        if written in _CONSTANTS:
+            return self.constant(_CONSTANTS[written])
+        if written not in self._texts:
+            self._texts.append(written)
+        return self.constant(_TEXTS + self._texts.index(written))
+
+    def scaled(self, number: Number, factor: float, by: float) -> Number:
+        """Return a number times a factor, and ``by`` more."""
+        tree = self._trees[number]
+        if isinstance(tree, float):
+            return self.constant(tree * factor + by)
+        product = ast.BinOp(tree, ast.Mult(), ast.Constant(factor))
+        self._trees.append(ast.BinOp(product, ast.Add(), ast.Constant(by)))
+        return len(self._trees) - 1
+
+    def shifted(self, number: Number, by: float) -> Number:
+        """Return a number that is ``by`` more than another."""
+        return number if not by else self.scaled(number, 1.0, by)
+
+    def fixed(self, element: Element, name: str) -> float:
+        """Return an attribute as a number that decides what a file means."""
+        tree = self._parse(element, name, element.attribute(name))
+        self.decisive.update(_REFERENCE.findall(element.attribute(name)))
+        with np.errstate(all="ignore"):
+            value = float(self._evaluate(tree, self._numbers()))
+        if not math.isfinite(value):
+            raise element.error(f"{name}: {element.attribute(name)} is no finite number")
+        return value
+
+    def whole(self, element: Element, name: str) -> int:
+        """Return an attribute that must be a whole number, and decides what a file means."""
+        value = self.fixed(element, name)
+        if not value.is_integer():
+            raise element.error(f"{name} should be a whole number, found {element.attribute(name)!r}")
+        return int(value)
+
+    def table(self, values: Mapping[str, Floats], n: int) -> Floats:
+        """Return (n, K) all numbers, with drawn values (n,) of some parameters.
+
+        NaN stands for a number that is less than it may be, and for all of a row that a constraint forbids.
+        """
+        known = {**self.values, **self._numbers(), **values}
+        table = np.empty((n, len(self._trees)))
+        with np.errstate(all="ignore"):
+            for name, derived in self._derived.items():
+                if name not in values:
+                    known[name] = self._evaluate(derived, known)
+            for column, tree in enumerate(self._trees):
+                table[:, column] = self._evaluate(tree, known)
+        for constraint in self._constraints:
+            table[~np.broadcast_to(self._fits(constraint, known), n)] = np.nan
+        for column, low in self._lowest.items():
+            table[table[:, column] < low, column] = np.nan
+        return table
+
+    def _numbers(self) -> dict[str, float]:
+        found = {}
+        for name, value in self.values.items():
+            try:
+                found[name] = float(value)
+            except ValueError:
+                continue
+        return found
+
+    def _value(self, element: Element, name: str, parameter: str) -> float | str:
+        if parameter not in self.values:
+            hint = did_you_mean(parameter, self.values)
+            raise element.error(f"{name}: no parameter {parameter!r} is declared", hint)
+        return self.values[parameter]
+
+    def _parse(self, element: Element, name: str, written: str) -> ast.expr | float:
+        with suppress(ValueError):
+            return float(written)
+        for parameter in _REFERENCE.findall(written):
+            value = self._value(element, name, parameter)
+            if not isinstance(value, float | int) and not _is_number(value):
+                raise element.error(f"{name}: the parameter {parameter!r} is no number: {value!r}")
+        inner = written.strip()
+        inner = inner[2:-1].strip() if inner.startswith("${") and inner.endswith("}") else inner
+        try:
+            if len(inner) > _LONGEST or "__" in inner:
+                raise ValueError
+            tree = ast.parse(_REFERENCE.sub(r"\1", inner), mode="eval").body
+            _check(tree, frozenset(_REFERENCE.findall(inner)))
+        except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
+            text = f"{name}: {written[:80]!r} is neither a number nor an expression"
+            raise element.error(text, "such as $speed or ${2 * $speed + 1}") from None
+        return tree
+
+    def _evaluate(self, tree: ast.expr | float, known: Mapping[str, object]) -> Any:
+        match tree:
+            case float() | int():
+                return tree
+            case ast.Constant():
+                return float(tree.value)  # type: ignore[arg-type]
+            case ast.Name():
+                return _CONSTANTS[tree.id] if tree.id in _CONSTANTS else known[tree.id]
+            case ast.BoolOp(values=terms):
+                joined = np.logical_and if isinstance(tree.op, ast.And) else np.logical_or
+                return functools.reduce(joined, (self._evaluate(term, known) for term in terms))
+            case ast.BinOp():
+                return _OPERATORS[type(tree.op)](
+                    self._evaluate(tree.left, known), self._evaluate(tree.right, known)
+                )
+            case ast.UnaryOp():
+                return _OPERATORS[type(tree.op)](self._evaluate(tree.operand, known))
+            case ast.Call(func=ast.Name(id=name)):
+                return _FUNCTIONS[name][1](*(self._evaluate(one, known) for one in tree.args))
+        raise AssertionError(tree)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _check(tree: ast.expr, names: frozenset[str]) -> None:
+    match tree:
+        case ast.Constant(value=int() | float() as value):
+            float(value)  # an integer may be too large
+        case ast.Name() if tree.id in names or tree.id in _CONSTANTS:
+            return
+        case ast.BoolOp():
+            for term in tree.values:
+                _check(term, names)
+        case ast.BinOp() if type(tree.op) in _OPERATORS:
+            _check(tree.left, names)
+            _check(tree.right, names)
+        case ast.UnaryOp() if type(tree.op) in _OPERATORS:
+            _check(tree.operand, names)
+        case ast.Call(func=ast.Name(id=name), keywords=[]) if name in _FUNCTIONS:
+            if len(tree.args) != _FUNCTIONS[name][0]:
+                raise ValueError
+            for one in tree.args:
+                _check(one, names)
+        case _:
+            raise ValueError

@@ -1,0 +1,161 @@
+"""Lanes of an OpenDRIVE road: constant ones, or borders that change along it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.driving.values import Lane
+from avrare.protocols import Floats
+from avrare_openscenario.xml_tree import Element
+
+KINDS = {
+    "driving": "driving",
+    "entry": "ramp",
+    "onRamp": "ramp",
+    "exit": "driving",
+    "offRamp": "driving",
+    "connectingRamp": "driving",
+    "bidirectional": "driving",
+    "parking": "driving",
+    "shoulder": "shoulder",
+    "stop": "shoulder",
+}
+"""Types of lanes that are lanes of the road; others only take their width."""
+_IDLE = ("speed", "material", "access", "height", "rule")
+"""Elements of a lane that change nothing."""
+_STEP = 1.0
+"""Distance of the points of a border [m]."""
+Polynomial = tuple[float, float, float, float, float]
+"""Begin of its validity, and four coefficients."""
+
+
+@dataclass(frozen=True)
+class LaneStrip:
+    """Lane of a whole road.
+
+    Attributes:
+        name: Its id.
+        kind: Its type.
+        border: Its borders.
+        broad: Whether its left marking is broad.
+    """
+
+    name: int
+    kind: str
+    border: Lane
+    broad: bool
+
+
+@dataclass(frozen=True)
+class _Section:
+    begin: float
+    lanes: dict[int, tuple[str, list[Polynomial], bool]]
+
+
+def read_lanes(road: Element, length: float) -> list[LaneStrip]:
+    """Return the lanes of a road, from right to left.
+
+    Raises:
+        UsageError: A lane has no width, or ids have gaps.
+    """
+    block = road.child("lanes")
+    offsets = [_polynomial(one, "s") for one in block.list("laneOffset")] or [(0.0,) * 5]
+    sections = [_read_section(one) for one in block.list("laneSection")]
+    if not sections:
+        raise block.error("has no laneSection")
+    ends = [*(section.begin for section in sections[1:]), length]
+    strips: dict[int, list[list[Floats]]] = {}
+    kinds: dict[int, tuple[str, bool]] = {}
+    constant = len(offsets) == 1 and not any(offsets[0][2:])
+    for section, end in zip(sections, ends, strict=True):
+        if end <= section.begin:
+            continue
+        fixed = constant and all(
+            len(widths) == 1 and not any(widths[0][2:]) for _, widths, _ in section.lanes.values()
+        )
+        count = 2 if fixed else max(2, 1 + int(np.ceil((end - section.begin) / _STEP)))
+        stations = np.linspace(section.begin, end, count)
+        borders = _list_borders(section, _evaluate(offsets, stations), stations - section.begin)
+        for name, (right, left) in borders.items():
+            pieces = strips.setdefault(name, [])
+            pieces.append([stations, right, left])
+            kinds.setdefault(name, (section.lanes[name][0], section.lanes[name][2]))
+    return [LaneStrip(name, kinds[name][0], _join(strips[name]), kinds[name][1]) for name in sorted(strips)]
+
+
+def _list_borders(section: _Section, offset: Floats, along: Floats) -> dict[int, tuple[Floats, Floats]]:
+    borders: dict[int, tuple[Floats, Floats]] = {}
+    right_sum, left_sum = offset, offset
+    for name in sorted((name for name in section.lanes if name < 0), reverse=True):
+        left, right_sum = right_sum, right_sum - _evaluate(section.lanes[name][1], along)
+        borders[name] = right_sum, left
+    for name in sorted(name for name in section.lanes if name > 0):
+        right, left_sum = left_sum, left_sum + _evaluate(section.lanes[name][1], along)
+        borders[name] = right, left_sum
+    return borders
+
+
+def _join(pieces: Sequence[Sequence[Floats]]) -> Lane:
+    # Pieces of one id that follow one another; of several runs the longest.
+    runs: list[list[Sequence[Floats]]] = []
+    for piece in pieces:
+        if runs and runs[-1][-1][0][-1] == piece[0][0]:
+            runs[-1].append(piece)
+        else:
+            runs.append([piece])
+    longest = max(runs, key=lambda run: float(run[-1][0][-1] - run[0][0][0]))
+    stations, right, left = (np.concatenate([piece[axis] for piece in longest]) for axis in range(3))
+    inner = len(stations) > 2 and bool(np.ptp(right) == 0.0 and np.ptp(left) == 0.0)
+    kept = [0, -1] if inner else slice(None)
+    return Lane(stations[kept], right[kept], left[kept])
+
+
+def _read_section(section: Element) -> _Section:
+    section.get("singleSide")
+    lanes: dict[int, Element] = {}
+    count = 0
+    for side in ("left", "center", "right"):
+        for block in section.list(side):
+            for lane in block.list("lane"):
+                lanes[int(lane.number("id"))] = lane
+                count += 1
+    if count != len(lanes) or 0 not in lanes or len(lanes) != max(lanes) - min(lanes) + 1:
+        raise section.error("the ids of its lanes do not count from 0 at the centre without gaps")
+    marks = {name: _is_broad(lane) for name, lane in lanes.items()}
+    read = {}
+    for name, lane in lanes.items():
+        if name == 0:
+            continue
+        widths = [_polynomial(one, "sOffset") for one in lane.list("width")]
+        if not widths:
+            raise lane.error("has no width")
+        broad = marks[name if name > 0 else name + 1]
+        read[name] = lane.attribute("type"), sorted(widths), broad
+    return _Section(section.number("s") if section.get("s") is not None else 0.0, read)
+
+
+def _is_broad(lane: Element) -> bool:
+    for name in ("level", "type", "direction", "advisory", "dynamicLaneDirection"):
+        lane.get(name)
+    weights = {mark.attributes.get("weight") for mark in lane.list("roadMark")}
+    lane.skip_children("roadMark", "link", *_IDLE)
+    if lane.number("id") == 0:
+        lane.skip_children("width", "border")
+    return weights == {"bold"}
+
+
+def _polynomial(element: Element, begin: str) -> Polynomial:
+    first = element.number(begin) if element.get(begin) is not None else 0.0
+    a, b, c, d = (element.number(name) for name in "abcd")
+    return first, a, b, c, d
+
+
+def _evaluate(records: Sequence[Polynomial], s: Floats) -> Floats:
+    table = np.array(records)
+    index = np.clip(np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 0, None)
+    begin, a, b, c, d = table[index].T
+    u = s - begin
+    return np.asarray(a + u * (b + u * (c + u * d)))

@@ -1,0 +1,298 @@
+"""Reading of an OpenSCENARIO file: entities, road, starts, and the storyboard as values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avrare.base.errors import did_you_mean
+from avrare_openscenario.action_reader import ActionReader
+from avrare_openscenario.catalogs import Catalogs
+from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
+from avrare_openscenario.opendrive import Network, RoadMap, read_opendrive
+from avrare_openscenario.parameters import Number, Parameters
+from avrare_openscenario.place_reader import find_entity
+from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.starts import Starts, nearest_lane, place_all
+from avrare_openscenario.story import (
+    Action,
+    Gap,
+    Place,
+    Route,
+    SpeedChange,
+    Storyboard,
+    TargetSpeed,
+    Teleport,
+    Trajectory,
+    Transition,
+)
+from avrare_openscenario.story_reader import StoryReader
+from avrare_openscenario.xml_tree import Element, read_xml
+
+_BODIES = ("Vehicle", "Pedestrian", "MiscObject")
+
+
+@dataclass(frozen=True)
+class Body:
+    """Body of a vehicle.
+
+    Attributes:
+        name: Name of the entity.
+        length: [m].
+        width: [m].
+        ahead: Distance of its middle ahead of the middle of the rear axle, its point of reference [m].
+        wheelbase: Distance of the axles [m]; None where there are no axles.
+        speed_max: Top speed [m/s].
+        kind: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
+    """
+
+    name: str
+    length: float
+    width: float
+    ahead: float
+    wheelbase: float | None
+    speed_max: float | None
+    kind: str
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """Scene of a file.
+
+    Attributes:
+        path: The file.
+        road_path: The file of its road.
+        catalog_paths: The files of the catalogs that it refers to.
+        parameters: Its parameters; all numbers of the storyboard are columns of their table.
+        maps: The road of each vehicle.
+        bodies: Bodies of the vehicles, the ego last.
+        ego: Whether the last one is an ego that a stack drives; else all obey the file.
+        story: What happens.
+        notes: What is left out, with its places.
+    """
+
+    path: str
+    road_path: str
+    catalog_paths: tuple[str, ...]
+    parameters: Parameters
+    maps: tuple[RoadMap, ...]
+    bodies: tuple[Body, ...]
+    ego: bool
+    story: Storyboard
+    notes: tuple[str, ...]
+
+    @property
+    def roads(self) -> RoadMap:
+        """Road of the ego."""
+        return self.maps[-1]
+
+
+def read_scenario(
+    path: str,
+    ego: str | None,
+    dt: float,
+    given: Mapping[str, float | str],
+    road: str | None = None,
+    ignore_ego: bool = False,
+    catalogs: Sequence[str] = (),
+    allowed: Callable[[str, str], None] | None = None,
+) -> ScenarioFile:
+    """Read a file.
+
+    Args:
+        path: The file.
+        ego: Name of the entity that is the ego; None: all entities obey the storyboard.
+        dt: Step [s].
+        given: Values of parameters, in place of the declared ones.
+        road: Road file in place of the one that the file names.
+        ignore_ego: Whether what the storyboard has the ego do is passed over.
+        catalogs: Files of catalogs in place of those in the folders that the file names; empty: those.
+        allowed: Raises an error where a file (path, what it is) may not be read.
+
+    Raises:
+        UsageError: Something is not understood, with its place.
+    """
+    top = read_xml(path, "OpenSCENARIO")
+    header = top.child("FileHeader")
+    header.skip()
+    if header.attributes.get("revMajor") != "1":
+        raise header.error("only OpenSCENARIO XML 1.x is read")
+    parameters = Parameters(top.find("ParameterDeclarations"), given, path)
+    entries = Catalogs(top.find("CatalogLocations"), parameters, path, catalogs, allowed)
+    logic = top.child("RoadNetwork").find("LogicFile")
+    if logic is None:
+        raise top.child("RoadNetwork").error("names no LogicFile", "the lanes must be known")
+    file = road or os.path.join(os.path.dirname(path), parameters.text(logic, "filepath"))
+    logic.get("filepath")
+    if allowed is not None:
+        allowed(file, "RoadNetwork: LogicFile")
+    top.child("RoadNetwork").skip_children("SceneGraphFile")
+    roads = read_lanelet_map(file, logic) if is_lanelet_map(file) else read_opendrive(file)
+    bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
+    names = [body.name for body in bodies]
+    board = top.child("Storyboard")
+    kinds = [body.kind for body in bodies]
+    driven = None if ego is None else len(names) - 1
+    variables = _read_variables(top, parameters)
+    reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
+    starts = _read_starts(board.child("Init"), reader.reading)
+    if ego is not None and starts.routes:
+        name = names[next(iter(starts.routes))]
+        raise board.error(f"the route of {name!r} is not read under a stack", "see docs/openscenario.md")
+    story = reader.read(board, starts)
+    top.refuse_unread()
+    entries.refuse_unread()
+    notes = (*top.notes(), *entries.notes(), *roads.notes)
+    maps = _find_roads(story, roads, parameters, starts.routes, ego)
+    return ScenarioFile(
+        path, file, tuple(entries.used), parameters, maps, bodies, ego is not None, story, notes
+    )
+
+
+def _find_roads(
+    story: Storyboard,
+    roads: Network,
+    parameters: Parameters,
+    routes: Mapping[int, Sequence[RoadMap]],
+    ego: str | None,
+) -> tuple[RoadMap, ...]:
+    # The road on which each vehicle starts, or its way from there where other roads follow.
+    def find(place: Place, asked: tuple[int, ...] = ()) -> RoadMap:
+        if place.roads is not None or len(roads.maps) == 1:
+            return place.roads or roads.maps[0]
+        if place.other >= 0 and place.other not in asked:
+            return find(story.places[place.other], (*asked, place.other))
+        if place.curve is not None:
+            return find(place.curve.vertices[0], asked)
+        x, y = parameters.table({}, 1)[0, [place.x, place.y]]
+        return roads.find_nearest(x, y)
+
+    maps = [find(place) for place in story.places]
+    if ego is not None or not roads.connections:
+        return tuple(maps)
+    table = parameters.table({}, 1)
+    s, d, heading = place_all(story, maps, table, np.zeros(len(maps)))
+    for k, start in enumerate(maps):
+        lane = int(nearest_lane(start, d[0, k], s[0, k]))
+        against = lane in start.road.opposing
+        if (np.cos(heading[0, k]) < 0.0) != against or start.closed:
+            continue
+        if (id(start), -1 if against else 1) in roads.connections:
+            name = next(name for name, index in start.lanes.items() if index == lane)
+            maps[k] = follow_lane(roads, start, name, routes.get(k, ()))
+    return tuple(maps)
+
+
+def _read_bodies(
+    entities: Element, parameters: Parameters, catalogs: Catalogs, ego: str | None
+) -> tuple[Body, ...]:
+    bodies = [_read_body(one, parameters, catalogs) for one in entities.list("ScenarioObject")]
+    names = [body.name for body in bodies]
+    if not names:
+        raise entities.error("has no ScenarioObject")
+    if ego is not None and ego not in names:
+        hint = did_you_mean(ego, names) or f"choose it with `entity`; there are: {', '.join(names)}"
+        raise entities.error(f"there is no entity {ego!r}", hint)
+    if ego is not None and (wrong := sorted({"ego", "others"} & {name for name in names if name != ego})):
+        raise entities.error(f"{wrong[0]!r} is a reserved name in formulas", "give the entity another name")
+    if len(set(names)) < len(names):
+        raise entities.error("two entities have the same name")
+    return (*(body for body in bodies if body.name != ego), *(body for body in bodies if body.name == ego))
+
+
+def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> Body:
+    entity.skip_children("ObjectController")
+    kind = entity.choice()
+    if kind.tag == "CatalogReference":
+        kind = catalogs.resolve(kind, _BODIES)
+    if kind.tag not in _BODIES:
+        raise kind.unknown(f"{', '.join(_BODIES)}, CatalogReference")
+    if kind.path == entity.path:
+        parameters.declare(kind.find("ParameterDeclarations"))
+    box = kind.child("BoundingBox")
+    box.skip()
+    centre, size = box.child("Center"), box.child("Dimensions")
+    kind.skip_children("Properties", "ParameterDeclarations", "TrailerHitch", "TrailerCoupler")
+    for trailer in kind.list("Trailer"):
+        trailer.pass_over("trailers are left out")
+    for name in kind.attributes:
+        kind.get(name)
+
+    read = parameters.fixed
+    top_speed, performance = None, kind.find("Performance")
+    if performance is not None:
+        performance.skip()
+        top_speed = read(performance, "maxSpeed")
+    wheelbase, axles = None, kind.find("Axles")
+    if axles is not None:
+        axles.skip()
+        wheelbase = read(axles.child("FrontAxle"), "positionX") - read(axles.child("RearAxle"), "positionX")
+    if "y" in centre.attributes and read(centre, "y") != 0.0:
+        raise centre.error("the box should lie in the middle of the vehicle: y = 0")
+    length, width = read(size, "length"), read(size, "width")
+    if min(length, width) <= 0.0:
+        raise size.error("length and width should be above 0")
+    return Body(
+        parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed, kind.tag
+    )
+
+
+def _read_starts(init: Element, reader: ActionReader) -> Starts:
+    places: dict[int, Place] = {}
+    speeds: dict[int, TargetSpeed] = {}
+    adjustments: list[Gap | Teleport] = []
+    later: list[Action] = []
+    routes: dict[int, Sequence[RoadMap]] = {}
+    for actions in init.list("Actions"):
+        for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
+            later += [action for action in [reader.read_global(kind)] if action is not None]
+        for private in actions.list("Private"):
+            actor = find_entity(private, "entityRef", reader.parameters, reader.names)
+            for one in private.list("PrivateAction"):
+                match reader.read_private(one, actor):
+                    case Route(roads=wanted):
+                        routes[actor] = wanted
+                    case Teleport(place=place) as teleport:
+                        if place.other == actor:  # from where it was put before
+                            adjustments.append(teleport)
+                        else:
+                            places[actor] = place
+                    case SpeedChange(transition=Transition(form="step"), continuous=False, target=speed):
+                        speeds[actor] = speed
+                    case Gap(acceleration=None, across=False) as gap:
+                        adjustments.append(gap)
+                        later += [gap] if gap.continuous else []
+                    case action if action is not None:
+                        later.append(action)
+    curves = {action.actor: action for action in later if isinstance(action, Trajectory)}
+    for actor, name in enumerate(reader.names):
+        if actor not in places and actor in curves:  # it begins where its trajectory does
+            places[actor] = curves[actor].vertices[0]
+        if actor not in places:
+            raise init.error(f"{name!r} has no start", "give it a TeleportAction")
+    still = TargetSpeed(reader.parameters.constant(0.0))
+    every = range(len(reader.names))
+    return Starts(
+        tuple(places[actor] for actor in every),
+        tuple(speeds.get(actor, still) for actor in every),
+        tuple(adjustments),
+        tuple(later),
+        routes,
+    )
+
+
+def _read_variables(top: Element, parameters: Parameters) -> dict[str, Number]:
+    # Value of each parameter and variable at the start, as conditions see them.
+    variables: dict[str, Number] = {}
+    for block, tag in (
+        ("ParameterDeclarations", "ParameterDeclaration"),
+        ("VariableDeclarations", "VariableDeclaration"),
+    ):
+        declarations = top.find(block)
+        for element in declarations.list(tag) if declarations is not None else ():
+            element.get("variableType")
+            variables[element.attribute("name")] = parameters.value(element, "value")
+    return variables

@@ -1,0 +1,187 @@
+"""Command ``avrare scenes``: which OpenSCENARIO files are read, and the first obstacle of the others."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from avrare.base.errors import ExitCode, UsageError
+from avrare_openscenario.acted_traffic import ActedTraffic
+from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
+from avrare_openscenario.trace import list_stations, write_trace
+from avrare_openscenario.xml_tree import Element, read_xml
+
+_PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)
+_FEATURE = re.compile(
+    r"\w+(Action|Condition|Position|Target|TargetSpeed)|Polyline|Clothoid\w*|Nurbs|ConstraintGroup"
+)
+_STEP, _UNTIL = 0.1, 20.0
+"""Step and end of the drive that tells whether vehicles stay on their roads [s]."""
+_EPILOG = """\
+A file is read, read with notes on what changes nothing, or refused at the first thing that is not read.
+Of a folder, all files .xosc with a storyboard are taken. All entities obey the file, the ego too.
+
+examples:
+  avrare scenes openscenario/
+  avrare scenes cut_in.xosc --trace drive.csv --dt 0.01 --until 20
+
+exit code: 0 all are read, 1 some are refused
+"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Judgement of one file.
+
+    Attributes:
+        file: Its path.
+        status: Whether it is read, with notes or without, or refused.
+        reason: The first obstacle, or the notes.
+        line: Line of the obstacle, in the file that ``reason`` names or this one; None: of no line.
+        features: Names of the elements in it that act, ask or place.
+    """
+
+    file: str
+    status: Literal["read", "notes", "refused"]
+    reason: str
+    line: int | None
+    features: tuple[str, ...]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.epilog, parser.formatter_class = _EPILOG, argparse.RawDescriptionHelpFormatter
+    parser.add_argument("paths", nargs="+", metavar="FILE", help="OpenSCENARIO file, or folder of such files")
+    parser.add_argument("--json", action="store_true", help="print a list of {file, status, reason, ...}")
+    parser.add_argument("--trace", metavar="OUT.csv", help="act one scene out and write all states")
+    parser.add_argument("--dt", type=float, default=0.01, metavar="S", help="step of --trace [s] (0.01)")
+    parser.add_argument("--until", type=float, default=20.0, metavar="S", help="end of --trace [s] (20)")
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Judge all files, or act one of them out."""
+    if args.trace is not None:
+        return _write_trace(args)
+    findings = [judge_scene(path) for path in list_scenes(args.paths)]
+    if args.json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        _print_table(findings)
+    refused = any(finding.status == "refused" for finding in findings)
+    return int(ExitCode.FAIL if refused else ExitCode.PASS)
+
+
+def list_scenes(paths: Sequence[str]) -> list[str]:
+    """Return the files, and those with a storyboard in the folders.
+
+    Raises:
+        UsageError: A path does not exist, or a folder has no scene.
+    """
+    scenes: list[str] = []
+    for path in paths:
+        if not Path(path).exists():
+            raise UsageError(f"{path}: no such file or folder", "check the path")
+        if not Path(path).is_dir():
+            scenes.append(path)
+            continue
+        inside = [str(file) for file in sorted(Path(path).rglob("*.xosc")) if _has_storyboard(file)]
+        if not inside:
+            raise UsageError(f"{path}: has no file .xosc with a storyboard")
+        scenes += inside
+    return scenes
+
+
+def judge_scene(path: str) -> Finding:
+    """Read a file as far as it goes."""
+    features: tuple[str, ...] = ()
+    try:
+        top = read_xml(path, "OpenSCENARIO")
+        features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
+        file = read_acted(path, _STEP)
+        check_ends(file)
+        notes = file.notes
+    except UsageError as error:
+        place = _PLACE.fullmatch(error.message)
+        if place is None:
+            return Finding(path, "refused", error.message, None, features)
+        other = "" if place["path"] == path else f"{os.path.basename(place['path'])}: "
+        return Finding(path, "refused", other + place["reason"], int(place["line"]), features)
+    return Finding(path, "notes" if notes else "read", "; ".join(_shorten(notes)), None, features)
+
+
+def read_acted(path: str, dt: float) -> ScenarioFile:
+    """Return a scene all of whose entities obey its file.
+
+    Raises:
+        UsageError: Something is not understood, or a vehicle starts off the road.
+    """
+    file = read_scenario(path, None, dt, {})
+    ActedTraffic(file, dt).check_start()
+    return file
+
+
+def check_ends(file: ScenarioFile) -> None:
+    """Raise an error where a vehicle drives on into another road or a junction, which is not acted out.
+
+    Raises:
+        UsageError: Such a vehicle.
+    """
+    if not any(True in roads.linked and not roads.closed for roads in file.maps):
+        return
+    with np.errstate(all="ignore"):
+        times, stations = list_stations(file, _STEP, _UNTIL)
+    for body, roads, way in zip(file.bodies, file.maps, stations.T, strict=True):
+        left = (roads.linked[0] & (way < 0.0)) | (roads.linked[1] & (way > roads.line.length))
+        if left.any() and not roads.closed:
+            text = f"{body.name!r} leaves road {', '.join(roads.begins)} at {times[left.argmax()]:g} s"
+            hint = "a drive from one road into another is not acted out"
+            raise UsageError(f"{file.path}: {text}", hint)
+
+
+def _write_trace(args: argparse.Namespace) -> int:
+    if len(args.paths) != 1 or args.json:
+        raise UsageError("--trace acts out one scene", "name one file, without --json")
+    if not (0.0 < args.dt <= args.until):
+        raise UsageError(f"--dt {args.dt:g} --until {args.until:g}: should be 0 < dt <= until")
+    if not Path(args.trace).parent.is_dir():
+        raise UsageError(f"{args.trace}: there is no folder {Path(args.trace).parent}")
+    write_trace(Path(args.trace), read_acted(args.paths[0], args.dt), args.dt, args.until)
+    return int(ExitCode.PASS)
+
+
+def _has_storyboard(file: Path) -> bool:
+    try:
+        return b"<Storyboard" in file.read_bytes()
+    except OSError:
+        return True  # the reader says what is wrong
+
+
+def _list_tags(element: Element) -> Iterator[str]:
+    yield element.tag
+    for child in element.children:
+        yield from _list_tags(child)
+
+
+def _shorten(notes: Sequence[str]) -> list[str]:
+    # Each note once, without its places.
+    return list(dict.fromkeys(note.split(": ", 1)[1] for note in notes))
+
+
+def _print_table(findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        place = finding.file if finding.line is None else f"{finding.file}:{finding.line}"
+        print(f"{finding.status:<8} {place}" + (f": {finding.reason}" if finding.reason else ""))
+    counts = Counter(finding.status for finding in findings)
+    print(
+        f"{len(findings)} scenes: "
+        + ", ".join(f"{counts[name]} {name}" for name in ("read", "notes", "refused"))
+    )

@@ -1,0 +1,203 @@
+"""Starts of vehicles: places of a file in the frame of the road."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avrare.base.errors import UsageError
+from avrare.protocols import Floats
+from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.story import (
+    Action,
+    Gap,
+    Place,
+    Storyboard,
+    TargetSpeed,
+    Teleport,
+    Trajectory,
+)
+from avrare_openscenario.trajectories import Path, Pose, list_places
+
+Integers = NDArray[np.int64]
+
+
+def nearest_lane(roads: RoadMap, y: Floats, s: Floats) -> Integers:
+    """Return the index of the lane whose centre is nearest to offsets at stations of the same shape."""
+    centres = roads.middles(np.asarray(s))
+    apart = np.abs(np.asarray(y)[..., None] - centres)
+    return np.asarray(np.where(np.isnan(apart), np.inf, apart).argmin(axis=-1))
+
+
+def lane_middle(roads: RoadMap, lane: Integers, s: Floats) -> Floats:
+    """Return y of the centre of lanes at stations [m], NaN where there is no such lane."""
+    centres = roads.middles(np.asarray(s))
+    inside = (lane >= 0) & (lane < centres.shape[-1])
+    chosen = np.take_along_axis(centres, np.where(inside, lane, 0)[..., None], axis=-1)[..., 0]
+    return np.where(inside, chosen, np.nan)
+
+
+def lane_direction(roads: RoadMap, y: Floats, s: Floats) -> Floats:
+    """Return 1 where traffic goes along the road, -1 where it comes towards it."""
+    opposing = np.isin(nearest_lane(roads, y, s), roads.road.opposing)
+    return np.where(opposing, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Start as the file gives it.
+
+    Attributes:
+        places: Place of each vehicle.
+        speeds: Its speed.
+        adjustments: What moves a vehicle at once from there.
+        actions: Actions that begin with the scene.
+        routes: Roads that a vehicle is to drive over.
+    """
+
+    places: tuple[Place, ...]
+    speeds: tuple[TargetSpeed, ...]
+    adjustments: tuple[Gap | Teleport, ...]
+    actions: tuple[Action, ...]
+    routes: Mapping[int, Sequence[RoadMap]]
+
+
+def place_all(
+    story: Storyboard, maps: Sequence[RoadMap], table: Floats, ahead: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return stations, offsets and headings (N, V + 1) of the middles of all vehicles at the start.
+
+    Args:
+        story: Places of the vehicles.
+        maps: The road of each vehicle.
+        table: (N, K) numbers of the file.
+        ahead: (V + 1,) how far each middle is ahead of the point that a file places [m].
+
+    Raises:
+        UsageError: Places are relative to each other in a circle.
+    """
+    needs = [list_places(place) for place in story.places]
+    found: dict[int, Pose] = {}
+    for k in _order(needs):
+        found[k] = place_point(story.places[k], maps[k], maps, table, found)
+    poses = [move_along_body(maps[k], *found[k], ahead[k]) for k in range(len(found))]
+    s, d, heading = (np.stack([pose[part] for pose in poses], axis=1) for part in range(3))
+    return s, d, heading
+
+
+def speed_all(story: Storyboard, table: Floats) -> Floats:
+    """Return the speeds (N, V + 1) of all vehicles at the start."""
+    speeds = np.zeros((len(table), len(story.speeds)))
+    for k in _order([[speed.other] if speed.other >= 0 else [] for speed in story.speeds]):
+        speeds[:, k] = resolve_speed(story.speeds[k], table, speeds)
+    return speeds
+
+
+def resolve_speed(target: TargetSpeed, table: Floats, speeds: Floats) -> Floats:
+    """Return a speed (N,), given those of all vehicles (N, V + 1); a relative one is never below 0."""
+    value = table[:, target.value]
+    if target.other < 0:
+        return value
+    theirs = speeds[:, target.other]
+    return np.maximum(value * theirs if target.factor else value + theirs, 0.0)
+
+
+def _order(needs: Sequence[Sequence[int]]) -> list[int]:
+    # Vehicles such that each comes after those that it is relative to.
+    order: list[int] = []
+    waiting = list(range(len(needs)))
+    while waiting:
+        ready = [k for k in waiting if set(needs[k]) <= set(order)]
+        if not ready:
+            raise UsageError("the starts of vehicles are relative to each other in a circle")
+        order += ready
+        waiting = [k for k in waiting if k not in order]
+    return order
+
+
+def move_along_body(
+    roads: RoadMap, s: Floats, d: Floats, heading: Floats, by: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return poses that are ``by`` further ahead along the bodies."""
+    across = by * np.sin(heading)
+    along = by * np.cos(heading)
+    line = roads.road.line
+    moved = s + along if line is None else line.advance(s, d + 0.5 * across, along)
+    return moved, d + across, heading
+
+
+def place_point(
+    place: Place, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
+) -> Pose:
+    """Return station, offset and heading (N,) of one place along a road.
+
+    Args:
+        place: The place.
+        roads: The road.
+        maps: The road of each vehicle.
+        table: (N, K) numbers of the file.
+        others: Poses of vehicles that the place is relative to, each along its own road.
+    """
+    base = maps[place.other] if place.other >= 0 else place.roads or roads
+    s, d, heading = _place_on(place, base, maps, table, others)
+    if base is roads:
+        return s, d, heading
+    turned = heading + base.line.heading(s)
+    s, d = roads.line.to_road(*base.line.to_plane(s, d))
+    return s, d, turned - roads.line.heading(s)
+
+
+def _place_on(
+    place: Place, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
+) -> Pose:
+    x, y, heading = (table[:, number] for number in (place.x, place.y, place.heading))
+    if place.kind in ("plane", "curve"):
+        if place.curve is not None:
+            path = build_path(place.curve, roads, maps, table, others)
+            at_x, at_y, along = path.at(x)
+            x, y = at_x - y * np.sin(along), at_y + y * np.cos(along)
+            heading = heading if place.absolute else heading + along
+        s, d = roads.line.to_road(x, y)
+        return s, d, heading - roads.line.heading(s)
+    if place.kind == "road":
+        s, d = x, y
+    elif place.kind == "lane":
+        assert place.lane is not None
+        s, d = x, y + lane_middle(roads, np.full(len(x), place.lane), x)
+    else:
+        their_s, their_d, their_heading = others[place.other]
+        along = lane_direction(roads, their_d, their_s)
+        if place.kind == "ahead":
+            s, d, own = move_along_body(roads, their_s, their_d, their_heading, x)
+            s, d, _ = move_along_body(roads, s, d, own + 0.5 * np.pi, y)
+            return s, d, heading - roads.line.heading(s) if place.absolute else own + heading
+        if place.kind == "shifted":
+            their_x, their_y = roads.line.to_plane(their_s, their_d)
+            s, d = roads.line.to_road(their_x + x, their_y + y)
+            turned = heading - roads.line.heading(s) if place.absolute else their_heading + heading
+            return s, d, turned
+        if place.lane is None:
+            s, d = their_s + x, their_d + y
+        else:
+            lane = nearest_lane(roads, their_d, their_s) + (along * place.lane).astype(np.int64)
+            s = their_s + along * x
+            d = lane_middle(roads, lane, s) + y
+    if place.absolute:
+        return s, d, heading - roads.line.heading(s)
+    if place.turned and (place.kind == "road" or place.lane is None):
+        return s, d, heading  # against the reference line, not the lane
+    return s, d, heading + np.where(lane_direction(roads, d, s) < 0.0, np.pi, 0.0)
+
+
+def build_path(
+    curve: Trajectory, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
+) -> Path:
+    """Return the points of a trajectory in the plane."""
+    poses = []
+    for vertex in curve.vertices:
+        s, d, heading = place_point(vertex, roads, maps, table, others)
+        poses.append((*roads.line.to_plane(s, d), heading + roads.line.heading(s)))
+    return Path.build(curve, poses)

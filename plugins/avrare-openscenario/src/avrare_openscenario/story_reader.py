@@ -1,0 +1,232 @@
+"""Reading of a storyboard: acts, maneuvers and events."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from avrare_openscenario.action_reader import ActionReader
+from avrare_openscenario.catalogs import Catalogs
+from avrare_openscenario.condition_reader import ConditionReader
+from avrare_openscenario.opendrive import Network
+from avrare_openscenario.parameters import Number, Parameters
+from avrare_openscenario.place_reader import find_entity
+from avrare_openscenario.starts import Starts
+from avrare_openscenario.story import Action, Condition, Event, Route, Storyboard, Trigger
+from avrare_openscenario.xml_tree import Element, read_boolean
+
+_COUNT_MAX = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class _Named:
+    # Element of the storyboard that a condition may refer to.
+    kind: str
+    path: tuple[str, ...]
+    events: tuple[int, ...]
+    begin: Literal["event", "act", "story"] = "event"
+    act: int = -1
+    alone: bool = True  # the only action of its event
+
+
+class StoryReader:
+    """Reader of one file's storyboard.
+
+    Args:
+        parameters: Its parameters.
+        roads: Its roads.
+        names: Names of the entities, the ego last.
+        kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
+        dt: Step [s].
+        ego: Index of the entity that a stack drives; None: all obey the storyboard.
+        ignore_ego: Whether actions of the ego are passed over.
+        catalogs: Catalogs of maneuvers.
+        variables: Value of each variable and parameter at the start.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        roads: Network,
+        names: Sequence[str],
+        kinds: Sequence[str],
+        dt: float,
+        ego: int | None,
+        ignore_ego: bool,
+        catalogs: Catalogs,
+        variables: dict[str, Number],
+    ) -> None:
+        self.parameters, self.names = parameters, names
+        self.ego, self.ignore_ego, self.catalogs, self.variables = ego, ignore_ego, catalogs, variables
+        self.reading = ActionReader(parameters, roads, names, catalogs, tuple(variables))
+        self.asking = ConditionReader(parameters, roads, names, kinds, dt, self.reading, tuple(variables))
+        self.actions: list[Action] = []
+        self.events: list[Event] = []
+        self.conditions: list[Condition] = []
+        self.acts: list[Trigger] = []
+        self.stops: list[Trigger | None] = []
+        self.maneuvers = 0
+        self.elements: list[_Named] = []
+        self._path: list[str] = []
+        self._waiting: list[tuple[int, Element]] = []
+
+    def read(self, board: Element, starts: Starts) -> Storyboard:
+        """Read the element ``Storyboard`` after its ``Init``."""
+        board.skip_children("StopTrigger")  # the scenario's ``steps`` end a rollout
+        if starts.actions:
+            self.acts.append(())
+            self.stops.append(None)
+            self.actions += starts.actions
+            self.events.append(Event("Init", 0, -1, (), tuple(range(len(self.actions))), False))
+        for story in board.list("Story"):
+            self.parameters.declare(story.find("ParameterDeclarations"))
+            with self._named(story, "story"):
+                for act in story.list("Act"):
+                    self._read_act(act)
+        for index, element in self._waiting:
+            self._resolve_state(index, element)
+        return Storyboard(
+            starts.places,
+            starts.speeds,
+            starts.adjustments,
+            tuple(self.acts),
+            tuple(self.stops),
+            tuple(self.events),
+            tuple(self.actions),
+            tuple(self.conditions),
+            tuple(self.variables.values()),
+        )
+
+    @contextmanager
+    def _named(self, element: Element, kind: str, act: int = -1) -> Iterator[None]:
+        # What is read within belongs to the element.
+        first = len(self.events)
+        self._path.append(element.get("name") or "")
+        yield
+        events = tuple(range(first, len(self.events)))
+        begin: Literal["event", "act", "story"] = "act" if act >= 0 else "event"
+        begin = "story" if kind == "story" else begin
+        self.elements.append(_Named(kind, tuple(self._path), events, begin, act))
+        self._path.pop()
+
+    def _read_act(self, act: Element) -> None:
+        index = len(self.acts)
+        start, stop = act.find("StartTrigger"), act.find("StopTrigger")
+        self.acts.append(() if start is None else self._read_trigger(start))
+        self.stops.append(self._read_trigger(stop) if stop is not None and stop.children else None)
+        with self._named(act, "act", index):
+            for group in act.list("ManeuverGroup"):
+                with self._named(group, "maneuverGroup", index):
+                    self._read_group(group, index)
+
+    def _read_group(self, group: Element, act: int) -> None:
+        group.get("name")
+        if group.get("maximumExecutionCount") not in (None, "0", "1"):
+            group.note("a maneuver group is executed once")
+        actors = group.child("Actors")
+        if read_boolean(actors, "selectTriggeringEntities"):
+            raise actors.error("selectTriggeringEntities is not read", "name the actors")
+        chosen = [
+            find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
+        ]
+        referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
+        for maneuver in [*referred, *group.list("Maneuver")]:
+            if not any(maneuver is entry for entry in referred):
+                self.parameters.declare(maneuver.find("ParameterDeclarations"))
+            with self._named(maneuver, "maneuver", act):
+                self._read_maneuver(maneuver, act, chosen)
+
+    def _read_maneuver(self, maneuver: Element, act: int, actors: list[int]) -> None:
+        if self.ego in actors:
+            if not self.ignore_ego:
+                text = "the ego is driven by the controller under test, not by the storyboard"
+                raise maneuver.error(text, "take it out, or set `ignore_ego_events: true`")
+            actors = [actor for actor in actors if actor != self.ego]
+        for event in maneuver.list("Event"):
+            with self._named(event, "event"):
+                self._read_event(event, act, actors)
+        self.maneuvers += 1
+
+    def _read_event(self, event: Element, act: int, actors: list[int]) -> None:
+        priority = event.get("priority") or "parallel"
+        if priority not in ("override", "overwrite", "parallel", "skip"):
+            raise event.error(f"the priority {priority!r} is not read", "override, parallel or skip")
+        first, number = len(self.actions), len(self.events)
+        elements = event.list("Action")
+        for element in elements:
+            path = (*self._path, element.get("name") or "")
+            self.elements.append(_Named("action", path, (number,), alone=len(elements) == 1))
+            self.actions += self._read_action(element, actors)
+        start = event.find("StartTrigger")
+        trigger = () if start is None else self._read_trigger(start)
+        actions = tuple(range(first, len(self.actions)))
+        name, overrides = event.attribute("name"), priority in ("override", "overwrite")
+        self.events.append(
+            Event(
+                name, act, self.maneuvers, trigger, actions, overrides, self._count(event), priority == "skip"
+            )
+        )
+
+    def _count(self, event: Element) -> int:
+        # How often an event may begin.
+        if event.get("maximumExecutionCount") is None:
+            return 1
+        count = self.parameters.whole(event, "maximumExecutionCount")
+        if not 1 <= count <= _COUNT_MAX:
+            raise event.error("maximumExecutionCount should be at least 1")
+        return count
+
+    def _read_action(self, element: Element, actors: Sequence[int]) -> list[Action]:
+        kind = element.choice()
+        if kind.tag == "PrivateAction":
+            if not actors:
+                element.skip()
+            actions = [self.reading.read_private(kind, actor) for actor in actors]
+            if any(isinstance(action, Route) for action in actions):
+                raise kind.error("a route is read in Init alone")
+        else:
+            actions = [self.reading.read_global(kind)]
+        return [action for action in actions if action is not None]
+
+    def _read_trigger(self, trigger: Element) -> Trigger:
+        groups = []
+        for group in trigger.list("ConditionGroup"):
+            first = len(self.conditions)
+            for condition in group.list("Condition"):
+                if (state := condition.find("ByValueCondition")) is not None and (
+                    element := state.find("StoryboardElementStateCondition")
+                ):
+                    self._waiting.append((len(self.conditions), element))
+                self.conditions.append(self.asking.read(condition))
+            if len(self.conditions) == first:
+                raise group.error("has no condition")
+            groups.append(tuple(range(first, len(self.conditions))))
+        if not groups:
+            trigger.note("a trigger without conditions is met at once")
+        return tuple(groups)
+
+    def _resolve_state(self, index: int, one: Element) -> None:
+        kind, state = one.attribute("storyboardElementType"), one.attribute("state")
+        name = one.attribute("storyboardElementRef")
+        parts = tuple(re.split("::|/", name))
+        known = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
+        if state not in known:
+            raise one.error(f"the state {state!r} is not read", f"known here: {', '.join(known)}")
+        found = [each for each in self.elements if (each.kind, each.path[-len(parts) :]) == (kind, parts)]
+        if not found:
+            raise one.error(f"there is no {kind} {name!r}")
+        if len(found) > 1:
+            text = f"there are {len(found)} elements {kind} {name!r}"
+            raise one.error(text, f"say which one: {'::'.join(found[0].path)}")
+        if not found[0].alone and state not in ("standbyState", "startTransition"):
+            raise one.error("the end of one action among several is not read", "ask for that of the event")
+        self.conditions[index] = replace(
+            self.conditions[index],
+            events=found[0].events,
+            state=state,
+            begin=found[0].begin,
+            act=found[0].act,
+        )

@@ -1,0 +1,63 @@
+"""States of a scene that is acted out without a stack, in the plane of its road file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Floats
+from avrare_openscenario.acted_traffic import ActedTraffic
+from avrare_openscenario.scenario_file import ScenarioFile
+from avrare_openscenario.starts import move_along_body
+
+
+def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
+    """Return times (T,) and states (T, V, 4): x, y, heading and speed of each point of reference.
+
+    Args:
+        file: The scene, all of whose entities obey the storyboard.
+        dt: Step [s].
+        until: End [s].
+    """
+    traffic = ActedTraffic(file, dt)
+    states = [_describe(traffic, others) for others in _drive(traffic, until)]
+    return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
+
+
+def list_stations(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
+    """Return times (T,) and the station (T, V) of each vehicle along its road."""
+    stations = np.concatenate([others.x for others in _drive(ActedTraffic(file, dt), until)])
+    return np.arange(len(stations), dtype=np.float64) * dt, stations
+
+
+def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
+    _, others, memory = traffic.start(1, {})
+    yield others
+    for step in range(round(until / traffic.dt)):
+        memory, others = traffic.step(memory, np.array([step]), None, others)
+        yield others
+
+
+def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None:
+    """Write the columns time, entity, x, y, heading, speed."""
+    times, states = act_out(file, dt, until)
+    with path.open("w", newline="", encoding="utf-8") as target:
+        writer = csv.writer(target)
+        writer.writerow(("time", "entity", "x", "y", "heading", "speed"))
+        for time, row in zip(times, states, strict=True):
+            for body, state in zip(file.bodies, row, strict=True):
+                writer.writerow((f"{time:.6g}", body.name, *(f"{number:.6f}" for number in state)))
+
+
+def _describe(traffic: ActedTraffic, others: Vehicles) -> Floats:
+    states = []
+    for k, roads in enumerate(traffic.maps):
+        along = others.x[:, k], others.y[:, k], others.heading[:, k]
+        s, d, heading = move_along_body(roads, *along, -traffic.ahead[k])
+        x, y = roads.line.to_plane(s, d)
+        states.append((x[0], y[0], heading[0] + roads.line.heading(s)[0], others.speed[0, k]))
+    return np.array(states)

@@ -1,0 +1,96 @@
+"""Lines in the plane that vehicles follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from avrare.protocols import Floats
+from avrare_openscenario.story import Place, Trajectory
+
+Pose = tuple[Floats, Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Path:
+    """Polylines of N particles with M points each.
+
+    Attributes:
+        x: (N, M) [m].
+        y: (N, M) [m].
+        heading: (N, M) heading at the points; None: the direction of each segment [rad].
+    """
+
+    x: Floats
+    y: Floats
+    heading: Floats | None
+
+    @classmethod
+    def build(cls, curve: Trajectory, poses: list[Pose]) -> Path:
+        """Return the points of a trajectory whose vertices have these poses (N,) in the plane."""
+        x, y, heading = (np.stack([pose[axis] for pose in poses], axis=1) for axis in range(3))
+        if curve.shape is not None:
+            points = np.array(curve.shape)
+            cos, sin = np.cos(heading), np.sin(heading)
+            along, across = points[:, 0], points[:, 1]
+            return cls(x + cos * along - sin * across, y + sin * along + cos * across, heading + points[:, 2])
+        if curve.shares is not None:
+            shares = np.array(curve.shares).T
+            return cls(x @ shares, y @ shares, None)
+        turned = all(vertex.turned for vertex in curve.vertices)
+        return cls(x, y, np.unwrap(heading, axis=1) if turned else None)
+
+    @cached_property
+    def ways(self) -> Floats:
+        """Way (N, M) from the first point to each [m]."""
+        steps = np.hypot(np.diff(self.x, axis=1), np.diff(self.y, axis=1))
+        return np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
+
+    def at(self, way: Floats) -> Pose:
+        """Return the pose (N,) at a way (N,) along each."""
+        rows, begin, share = _locate(self.ways, way)
+        x0, y0 = self.x[rows, begin], self.y[rows, begin]
+        dx, dy = self.x[rows, begin + 1] - x0, self.y[rows, begin + 1] - y0
+        if self.heading is None:
+            heading = np.arctan2(dy, dx)
+        else:
+            before, after = self.heading[rows, begin], self.heading[rows, begin + 1]
+            heading = before + share * (after - before)
+        return x0 + share * dx, y0 + share * dy, heading
+
+    def when(self, times: Floats, time: Floats) -> tuple[Floats, Floats]:
+        """Return the way (N,) and the speed at a time (N,), given those (N, M) of the points."""
+        rows, begin, share = _locate(times, time)
+        way, step = self.ways[rows, begin], self.ways[rows, begin + 1] - self.ways[rows, begin]
+        lasting = np.maximum(times[rows, begin + 1] - times[rows, begin], 1e-9)
+        waits = (time < times[:, 0]) | (time > times[:, -1])
+        return way + share * step, np.where(waits, 0.0, step / lasting)
+
+    def project(self, x: Floats, y: Floats) -> Floats:
+        """Return the way (N,) of the points that are nearest to places (N,)."""
+        x0, y0, x1, y1 = self.x[:, :-1], self.y[:, :-1], self.x[:, 1:], self.y[:, 1:]
+        dx, dy = x1 - x0, y1 - y0
+        squared = np.maximum(dx**2 + dy**2, 1e-12)
+        share = np.clip(((x[:, None] - x0) * dx + (y[:, None] - y0) * dy) / squared, 0.0, 1.0)
+        apart = np.hypot(x[:, None] - x0 - share * dx, y[:, None] - y0 - share * dy)
+        rows, nearest = np.arange(len(x)), apart.argmin(axis=1)
+        return np.asarray(self.ways[rows, nearest] + (share * np.sqrt(squared))[rows, nearest])
+
+
+def _locate(table: Floats, value: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
+    # Rows, index of the interval in each, and share of it.
+    rows = np.arange(len(table))
+    begin = np.clip((table <= value[:, None]).sum(axis=1) - 1, 0, table.shape[1] - 2)
+    low, high = table[rows, begin], table[rows, begin + 1]
+    share = np.clip((value - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    return rows, begin, share
+
+
+def list_places(place: Place | Trajectory) -> list[int]:
+    """Return the indices of the vehicles that a place or trajectory is relative to."""
+    if isinstance(place, Trajectory):
+        return [other for vertex in place.vertices for other in list_places(vertex)]
+    others = [] if place.curve is None else list_places(place.curve)
+    return others if place.other < 0 else [place.other, *others]

@@ -1,1 +1,0 @@
-"""OpenSCENARIO XML as scenarios: what is read, and the traffic that acts it out."""
