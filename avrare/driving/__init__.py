@@ -5,6 +5,7 @@ from avrare.driving.values import (
     Crossing,
     Lane,
     Observation,
+    ObservingEgo,
     Prediction,
     Road,
     Scene,
@@ -12,4 +13,15 @@ from avrare.driving.values import (
     World,
 )
 
-__all__ = ["Action", "Crossing", "Lane", "Observation", "Prediction", "Road", "Scene", "Vehicles", "World"]
+__all__ = [
+    "Action",
+    "Crossing",
+    "Lane",
+    "Observation",
+    "ObservingEgo",
+    "Prediction",
+    "Road",
+    "Scene",
+    "Vehicles",
+    "World",
+]

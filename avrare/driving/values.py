@@ -168,6 +168,17 @@ class World:
 
 
 @dataclass(frozen=True)
+class ObservingEgo(Vehicles):
+    """Ego of a simulator that makes its observation itself.
+
+    Attributes:
+        observation: (N, D) numbers that a policy acts on.
+    """
+
+    observation: Floats
+
+
+@dataclass(frozen=True)
 class Observation:
     """Report of the perception system, in the world frame: S slots, each with a detection or empty.
 

@@ -11,6 +11,7 @@ from avrare.plugin.component import (
     hookimpl,
 )
 from avrare.plugin.option_marks import Drawable
+from avrare.plugin.options import Options
 
 __all__ = [
     "KINDS",
@@ -19,6 +20,7 @@ __all__ = [
     "Component",
     "Drawable",
     "Finding",
+    "Options",
     "RuleCard",
     "RuleParameter",
     "hookimpl",

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import pluggy
-from pydantic import BaseModel
 
 from avrare.base.late_import import late_import
+from avrare.plugin.options import Options
 
 if TYPE_CHECKING:
     from avrare.driving import Scene
@@ -125,7 +125,7 @@ class Component:
     Attributes:
         kind: One of ``KINDS``.
         name: Name after ``plugin:`` in a scenario.
-        config: ``"package.module:Class"`` of a pydantic model; must import nothing heavy.
+        config: ``"package.module:Class"`` of a class of ``Options``; must import nothing heavy.
         factory: ``"package.module:function"``, called as ``factory(config, scene)``; ``scene`` is the
             simulator's ``Scene`` (None for simulators, for estimators, and if the simulator has none).
         summary: One line for ``avrare plugins``.
@@ -173,11 +173,11 @@ class Component:
         """Take the name for the family where none is given."""
         object.__setattr__(self, "family", self.family or self.name)
 
-    def load_config(self) -> type[BaseModel]:
-        """Import the pydantic model of the options."""
+    def load_config(self) -> type[Options]:
+        """Import the class of the options."""
         model = late_import(self.config)
-        if not (isinstance(model, type) and issubclass(model, BaseModel)):
-            raise TypeError(f"{self.config} is not a pydantic model")
+        if not (isinstance(model, type) and issubclass(model, Options)):
+            raise TypeError(f"{self.config} is not a class derived from avrare.plugin.Options")
         return model
 
     def load_factory(self) -> Callable[..., Any]:

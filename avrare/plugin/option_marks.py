@@ -6,9 +6,7 @@ only ever sees numbers: drawn values reach the simulator's ``reset_drawn`` (``av
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_args
 
 from pydantic import BaseModel, GetJsonSchemaHandler
@@ -48,9 +46,3 @@ def is_marked(field: FieldInfo, mark: str) -> bool:
     """Return whether an option is marked with ``json_schema_extra={mark: True}``."""
     extra = field.json_schema_extra
     return isinstance(extra, dict) and bool(extra.get(mark))
-
-
-def find_used_files(config: BaseModel) -> Mapping[str, Path]:
-    """Return the files, by dotted option, that the model's property ``used_files`` names, if it has one."""
-    files: Mapping[str, Path] = getattr(config, "used_files", {})
-    return files

@@ -277,12 +277,14 @@ class Specification(ABC):
         names: Vehicles that its quantifiers range over. Default: None, all.
         excluded: Vehicles that it leaves out. Default: none.
         words: Requirement in English, for reports. Default: the formula in words.
+        score: Importance score: "margin", "progress" or "robustness". Default: None, by the formula's shape.
     """
 
     formula: Any = None
     names: tuple[str, ...] | None = None
     excluded: tuple[str, ...] = ()
     words: str = ""
+    score: str | None = None
 
     @abstractmethod
     def start(self, n: int) -> Any:

@@ -175,7 +175,7 @@ def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any, s
 def _choose_score(scenario: LoadedScenario, name: str) -> logic.Formula | str | None:
     part = scenario.definition.specifications[name]
     monitor = scenario.stack.specifications[name]
-    own = part.score if isinstance(part, Formula) else getattr(part.config, "score", None)
+    own = part.score if isinstance(part, Formula) else monitor.score
     if isinstance(own, ScoreFormula):
         return logic.stl(own.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
     if own is not None:

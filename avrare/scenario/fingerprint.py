@@ -10,7 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from avrare.plugin.option_marks import FILE, find_used_files, is_marked
+from avrare.plugin.option_marks import FILE, is_marked
+from avrare.plugin.options import Options
 from avrare.scenario.schema import Scenario
 
 
@@ -77,19 +78,19 @@ def digests(scenario: Scenario) -> dict[str, str]:
     return found
 
 
-def named_files(config: BaseModel) -> Iterator[tuple[str, Path]]:
-    """Yield (dotted path, file) of the options that name an existing file.
+def named_files(config: Options) -> Iterator[tuple[str, Path]]:
+    """Yield (dotted path, file) of the options that name an existing file."""
+    yield from _marked_files(config)
+    yield from config.used_files().items()
 
-    Its property ``used_files`` gives those that no mark can tell: of a block within the options, or of
-    arguments that are handed to another program.
-    """
+
+def _marked_files(config: BaseModel) -> Iterator[tuple[str, Path]]:
     for name, field in type(config).model_fields.items():
         value = getattr(config, name)
         if is_marked(field, FILE) and is_file(value):
             yield name, Path(value)
         elif isinstance(value, BaseModel):
-            yield from ((f"{name}.{inner}", path) for inner, path in named_files(value))
-    yield from find_used_files(config).items()
+            yield from ((f"{name}.{inner}", path) for inner, path in _marked_files(value))
 
 
 def is_file(value: object) -> bool:

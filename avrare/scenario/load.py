@@ -12,6 +12,7 @@ from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean,
 from avrare.base.late_import import late_import
 from avrare.plugin.component import Component
 from avrare.plugin.option_marks import FILE
+from avrare.plugin.options import Options
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.draws import check_drawn
 from avrare.scenario.extends import read
@@ -191,7 +192,7 @@ def _resolve_block(
     return Block(plugin.value, component, config, row.distribution, row.version, draws), mistakes
 
 
-def _load_model(row: Row) -> tuple[Component, type[BaseModel]]:
+def _load_model(row: Row) -> tuple[Component, type[Options]]:
     assert row.component is not None
     try:
         return row.component, row.component.load_config()

@@ -16,7 +16,8 @@ from pydantic import BaseModel
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.plugin.component import GROUP
-from avrare.plugin.option_marks import CODE, FILE, find_used_files
+from avrare.plugin.option_marks import CODE, FILE
+from avrare.plugin.options import Options
 from avrare.plugin.registry import Row
 from avrare.scenario.validation import Mistake, find_places
 from avrare.scenario.value_positions import Node, Path, printable
@@ -104,9 +105,9 @@ def find_refusals(row: Row, model: type[BaseModel], node: Node, path: Path, fold
     return mistakes
 
 
-def find_linked_files(node: Node, path: Path, config: BaseModel | None, folder: str) -> list[Mistake]:
+def find_linked_files(node: Node, path: Path, config: Options | None, folder: str) -> list[Mistake]:
     """List what safe mode refuses of files that complete a named one: links to others outside."""
-    files = find_used_files(config).values() if config is not None and is_safe() else ()
+    files = config.used_files().values() if config is not None and is_safe() else ()
     text = "safe mode: {} is a link to a file outside the scenario's folder"
     return [
         Mistake(node.name_mark, path, text.format(printable(os.fspath(file))), TRUST)

@@ -20,6 +20,7 @@ from pydantic import (
 from avrare.base import version
 from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.component import Component
+from avrare.plugin.options import Options
 from avrare.plugin.registry import default_registry
 from avrare.scenario.aeb import Aeb
 from avrare.scenario.draws import Draws
@@ -258,14 +259,14 @@ class Document(_Model):
 
 @dataclass(frozen=True)
 class Block:
-    """Component of a scenario with its checked options, an instance of its own pydantic model.
+    """Component of a scenario with its checked options, an object of its own class of ``Options``.
 
     Options that are drawn stand in ``config`` with the medians of their laws, and in ``draws``.
     """
 
     plugin: str
     component: Component
-    config: BaseModel
+    config: Options
     distribution: str = ""
     version: str = ""
     draws: Draws | None = None
@@ -335,7 +336,7 @@ class Scenario:
         """Versions of avrare and of every distribution that the scenario uses."""
         used = {part.distribution: part.version for part in self.blocks.values() if part.distribution}
         for part in self.blocks.values():  # of parts that choose further ones
-            used |= getattr(part.config, "used_versions", {})
+            used |= part.config.used_versions()
         if self.cross_check is not None:
             used |= self.cross_check.versions
         if self.cheap is not None:

@@ -13,11 +13,12 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from avrare.base import batch
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.driving import Action, Prediction, Scene, Vehicles
+from avrare.driving import Action, ObservingEgo, Prediction, Scene, Vehicles
+from avrare.plugin import Options
 from avrare.protocols import Controller
 from avrare.scenario.safe_mode import TRUST, is_safe
 
@@ -26,12 +27,10 @@ EXAMPLE = Path(__file__).with_name("templates") / "act.py.txt"
 _WANTED = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
 
 
-class FunctionConfig(BaseModel):
+class FunctionConfig(Options):
     """File and name of the function, and the form of its call."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": str(EXAMPLE)}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"file": str(EXAMPLE)}]})
 
     file: str = Field(
         min_length=1, description="Python file with the function; it is run", json_schema_extra={"file": True}
@@ -102,7 +101,7 @@ class FunctionController(Controller):
             UsageError: The function returns something of another shape.
         """
         if isinstance(ego, np.ndarray) or self.scene is None:
-            seen = getattr(ego, "observation", ego)
+            seen = ego.observation if isinstance(ego, ObservingEgo) else ego
             return (self._answer(seen) if self.batched else self._rows(seen, len(seen))), None
         observation = DrivingObservation(ego, _neighbours(prediction, self.scene), self.scene)
         n = len(ego.x)

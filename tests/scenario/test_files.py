@@ -3,25 +3,25 @@
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel, Field
+from pydantic import Field
 
+from avrare.plugin import Options
 from avrare.plugin.component import Component
 from avrare.scenario.fingerprint import changed_files, digests, fingerprint
 from avrare.scenario.schema import Block, Scenario
 
 
-class Options(BaseModel):
+class Named(Options):
     model: str = Field(json_schema_extra={"file": True})
     rules: Path | None = Field(None, json_schema_extra={"file": True})
     note: str = ""
 
 
-class Choosing(Options):
+class Choosing(Named):
     """Options with a model of their own, and with files that no mark can tell."""
 
-    inner: Options | None = None
+    inner: Named | None = None
 
-    @property
     def used_files(self):
         return {"other.map": Path("map.xml")}
 
@@ -30,10 +30,10 @@ class Choosing(Options):
 def scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
-    def make(of=Options, **options):
+    def make(of=Named, **options):
         component = Component("simulator", "toy", "", "", "")
         block = Block("toy", component, of(**options))
-        return Scenario("s.yaml", "s", 1, block, {}, Block("mc", component, Options(model="shipped")), ())
+        return Scenario("s.yaml", "s", 1, block, {}, Block("mc", component, Named(model="shipped")), ())
 
     return make
 
@@ -56,7 +56,7 @@ def test_the_content_of_named_files_counts(scenario):
 def test_files_within_options_count(scenario):
     Path("mine.npz").write_bytes(b"one")
     Path("map.xml").write_text("a")
-    named = scenario(Choosing, model="shipped", inner=Options(model="mine.npz"))
+    named = scenario(Choosing, model="shipped", inner=Named(model="mine.npz"))
     assert list(digests(named)) == ["simulator.inner.model", "simulator.other.map"]
     first = fingerprint(named)
     Path("map.xml").write_text("b")

@@ -1,6 +1,5 @@
 """Controller ``function``: what it sees and returns, for one rollout or for all, and its mistakes."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import avrare
 from avrare.base.errors import AvrareError, UsageError
 from avrare.cli.main import main
-from avrare.driving import Action, Prediction, Road, Scene, Vehicles
+from avrare.driving import Action, ObservingEgo, Prediction, Road, Scene, Vehicles
 from avrare.scenario.fingerprint import fingerprint
 from avrare.stack.function_controller import EXAMPLE, FunctionConfig, build
 
@@ -57,14 +56,9 @@ def test_one_rollout_or_all_give_the_same_driving_actions(controller):
     np.testing.assert_array_equal(batched.yaw_rate, single.yaw_rate)
 
 
-@dataclass(frozen=True)
-class SensedEgo(Vehicles):
-    observation: np.ndarray
-
-
 def test_an_ego_with_a_lidar_shows_it(controller):
     seen = np.arange(6.0).reshape(3, 2)
-    sensed = SensedEgo(**vars(ego(3)), observation=seen)
+    sensed = ObservingEgo(**vars(ego(3)), observation=seen)
     driving, _ = controller("def act(o):\n    return o.ego.observation\n").act(None, sensed, None)
     np.testing.assert_array_equal([driving.acceleration, driving.yaw_rate], seen.T)
     plain, _ = controller("def act(o):\n    return -o\n", scene=None).act(None, sensed, None)

@@ -84,7 +84,9 @@ def test_a_start_that_fails_only_without_noise_is_estimated():
 def test_the_first_part_with_a_nan_is_named(seen, predicted, told):
     """Leave out what a slot without a detection has, which is NaN by definition."""
     x = np.array([seen])
-    state = LoopState(SimpleNamespace(), Observation(np.array([[True, False]]), x, x, x), None, None)
-    loop = SimpleNamespace(predict=lambda state: np.full(1, predicted), act=lambda state: (math.nan, None))
+    state = LoopState(SimpleNamespace(ego=0.0), Observation(np.array([[True, False]]), x, x, x), None, None)
+    loop = SimpleNamespace(
+        controller=True, predict=lambda state: np.full(1, predicted), act=lambda state: (math.nan, None)
+    )
     assert _find_nan(loop, [state, state]) == (told, 0)
     assert _find_nan(loop, [state]) is None

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from avrare.base.memory import MEMORY_OPTION
+from avrare.plugin import Options
 from avrare.plugin.registry import default_registry
 
 
-class AutoConfig(BaseModel):
+class AutoConfig(Options):
     """Options of the choice: a Monte Carlo pilot decides, by rules that are fixed before it runs."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     relative_error: float | None = Field(
         default=None,
@@ -41,7 +40,6 @@ class AutoConfig(BaseModel):
             raise ValueError("relative_error and threshold are two stopping rules: choose one")
         return self
 
-    @property
     def used_versions(self) -> dict[str, str]:
         """Versions of the installed distributions that a chosen estimator may come from."""
         registry = default_registry()

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from avrare.base.memory import MEMORY_OPTION
+from avrare.plugin import Options
 
 MAX_SEQUENTIAL_ROLLOUTS = 10**6
 """Upper bound for a run with a stopping rule: a specification that never fails must end too."""
 
 
-class McConfig(BaseModel):
+class McConfig(Options):
     """Options of Monte Carlo: independent rollouts, all specifications scored in one pass."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rollouts: int = Field(
         default=1000,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from avrare.plugin import Options
 
 
-class MfmcConfig(BaseModel):
+class MfmcConfig(Options):
     """Options of two-phase sampling: a cheap twin on many tapes, the stack itself on those that matter."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     rollouts: int = Field(
         default=10_000,

@@ -8,16 +8,15 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from avrare.plugin import Options
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.executors.work import Errand, Executor, Task, Work
 
 
-class ExecutorConfig(BaseModel):
+class ExecutorConfig(Options):
     """Options of the core's executors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     workers: int = Field(default=1, ge=1, le=1024, description="processes")
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from avrare.plugin.component import GROUP
+from avrare.plugin.options import Options
 from avrare.stack.noise_names import check_declarations, check_dynamics
 from avrare.testing.conformance.suite import Subject
 
@@ -59,10 +60,10 @@ def summary_is_one_line(subject: Subject) -> None:
 
 
 def config_is_strict(subject: Subject) -> None:
-    """The options are a frozen pydantic model that refuses unknown keys."""
+    """The options are frozen ones that refuse unknown keys."""
     model = subject.model
     assert isinstance(model, type), f"{model!r} is not a class"
-    assert issubclass(model, BaseModel), f"{model.__name__} is not a pydantic model"
+    assert issubclass(model, Options), f"derive {model.__name__} from avrare.plugin.Options"
     for one in _models_with_nested(model):
         settings = (one.model_config.get("extra"), one.model_config.get("frozen"))
         wanted = 'ConfigDict(extra="forbid", frozen=True)'

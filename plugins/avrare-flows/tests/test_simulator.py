@@ -177,6 +177,6 @@ estimator: {{plugin: ess}}
 
 def test_another_simulator_that_cannot_be_built_is_told_when_it_is():
     config = TransformedConfig(simulator={"plugin": "nothing"}, noise=({"law": "exponential"},))
-    assert config.used_versions == config.used_files == {}
+    assert config.used_versions() == config.used_files() == {}
     with pytest.raises(AvrareError, match="nothing"):
         build(config)

@@ -30,7 +30,7 @@ def vehicles(rows):
 def ego(here, others=((1e6, 1e6, 0.0, 0.0),)):
     own = vehicles([here])
     zero = np.zeros(1)
-    return Ego(*vars(own).values(), zero, np.zeros((1, 6)), vehicles([others]))
+    return Ego(*vars(own).values(), np.zeros((1, 6)), zero, vehicles([others]))
 
 
 def wanted(here, others=((1e6, 1e6, 0.0, 0.0),), **options):
@@ -134,7 +134,7 @@ def test_a_row_does_not_depend_on_its_neighbours():
 def test_without_others_the_road_is_free():
     own = ego((2.0, 0.0, np.pi / 2, 5.0))
     nobody = Vehicles(*(np.zeros((1, 0)) for _ in range(5)))
-    alone = Ego(own.x, own.y, own.heading, own.speed, own.acceleration, own.steering, own.observation, nobody)
+    alone = Ego(own.x, own.y, own.heading, own.speed, own.acceleration, own.observation, own.steering, nobody)
     assert follower().act(None, alone, None)[0][0, 0] > 0.0
 
 

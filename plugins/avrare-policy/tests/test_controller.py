@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
+from avrare.driving import ObservingEgo
 from avrare_policy.config import PolicyConfig
 from avrare_policy.controller import PolicyController, build, locate
 from avrare_policy.network import Network, save
@@ -22,7 +23,7 @@ def test_the_policy_acts_on_the_observation_of_the_ego_or_on_the_ego_itself():
     controller = PolicyController(small())
     seen = np.array([[0.25, -3.0], [0.5, 0.0]])
     wanted = np.array([[0.25, -1.0], [0.5, 0.0]])
-    for ego in (SimpleNamespace(observation=seen), seen):
+    for ego in (ObservingEgo(*np.zeros((5, 2)), seen), seen):
         action, memory = controller.act(controller.start(2), ego, None)
         assert np.array_equal(action, wanted)
         assert memory is None

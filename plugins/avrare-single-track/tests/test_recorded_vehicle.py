@@ -166,9 +166,9 @@ def test_safe_mode_reads_no_linked_file_beside_a_recording(highd, tmp_path, monk
 def test_a_scene_of_format_2024_has_its_map_and_its_problems_beside_it(tmp_path):
     for name in ("ZAM_A-1", "ZAM_A-1_1_T-1", "ZAM_A-1_1_T-1-SC", "ZAM_B-1"):
         (tmp_path / f"{name}.pb").touch()
-    used = RecordedConfig(file=tmp_path / "ZAM_A-1_1_T-1-SC.pb").used_files
+    used = RecordedConfig(file=tmp_path / "ZAM_A-1_1_T-1-SC.pb").used_files()
     assert [path.stem for path in used.values()] == ["ZAM_A-1", "ZAM_A-1_1_T-1"]
-    assert not RecordedConfig(file=tmp_path / "nowhere.pb").used_files
+    assert not RecordedConfig(file=tmp_path / "nowhere.pb").used_files()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -2,13 +2,9 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
-from avrare.plugin import Component, hookimpl
-
-
-class Options(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from avrare.plugin import Component, Options, hookimpl
 
 
 class Corner(Options):
@@ -27,7 +23,7 @@ class SimulatorConfig(Options):
     mode: Literal["calm", "dense"] = "calm"
     wet: bool = False
     corners: tuple[Corner, ...] = ()
-    limits: dict[str, float] = {}
+    limits: dict[str, float] = Field({})
     map: Map | None = None
     size: float | tuple[float, float] = 4.5
     label: str | None = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from avrare.base.chart import Chart, make_linear_scale
 from avrare.base.health_messages import fill
@@ -15,15 +15,13 @@ from avrare.estimation.result.charts import draw_histogram
 from avrare.estimation.result.intervals import log_normal, unknown
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Worst
-from avrare.plugin import AutoRole, CheckRole, Component, hookimpl
+from avrare.plugin import AutoRole, CheckRole, Component, Options, hookimpl
 from avrare.rollout.request import Request, Rollouts
 
 WARNINGS = {"widened_noise": "the noise is {scale:g} times as wide as it is meant to be"}
 
 
-class WidenedConfig(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class WidenedConfig(Options):
     rollouts: int = Field(1000, ge=2, description="rollouts")
     scale: float = Field(1.5, gt=1.0, description="standard deviation of the noise")
 

@@ -19,7 +19,7 @@ from avrare.testing.conformance.exercises import Exercise
 HERE = Path(__file__).parent
 
 WRONG = {
-    "description_is_light": ("simulator", {"config": "heavy:Options"}),
+    "description_is_light": ("simulator", {"config": "heavy:Weighted"}),
     "summary_is_one_line": ("simulator", {"summary": "one\ntwo"}),
     "config_is_strict": ("simulator", {"config": "wrong:Loose"}),
     "options_are_described": ("simulator", {"config": "wrong:Silent"}),
@@ -55,7 +55,7 @@ WRONG = {
 """Check -> (kind, what is changed in a component that passes)."""
 
 GOOD = {
-    "simulator": ("wrong:Options", "wrong:good"),
+    "simulator": ("wrong:Weighted", "wrong:good"),
     "estimator": (
         "avrare.estimation.monte_carlo.config:McConfig",
         "avrare.estimation.monte_carlo.monte_carlo:build",
@@ -197,7 +197,7 @@ def test_the_rows_of_an_exercise_are_the_rows_of_a_batch():
 
 
 def lasting(**changes):
-    given = {"config": "wrong:Options", "factory": "wrong:lasting", "summary": "for tests", **changes}
+    given = {"config": "wrong:Weighted", "factory": "wrong:lasting", "summary": "for tests", **changes}
     part = Component(kind="perception", name="tested", **given)
     return Subject(Row("perception", "tested", "avrare-tested", "1.0", "ok", component=part))
 

@@ -4,40 +4,37 @@ import random
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.plugin import Options
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request, Rollouts
 
 
-class Options(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+class Weighted(Options):
+    weight: float = Field(default=1.0, description="a pure number")
+
+
+class Loose(Options):
+    model_config = ConfigDict(extra="ignore")
 
     weight: float = Field(default=1.0, description="a pure number")
 
 
-class Loose(BaseModel):
-    weight: float = Field(default=1.0, description="a pure number")
-
-
-class Silent(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class Silent(Options):
     weight: float = 1.0
 
 
-class Unitless(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class Unitless(Options):
     top_speed: float = Field(default=1.0, description="as fast as it goes")
 
 
 def hidden():
-    class Hidden(Options):
+    class Hidden(Weighted):
         """Pickle does not find it."""
 
     return Hidden
@@ -46,15 +43,13 @@ def hidden():
 Hidden = hidden()
 
 
-class Demanding(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra={"examples": [{"weight": 2.0}]})
+class Demanding(Options):
+    model_config = ConfigDict(json_schema_extra={"examples": [{"weight": 2.0}]})
 
     weight: float = Field(description="a pure number")
 
 
-class Insatiable(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class Insatiable(Options):
     weight: float = Field(description="a pure number")
 
 

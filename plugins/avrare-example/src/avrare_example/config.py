@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from avrare.plugin import Options
 
 
-class TankConfig(BaseModel):
+class TankConfig(Options):
     """Options of the simulator ``tank``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     dt: float = Field(default=10.0, gt=0.0, description="time step [s]; converts time bounds of formulas")
     area: float = Field(default=2.0, gt=0.0, description="surface area of the water [m^2]")
@@ -20,9 +20,7 @@ class TankConfig(BaseModel):
     memory: float = Field(default=120.0, gt=0.0, description="decay time of a surge [s]")
 
 
-class SpillageConfig(BaseModel):
+class SpillageConfig(Options):
     """Options of the specification ``spillage``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     limit: float = Field(default=0.5, ge=0.0, description="maximal spilled volume [m^3]")

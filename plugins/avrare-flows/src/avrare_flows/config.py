@@ -6,9 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from avrare.base.errors import AvrareError
+from avrare.plugin import Options
 from avrare.plugin.registry import default_registry
 from avrare.scenario.fingerprint import named_files
 from avrare.scenario.validation import check_options
@@ -23,11 +24,7 @@ def _law_tuple(value: object) -> object:
     return _tuples([value] if isinstance(value, dict) else value)
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class RestrictableLaw(_Model):
+class RestrictableLaw(Options):
     """Law whose numbers may be restricted to a range."""
 
     low: float | None = Field(default=None, description="the law is restricted to numbers above")
@@ -90,7 +87,7 @@ class StudentLaw(RestrictableLaw):
     scale: float = Field(default=1.0, gt=0.0, description="scale")
 
 
-class UniformLaw(_Model):
+class UniformLaw(Options):
     """Uniform law on [low, high]."""
 
     law: Literal["uniform"]
@@ -98,7 +95,7 @@ class UniformLaw(_Model):
     high: float = Field(default=1.0, description="largest number")
 
 
-class BeamLaw(_Model):
+class BeamLaw(Options):
     """Readings of a range sensor (beam model)."""
 
     law: Literal["beam"]
@@ -120,7 +117,7 @@ class ScipyLaw(RestrictableLaw):
     options: dict[str, float] = Field(default={}, description="its parameters by name, loc and scale too")
 
 
-class PointLaw(_Model):
+class PointLaw(Options):
     """A single number; for mixtures."""
 
     law: Literal["point"]
@@ -145,7 +142,7 @@ Laws = Annotated[tuple[LawConfig, ...], BeforeValidator(_law_tuple), Field(min_l
 Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
 
 
-class TransformedConfig(_Model):
+class TransformedConfig(Options):
     """Options of the simulator ``transformed``: another simulator, and the laws of its noise."""
 
     simulator: dict[str, Any] = Field(description="block of the other simulator, {plugin: NAME, ...}")
@@ -174,7 +171,6 @@ class TransformedConfig(_Model):
             raise ValueError("simulator needs {plugin: NAME, ...}")
         return self
 
-    @property
     def used_versions(self) -> dict[str, str]:
         """Version of the installed distribution that the other simulator comes from."""
         with suppress(AvrareError):  # told when it is built
@@ -182,7 +178,6 @@ class TransformedConfig(_Model):
             return {row.distribution: row.version} if row.distribution else {}
         return {}
 
-    @property
     def used_files(self) -> dict[str, Path]:
         """Files that the options of the other simulator name, by dotted option."""
         options = {key: value for key, value in self.simulator.items() if key != "plugin"}

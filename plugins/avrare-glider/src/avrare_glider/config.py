@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
+
+from avrare.plugin import Options
 
 
 def _tuple(value: object) -> object:
@@ -17,11 +19,7 @@ Costs = Annotated[tuple[Cost, Cost, Cost, Cost, Cost, Cost, Cost], BeforeValidat
 _ORDER = "weights of the errors in x, z [1/m^2], pitch, elevator [1/rad^2], and the rates of x, z, pitch"
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class NoiseConfig(_Model):
+class NoiseConfig(Options):
     """Standard deviations of the noise."""
 
     x: float = Field(default=0.0, ge=0.0, description="of the horizontal position at the start [m]")
@@ -31,7 +29,7 @@ class NoiseConfig(_Model):
     )
 
 
-class FeedbackConfig(_Model):
+class FeedbackConfig(Options):
     """Cost that the feedback minimises; the defaults are those of the published controller."""
 
     state_cost: Costs = Field(default=(10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 1.0), description=f"{_ORDER}, per s")
@@ -43,7 +41,7 @@ class FeedbackConfig(_Model):
     )
 
 
-class GliderConfig(_Model):
+class GliderConfig(Options):
     """Noise and feedback of the glider."""
 
     noise: NoiseConfig = Field(default=NoiseConfig(), description="noise; default: none")

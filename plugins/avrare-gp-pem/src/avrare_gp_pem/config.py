@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from avrare.plugin import Options
 
 _Scale = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0)]]
 _Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -13,10 +15,8 @@ _Metres = Annotated[float, Field(allow_inf_nan=False)]
 MOST_GHOST_SLOTS = 100
 
 
-class Persistence(BaseModel):
+class Persistence(Options):
     """Correlation of the errors over time: lasting + (1 - lasting) exp(-seconds / time constant)."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     detection: _Seconds = Field(
         default=0.0, description="time constant of detection [s]; misses come in bursts"
@@ -35,10 +35,8 @@ class Persistence(BaseModel):
 _Spread = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class Ghosts(BaseModel):
+class Ghosts(Options):
     """False detections, boxes that are of no vehicle; they need a tracker with `association: hungarian`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
         description="false detections in a frame, in the mean [-]"
@@ -86,10 +84,8 @@ class Ghosts(BaseModel):
         return self
 
 
-class HeadingErrors(BaseModel):
+class HeadingErrors(Options):
     """Errors of the reported headings."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     flips: Annotated[float, Field(ge=0, lt=1)] = Field(
         default=0.1, description="share of headings that are half a turn off [-]"
@@ -107,10 +103,8 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class CommonErrors(BaseModel):
+class CommonErrors(Options):
     """Error of place that all detections share, as of a calibration."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     sd: tuple[_Deviation, _Deviation] = Field(description="standard deviations along and across the road [m]")
     time: _Positive | None = Field(
@@ -118,10 +112,8 @@ class CommonErrors(BaseModel):
     )
 
 
-class PoseErrors(BaseModel):
+class PoseErrors(Options):
     """Error of the ego's own pose, which moves all detections with it and what the planner believes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     sd: tuple[_Deviation, _Deviation] = Field(description="standard deviations along and across the road [m]")
     heading_sd: _Deviation = Field(default=0.0, description="standard deviation of the heading [rad]")
@@ -130,19 +122,15 @@ class PoseErrors(BaseModel):
     )
 
 
-class Blackouts(BaseModel):
+class Blackouts(Options):
     """Times at which the sensor sees nothing, ghosts included."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     rate: Annotated[float, Field(gt=0, le=1)] = Field(description="blackouts in a second of sight [1/s]")
     duration: _Positive = Field(description="mean duration of one [s]")
 
 
-class _AnyPemConfig(BaseModel):
+class _AnyPemConfig(Options):
     """Options of all models."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     persistence: Persistence = Field(
         Persistence(), description="time constants of the errors; your assumption, no data determines them"

@@ -7,9 +7,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from avrare.plugin import Drawable
+from avrare.plugin import Drawable, Options
 from avrare.scenario.fingerprint import is_file
 
 OUTCOMES = ("reward", "terminated", "truncated")
@@ -19,11 +19,7 @@ _Size = Annotated[float, Field(ge=0.0)]
 Scale = _Size | tuple[_Size, ...]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class StreamConfig(_Model):
+class StreamConfig(Options):
     """Source of the environment's own random numbers."""
 
     by: Literal["seed", "tape", "none", "free"] = Field(
@@ -43,7 +39,7 @@ class StreamConfig(_Model):
     )
 
 
-class ChannelConfig(_Model):
+class ChannelConfig(Options):
     """Additive noise."""
 
     law: Literal["normal", "uniform", "laplace"] = Field(default="normal", description="distribution")
@@ -53,7 +49,7 @@ class ChannelConfig(_Model):
     )
 
 
-class ActionNoiseConfig(_Model):
+class ActionNoiseConfig(Options):
     """Noise on the action: additive, or replacement by a random action."""
 
     law: Literal["normal", "uniform", "laplace", "random"] = Field(
@@ -83,7 +79,7 @@ class InitialConfig(ChannelConfig):
     )
 
 
-class NoiseConfig(_Model):
+class NoiseConfig(Options):
     """Noise of the environment, by where it enters."""
 
     stream: StreamConfig = Field(default_factory=StreamConfig, description="source of its own random numbers")
@@ -94,7 +90,7 @@ class NoiseConfig(_Model):
     initial: InitialConfig | None = Field(default=None, description="noise on the state after a reset")
 
 
-class GymnasiumConfig(_Model):
+class GymnasiumConfig(Options):
     """Options of the simulator ``gymnasium``."""
 
     model_config = ConfigDict(
@@ -132,7 +128,6 @@ class GymnasiumConfig(_Model):
         default=True, description="reset environments for the next rollout instead of creating new ones"
     )
 
-    @property
     def used_files(self) -> dict[str, Path]:
         """Files that the keyword arguments of the environment name, by dotted option."""
         given = {"options": self.options, "reset": self.reset}
@@ -183,7 +178,7 @@ def _plugin_modules() -> set[str]:
     }
 
 
-class FeedbackConfig(_Model):
+class FeedbackConfig(Options):
     """Options of the controller ``gym_feedback``: u = offset - gain (observation - reference)."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"gain": [[1.0]]}]})
@@ -207,7 +202,7 @@ class FeedbackConfig(_Model):
         return self
 
 
-class ConstantConfig(_Model):
+class ConstantConfig(Options):
     """Options of the controller ``gym_constant``."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"action": 0}]})

@@ -170,12 +170,12 @@ def state_size(world: GymWorld, attribute: str) -> int:
         UsageError: The attribute does not exist, or is not numeric.
     """
     world.reset(np.zeros(world.noise_size))
-    value = getattr(world.env.unwrapped, attribute, None)
     try:
+        value = getattr(world.env.unwrapped, attribute)
         if value is None:
-            raise TypeError("no such attribute")
+            raise TypeError("it is None")
         return int(np.asarray(value, dtype=np.float64).size)
-    except (TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(
             f"{type(world.env.unwrapped).__name__}.{attribute} is not a numeric state: {error}",
             "noise.initial.attribute names the attribute that holds the state",

@@ -5,19 +5,15 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from avrare.plugin import Drawable
+from avrare.plugin import Drawable, Options
 
 Waypoints = tuple[tuple[float, float], ...]
 SceneName = Literal["merge", "highway", "intersection", "roundabout"]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class LidarConfig(_Model):
+class LidarConfig(Options):
     """Ring of rays around the ego's centre; ray k points 2 pi k / cells to the left of the x axis."""
 
     cells: int = Field(default=240, ge=1, description="number of rays")
@@ -31,7 +27,7 @@ class LidarConfig(_Model):
     )
 
 
-class TrafficConfig(_Model):
+class TrafficConfig(Options):
     """Other drivers, and their moods: an Ornstein-Uhlenbeck process added to their accelerations."""
 
     acceleration_sd: Drawable = Field(
@@ -58,7 +54,7 @@ class TrafficConfig(_Model):
     )
 
 
-class HighwayEnvConfig(_Model):
+class HighwayEnvConfig(Options):
     """Options of the simulator ``highway_env``."""
 
     scene: SceneName = Field(default="merge", description="road of highway-env")
@@ -109,7 +105,7 @@ class HighwayEnvConfig(_Model):
         return self
 
 
-class PathFollowerConfig(_Model):
+class PathFollowerConfig(Options):
     """Options of the controller ``path_follower``."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"waypoints": [[2.0, -60.0], [2.0, 60.0]]}]})

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.driving import Vehicles
+from avrare.driving import ObservingEgo, Vehicles
 from avrare.driving.geometry import Rectangle
 from avrare.protocols import Floats
 from avrare_highway_env.config import LidarConfig
@@ -85,17 +85,15 @@ FEATURES = 6
 
 
 @dataclass(frozen=True)
-class Ego(Vehicles):
-    """Ego with its observation.
+class Ego(ObservingEgo):
+    """Ego with its observation: own features, then the rays' distances / range, then their speeds / range.
 
     Attributes:
         steering: (N,) last steering angle, left is positive [rad].
-        observation: (N, D) own features, then the rays' distances / range, then their speeds / range.
         others: Other vehicles with fields (N, V), for controllers that see everything.
     """
 
     steering: Floats
-    observation: Floats
     others: Vehicles
 
 
@@ -142,7 +140,7 @@ class Sensors:
             if self.config.speeds:
                 parts.append(closing(*_velocity(others), *_velocity(ego), hit, self.rays) / reach)
         fields = (ego.x, ego.y, ego.heading, ego.speed, ego.acceleration)
-        return Ego(*fields, steering, np.concatenate(parts, axis=1), others)
+        return Ego(*fields, np.concatenate(parts, axis=1), steering, others)
 
 
 def _velocity(vehicles: Vehicles) -> tuple[Floats, Floats]:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from avrare.plugin import Options
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Steps = Annotated[int, Field(ge=1, le=60)]
 
 
-class ImmConfig(BaseModel):
+class ImmConfig(Options):
     """Model sets, noise and prior of the interacting-multiple-model tracker, and the life of its tracks.
 
     The lateral reference lanes are the lane centres of the scene's road.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     longitudinal_models: tuple[Literal["cv", "ca", "stand"], ...] = Field(
         ("cv", "ca", "stand"),

@@ -6,7 +6,9 @@ import re
 from collections.abc import Callable
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+
+from avrare.plugin import Options
 
 Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
@@ -46,11 +48,7 @@ Covariances = Annotated[tuple[Matrix, ...], BeforeValidator(_covariances), Field
 Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_stack(1)), Field(min_length=1)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class InitialConfig(_Model):
+class InitialConfig(Options):
     """Distribution of the state at t = 0."""
 
     mean: Vector = Field(description="expected state, in the units of the states")
@@ -59,7 +57,7 @@ class InitialConfig(_Model):
     )
 
 
-class FeedbackConfig(_Model):
+class FeedbackConfig(Options):
     """Gain K of u = feedforward - K (estimate - reference): given, or optimal for a quadratic cost."""
 
     gain: Matrices | None = Field(default=None, description="K, inputs x states; or a list, one per step")
@@ -76,7 +74,7 @@ class FeedbackConfig(_Model):
         return self
 
 
-class ObserverConfig(_Model):
+class ObserverConfig(Options):
     """Gain L of the estimate's correction L (y - C estimate); the Kalman gain if it is not given."""
 
     gain: Matrices | None = Field(
@@ -84,7 +82,7 @@ class ObserverConfig(_Model):
     )
 
 
-class LinearConfig(_Model):
+class LinearConfig(Options):
     """Options of the simulator ``linear``: x' = A x + B u + w, y = C x + v.
 
     A matrix that varies with time is a list of matrices, one per step; the last one holds for all later

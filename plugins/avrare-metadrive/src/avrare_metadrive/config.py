@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from avrare.plugin import Options
 
 DT = 0.1
 """Time step [s]: five integration steps of MetaDrive."""
@@ -21,11 +23,7 @@ lidar reading [m], MetaDrive's accumulated reward; the others are 0 or 1.
 """
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class NoiseConfig(_Model):
+class NoiseConfig(Options):
     """Noise on every lidar ray, independent between steps."""
 
     variance: float = Field(
@@ -37,7 +35,7 @@ class NoiseConfig(_Model):
     )
 
 
-class MetaDriveConfig(_Model):
+class MetaDriveConfig(Options):
     """Options of the simulator ``metadrive``."""
 
     map: str = Field(
@@ -76,5 +74,5 @@ class MetaDriveConfig(_Model):
     )
 
 
-class ExpertConfig(_Model):
+class ExpertConfig(Options):
     """Options of the controller ``metadrive_expert``: none."""

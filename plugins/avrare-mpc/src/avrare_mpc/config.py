@@ -9,9 +9,9 @@ import importlib.util
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from avrare.plugin import Drawable
+from avrare.plugin import Drawable, Options
 
 Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -27,10 +27,8 @@ def installed_backend() -> Backend:
     return "casadi" if importlib.util.find_spec("numba") is None else "riccati"
 
 
-class PlannerConfig(BaseModel):
+class PlannerConfig(Options):
     """Goals, weights and bounds shared by the controller and the trajectory planner."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     lanes: tuple[Lane, ...] = Field(
         default=(1, 2),
@@ -163,10 +161,8 @@ class MpcConfig(PlannerConfig):
     )
 
 
-class LaneSchedule(BaseModel):
+class LaneSchedule(Options):
     """Steps, first and last included, at which only one lane counts."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     from_step: int = Field(ge=0, description="First step of the stretch.")
     to_step: int = Field(ge=0, description="Last step of the stretch.")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import ConfigDict, Field, field_validator
 
-from avrare.plugin import Drawable
-from avrare_single_track.config import AFTER_IMPACT, AfterImpact, Options
+from avrare.plugin import Drawable, Options
+from avrare_single_track.config import AFTER_IMPACT, AfterImpact
 from avrare_single_track.file_config import check_body
 
 
@@ -48,7 +48,6 @@ class OpenScenarioConfig(Options):
 
     after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
 
-    @property
     def used_files(self) -> dict[str, Path]:
         """Files of catalogs, which count in the fingerprint."""
         return {f"catalogs.{number}": path for number, path in enumerate(self.catalogs)}

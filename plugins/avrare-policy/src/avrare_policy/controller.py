@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.driving import Prediction
+from avrare.driving import ObservingEgo, Prediction
 from avrare.protocols import Controller
 from avrare_policy.config import PolicyConfig
 from avrare_policy.network import Network, load
@@ -47,7 +47,7 @@ class PolicyController(Controller):
         Raises:
             UsageError: The simulator gives no observation, or one of another size.
         """
-        observation = getattr(ego, "observation", ego)
+        observation = ego.observation if isinstance(ego, ObservingEgo) else ego
         if not isinstance(observation, np.ndarray) or observation.ndim != 2:
             raise UsageError(
                 "the controller policy needs a simulator with observations of the ego",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from avrare.plugin import Options
 
 
-class RayConfig(BaseModel):
+class RayConfig(Options):
     """Options of the executor ``ray``: the cluster and the resources of a worker."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     workers: int = Field(
         default=1, ge=1, le=10_000, description="number of actors, each with the problem in memory"

@@ -5,17 +5,15 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
+
+from avrare.plugin import Options
 
 Model = Literal["cc", "cc_lane", "reg157", "rss", "fsm"]
 TtcReading = Literal["settled", "waits"]
 
 
-class _Options(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Lateral(_Options):
+class _Lateral(Options):
     y_goal: float | None = Field(
         default=None,
         description="lateral position that it keeps [m]; default: the centre of the nearest lane",
@@ -74,7 +72,7 @@ class HoldConfig(_Lateral):
         return path
 
 
-class AvoidableCollisionConfig(_Options):
+class AvoidableCollisionConfig(Options):
     """Options of the specification ``avoidable_collision``."""
 
     standing_passengers: bool = Field(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from avrare.plugin import Drawable
+from avrare.plugin import Drawable, Options
 from avrare_mpc.config import TrajectoryPlan
 
 _RESERVED = ("ego", "others")
@@ -23,12 +23,6 @@ AFTER_IMPACT = (
 )
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
-
-
-class Options(BaseModel):
-    """Options that are checked whole, and do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class PieceConfig(Options):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from avrare.base.errors import did_you_mean
+from avrare.plugin import Options
 from avrare.scenario.fingerprint import is_file
 from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig
 
@@ -64,12 +65,10 @@ def _list_companions(file: Path) -> list[Path]:
     return [one for one in found if one != file and is_file(one)]
 
 
-class RecordedConfig(BaseModel):
+class RecordedConfig(Options):
     """Options of the simulator ``commonroad``."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, json_schema_extra={"examples": [{"file": "scene.xml"}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"file": "scene.xml"}]})
 
     file: Path = Field(
         description="CommonRoad scenario; with `vehicle` any recording with lanes, such as NN_tracks.csv of "
@@ -107,7 +106,6 @@ class RecordedConfig(BaseModel):
 
     after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
 
-    @property
     def used_files(self) -> dict[str, Path]:
         """Files that lie beside the recording and complete it, which count in the fingerprint."""
         return {f"file.{number}": path for number, path in enumerate(_list_companions(self.file))}

@@ -13,10 +13,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from avrare.base.errors import UsageError
+from avrare.plugin import Options
 from avrare_traffic_rules.rulebook import Rulebook, read, shipped
 
 _LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
@@ -30,10 +31,8 @@ def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> A
     return Field(default=default, title=text, description=words, json_schema_extra=extra, **limits)
 
 
-class Scales(BaseModel):
+class Scales(Options):
     """Units of robustness, which make minima over different quantities meaningful."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     longitudinal: float = Field(default=10.0, gt=0.0, description="distance along the road [m]")
     lateral: float = Field(default=1.75, gt=0.0, description="distance across the road [m]")
@@ -43,10 +42,8 @@ class Scales(BaseModel):
     time: float = Field(default=1.0, gt=0.0, description="time to collision [s]")
 
 
-class Parameters(BaseModel):
+class Parameters(Options):
     """Parameters of rules and predicates."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     cut_in_time: float = _option(3.0, "s", "grace after a cut-in", "[M20]; [I24] has 0.3", ge=0.0)
     reaction_time: float = _option(0.4, "s", "reaction of the one behind", "[M20]", ge=0.0)

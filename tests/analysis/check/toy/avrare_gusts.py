@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from avrare.plugin import Component, hookimpl
-
-
-class Options(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from avrare.plugin import Component, Options, hookimpl
 
 
 class SimulatorConfig(Options):

@@ -6,14 +6,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from avrare.plugin import Component, hookimpl
+from avrare.plugin import Component, Options, hookimpl
 
 
-class WalkConfig(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
+class WalkConfig(Options):
     dt: float = Field(1.0, gt=0.0, description="step [s]")
     scale: float = Field(0.1, description="of a step")
 

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from avrare_estimators.common.config import Options, WeightedConfig, allow_name
+from avrare.plugin import Options
+from avrare_estimators.common.config import WeightedConfig, allow_name
 
 
 class GaussianFamilyConfig(Options):

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_serializer, model_validator
+from pydantic import BeforeValidator, Field, field_serializer, model_validator
 
 from avrare.base.memory import MEMORY_OPTION
+from avrare.plugin import Options
 
 LEAST_RUNS_OF_LOOK = 5
 """Fewer runs say too little of their own scatter."""
 LEAST_PILOT = 200
 LEAST_DEFENSIVE = 0.25
 LEARNED = "learned"
-
-
-class Options(BaseModel):
-    """Frozen options; unknown ones are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def allow_name(names: Any, choice: Any) -> BeforeValidator:

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from avrare_estimators.common.config import GrowingConfig, Options, allow_name
+from avrare.plugin import Options
+from avrare_estimators.common.config import GrowingConfig, allow_name
 
 
 class PcnConfig(Options):

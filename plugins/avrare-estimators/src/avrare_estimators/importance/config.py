@@ -17,7 +17,8 @@ from pydantic import (
 )
 
 from avrare.base.errors import AvrareError
-from avrare_estimators.common.config import LEARNED, LEAST_DEFENSIVE, LEAST_PILOT, Options, WeightedConfig
+from avrare.plugin import Options
+from avrare_estimators.common.config import LEARNED, LEAST_DEFENSIVE, LEAST_PILOT, WeightedConfig
 from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 
 MOST_ROLLOUTS = 300_000
