@@ -54,7 +54,7 @@ class Camera:
 def test_a_plain_class_gets_the_defaults_that_it_lacks():
     system = adapt(System, Plain())
     assert system.scene is None
-    assert system.notes == {}
+    assert system.warnings == {}
     assert system.counts({"x": np.zeros(2)}) == {}
     assert system.faults({"x": np.array([0.0, 2.0])}).tolist() == [False, True]
     assert system.lives == 9
@@ -155,28 +155,28 @@ def test_a_wrapper_is_the_system_but_for_what_it_changes():
     assert system.faults(state).tolist() == [True, False]
 
 
-def test_notes_of_the_parts_are_the_loops():
+def test_warnings_of_the_parts_are_the_loops():
     from avrare.stack.closed_loop import ClosedLoop
 
     class Worn(Plain):
         dt = 0.1
-        notes = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
+        warnings = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
         reset = Plain.initial
 
         def step(self, world, action, noise):
             return world
 
     class Dirty(Camera):
-        notes = {"dirt": "the lens is dirty"}  # noqa: RUF012
+        warnings = {"dirt": "the lens is dirty"}  # noqa: RUF012
 
-    assert ClosedLoop(Worn()).notes == Worn.notes
-    assert ClosedLoop(Worn(), Dirty()).notes == {**Worn.notes, **Dirty.notes}
+    assert ClosedLoop(Worn()).warnings == Worn.warnings
+    assert ClosedLoop(Worn(), Dirty()).warnings == {**Worn.warnings, **Dirty.warnings}
 
 
 def test_a_note_of_a_system_can_be_suppressed():
-    class Noted(Walk):
-        notes = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
+    class Warned(Walk):
+        warnings = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
 
-    problem = avrare.Problem(Noted(), avrare.stl("always (x < 0.1)"), steps=3)
-    assert avrare.estimate(problem, "mc", rollouts=20).health == Noted.notes
+    problem = avrare.Problem(Warned(), avrare.stl("always (x < 0.1)"), steps=3)
+    assert avrare.estimate(problem, "mc", rollouts=20).health == Warned.warnings
     assert not avrare.estimate(problem, "mc", rollouts=20, suppress=["worn_tyres"]).health

@@ -118,7 +118,7 @@ class SystemWrapper(System):
         self.system = system = adapt(System, system)
         self.noise_size, self.noise_names = system.noise_size, system.noise_names
         self.perfect_noise, self.dt, self.scene = system.perfect_noise, system.dt, system.scene
-        self.lacks, self.notes = system.lacks, system.notes
+        self.lacks, self.warnings = system.lacks, system.warnings
 
     def unwrap(self, state: Any) -> Any:
         """Return the state of the other system. Default: the same."""

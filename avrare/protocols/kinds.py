@@ -35,7 +35,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
     perfect_noise: Sequence[float] | Floats | None = None
     scene: Scene | None = None
     lacks: Mapping[str, str] | None = None
-    notes: Mapping[str, str] = {}
+    warnings: Mapping[str, str] = {}
 
     def check_steps(self, steps: int) -> None:  # noqa: B027 (its default)
         """Raise a ``UsageError`` where rollouts cannot have so many steps. Default: they can."""
@@ -71,7 +71,7 @@ class System(_Dynamics):
         scene: Road, sizes and names of a driving system. Default: None.
         lacks: Reasons by missing capability: "branches" (continuing from a copied state), "noise" (the same
             noise gives the same rollout). Default: None, it has both.
-        notes: Health warnings for every result, texts by name. Default: none.
+        warnings: Health warnings for every result, texts by name. Default: none.
     """
 
     dt: float | None = None
@@ -112,7 +112,7 @@ class Simulator(_Dynamics):
     Attributes:
         dt: Time of a step [s].
         junction: Scene of an intersection for specifications, in place of a road. Default: None.
-        noise_size, noise_names, perfect_noise, scene, lacks, notes: As of a ``System``.
+        noise_size, noise_names, perfect_noise, scene, lacks, warnings: As of a ``System``.
     """
 
     dt: float
@@ -147,14 +147,14 @@ class PerceptionErrorModel(ABC):
 
     Attributes:
         noise_size: Number of standard normal numbers of each step.
-        noise_names, perfect_noise, notes: As of a ``System``.
+        noise_names, perfect_noise, warnings: As of a ``System``.
         ghost_slots: Columns of an observation for false detections, after the vehicles'. Default: 0.
     """
 
     noise_size: int
     noise_names: Sequence[str] | None = None
     perfect_noise: Sequence[float] | Floats | None = None
-    notes: Mapping[str, str] = {}
+    warnings: Mapping[str, str] = {}
     ghost_slots: int = 0
 
     @abstractmethod

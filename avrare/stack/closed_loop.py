@@ -88,7 +88,7 @@ class ClosedLoop(System):
         self.tracker = None if tracker is None else adapt(Tracker, tracker)
         self.controller = None if controller is None else adapt(Controller, controller)
         self.dt, self.scene = simulator.dt, simulator.scene
-        self.lacks, self.notes = simulator.lacks, dict(simulator.notes)
+        self.lacks, self.warnings = simulator.lacks, dict(simulator.warnings)
         if burn_in is None and self.tracker is not None and self.tracker.burn_in:
             burn_in = BurnIn(self.tracker, self.perception, self.tracker.burn_in, simulator.dt)
         self.burn_in = burn_in
@@ -100,7 +100,7 @@ class ClosedLoop(System):
         if self.perception is not None:
             names += find_noise_names(self.perception, "noise of perception:")
             perfect.append(find_perfect_noise(self.perception))
-            self.notes |= self.perception.notes
+            self.warnings |= self.perception.warnings
         self._seen = slice(self.world_noise, len(names))
         self._timed = controller if isinstance(controller, TimedController) else None
         if self._timed is not None:

@@ -57,10 +57,10 @@ def find_perfect_noise(part: NoisyPart) -> NDArray[np.float64]:
 
 
 def check_declarations(part: NoisyPart) -> None:
-    """Raise the ``UsageError`` of a part whose noise names, perfect noise or notes do not fit."""
+    """Raise the ``UsageError`` of a part whose noise names, perfect noise or warnings do not fit."""
     find_noise_names(part)
     find_perfect_noise(part)
-    _check_texts(part, "notes", part.notes, '{"coarse_grid": "the grid is coarse"}')
+    _check_texts(part, "warnings", part.warnings, '{"coarse_grid": "the grid is coarse"}')
 
 
 def check_dynamics(part: System | Simulator) -> None:

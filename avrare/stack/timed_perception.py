@@ -65,7 +65,7 @@ class TimedPerception(PerceptionErrorModel):
         self.noise_size = len(self.noise_names)
         latest = round_up((timing.perception_latency + _LATEST * timing.perception_jitter) / clock.dt)
         self._capacity = latest // clock.sensor + clock.tracker // clock.sensor + 1
-        self.notes, self.ghost_slots = model.notes, model.ghost_slots
+        self.warnings, self.ghost_slots = model.warnings, model.ghost_slots
 
     def start(self, noise: Floats) -> FrameQueue:
         """Return the memory at t = 0, where no frame is on its way."""

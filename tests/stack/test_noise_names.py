@@ -58,8 +58,8 @@ def test_a_problem_refuses_names_that_do_not_fit_its_noise(members, words):
 @pytest.mark.parametrize(
     ("members", "words"),
     [
-        ({"notes": "coarse"}, "Gusts has notes 'coarse', which are not texts by name"),
-        ({"notes": {"coarse": 3}}, "Gusts has notes {'coarse': 3}, which are not texts by name"),
+        ({"warnings": "coarse"}, "Gusts has warnings 'coarse', which are not texts by name"),
+        ({"warnings": {"coarse": 3}}, "Gusts has warnings {'coarse': 3}, which are not texts by name"),
         ({"lacks": "branches"}, "Gusts has lacks 'branches', which are not texts by name"),
         ({"lacks": ("noise",)}, r"Gusts has lacks \('noise',\), which are not texts by name"),
         ({"scene": 3}, "Gusts has scene 3, which is not a Scene"),
@@ -77,10 +77,10 @@ def test_names_that_fit_and_none_are_accepted():
 
 
 def test_declarations_that_fit_are_accepted():
-    assert problem(notes={"coarse": "a note"}, lacks={"noise": "a clock"}).system.notes == {
-        "coarse": "a note"
+    assert problem(warnings={"coarse": "a warning"}, lacks={"noise": "a clock"}).system.warnings == {
+        "coarse": "a warning"
     }
-    assert problem(notes={}, lacks={}, scene=None).scene is None
+    assert problem(warnings={}, lacks={}, scene=None).scene is None
 
 
 @pytest.mark.parametrize("command", [["validate", "--build"], ["run"]])

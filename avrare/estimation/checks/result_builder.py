@@ -79,11 +79,11 @@ def examine(
 ) -> list[Result]:
     """Add the warnings that need the problem, and the notes on bound and counters, to the results.
 
-    Among the warnings are the ``notes`` of a simulator, and ``warnings``, those on the system. ``replay``:
+    ``warnings`` are those of checks of the system; those that it declares come with them. ``replay``:
     run the least robust rollouts again on the executor, which is open, and compare, unless the system is
     known not to be deterministic.
     """
-    on_system = {**warnings, **problem.system.notes}
+    on_system = {**warnings, **problem.system.warnings}
     again: Sequence[float] = ()
     if replay and "not_deterministic" not in on_system:
         tapes = [result.worst.noise for result in results]

@@ -76,7 +76,7 @@ def build_plan(problem: Problem, estimator: Estimator, settings: Settings) -> tu
     """Prepare the problem and the plan; run nothing."""
     if not (isinstance(settings.confidence, (int, float)) and 0.0 < settings.confidence < 1.0):
         raise UsageError(f"confidence must lie between 0 and 1, not {settings.confidence!r}")
-    others = [name for name in settings.suppress if name not in problem.system.notes]
+    others = [name for name in settings.suppress if name not in problem.system.warnings]
     default_registry().check_suppressed(others)
     if estimator.single and len(problem.names) > 1:
         raise UsageError(

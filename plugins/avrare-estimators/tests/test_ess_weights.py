@@ -25,7 +25,7 @@ class Wide:
     constant: float = 0.0
     asked: bool = False
     noise_size: int = 1
-    notes: ClassVar = {"drawn_wide": "the law is another one"}
+    warnings: ClassVar = {"drawn_wide": "the law is another one"}
 
     def with_weights(self):
         return replace(self, asked=True)
@@ -60,7 +60,7 @@ def test_weights_give_the_intended_law(spread, second_pass):
     assert error < 0.15 * TRUTH
     drawn = NormalDist().cdf(-3.5 / spread)
     assert abs(found.probability - drawn) > 5.0 * error
-    assert found.health == Wide.notes
+    assert found.health == Wide.warnings
     sizes, largest = found.diagnostics["weight_sizes"], found.diagnostics["largest_weights"]
     assert all(1.0 <= size <= found.diagnostics["samples"] for run in sizes for size in run)
     assert all(0.0 < share < 0.3 for run in largest for share in run)

@@ -108,5 +108,5 @@ def test_the_start_may_have_a_law_of_its_own():
     assert np.array_equal(state.x, np.exp(2.0 + z[:, 0]))
     assert np.array_equal(walk.step(state, z).x, state.x + Joint([Exponential()]).physical(z)[:, 0])
     assert walk.faults(state).tolist() == [False, False]
-    assert walk.notes == {}
+    assert walk.warnings == {}
     assert transformed(Total(1), Joint([Normal()])).faults(None) is None

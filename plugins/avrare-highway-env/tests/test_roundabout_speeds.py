@@ -29,13 +29,13 @@ def test_a_limit_bounds_the_speeds_on_the_ring():
     sim, across, braking = lateral(3.0)
     assert 2.0 < across < 4.6  # the speeds of the start are spread by an eighth
     assert braking < 8.0
-    assert sim.notes == {}
+    assert sim.warnings == {}
 
 
 def test_without_a_limit_the_drivers_are_those_of_highway_env_and_a_warning_says_so():
     sim, across, _ = lateral(None)
     assert across > 9.81
-    assert "traffic.bend_acceleration" in sim.notes["beyond_tyres"]
+    assert "traffic.bend_acceleration" in sim.warnings["beyond_tyres"]
 
 
 def test_other_scenes_have_no_ring():

@@ -13,7 +13,7 @@ from avrare_flows import compound, marginals
 from avrare_flows.config import LawConfig, RestrictableLaw, TransformedConfig
 from avrare_flows.laws import Joint, Law
 from avrare_flows.marginals import Marginal
-from avrare_flows.system import check_size, notes_of
+from avrare_flows.system import check_size, list_warnings
 
 _NAMES: dict[str, Callable[..., Marginal]] = {
     "normal": marginals.Normal,
@@ -61,13 +61,13 @@ class TransformedSimulator(Simulator):
         simulator: The other simulator.
         dt: Its time step [s].
         noise_size: Its noise size.
-        notes: Health warnings for every result.
+        warnings: Health warnings for every result.
     """
 
     def __init__(self, simulator: Simulator, law: Law, first: Law) -> None:
         self.simulator, self.law, self.first = simulator, law, first
         self.dt, self.noise_size = simulator.dt, simulator.noise_size
-        self.notes = notes_of(law, first)
+        self.warnings = list_warnings(law, first)
         self.scene = simulator.scene
 
     def check_steps(self, steps: int) -> None:

@@ -17,13 +17,13 @@ class TransformedSystem(SystemWrapper):
         law: Law of its noise.
         first: Law of row 0, the noise of the start.
         noise_size: Number of numbers of a row.
-        notes: Health warnings for every result.
+        warnings: Health warnings for every result.
     """
 
     def __init__(self, system: System, law: Law, first: Law) -> None:
         super().__init__(system)
         self.law, self.first = law, first
-        self.notes, self.perfect_noise = notes_of(law, first), None
+        self.warnings, self.perfect_noise = list_warnings(law, first), None
 
     def initial(self, noise: Floats) -> Any:
         """Return the state at t = 0 from standard normal rows (N, noise_size)."""
@@ -54,7 +54,7 @@ def transformed(system: object, law: Law, *, initial: Law | None = None) -> Tran
     return TransformedSystem(physical, law, initial or law)
 
 
-def notes_of(*laws: Law) -> dict[str, str]:
+def list_warnings(*laws: Law) -> dict[str, str]:
     """Return the health warning of laws that are not exact."""
     found = [law.note for law in laws if law.note]
     return {"model_error": found[0]} if found else {}

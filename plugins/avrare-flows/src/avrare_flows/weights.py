@@ -70,9 +70,9 @@ class WeightedSystem(SystemWrapper):
         super().__init__(system)
         self.flow, self.log_density, self.first, self.asked = flow, log_density, first, asked
         self.perfect_noise = None
-        self.notes = fill(WARNINGS, "flow_tails") if flow.note else {}
+        self.warnings = fill(WARNINGS, "flow_tails") if flow.note else {}
         if log_density is None:
-            self.notes = fill(WARNINGS, "paper_weights")
+            self.warnings = fill(WARNINGS, "paper_weights")
 
     def with_weights(self) -> WeightedSystem:
         """Return the same system, ready to run."""

@@ -70,7 +70,7 @@ class HighwayEnvSimulator(Simulator):
         dt: Step [s].
         noise_size: Numbers per row, depending on the options.
         scene: Road, sizes and names if the lanes are straight, else None.
-        notes: Health warning of speeds that no car drives.
+        warnings: Health warning of speeds that no car drives.
         junction: What the rules of intersections need of the scene intersection, else None.
         environment: Environment of highway-env, in the state of the last particle.
     """
@@ -102,7 +102,7 @@ class HighwayEnvSimulator(Simulator):
             if value is not None
         }
         free = config.scene == "roundabout" and config.traffic.bend_acceleration is None
-        self.notes = {"beyond_tyres": _BEYOND_TYRES} if free else {}
+        self.warnings = {"beyond_tyres": _BEYOND_TYRES} if free else {}
         self.scene: Scene | None = None
         if self.setting.road is not None:
             objects = [*self.environment.road.vehicles, *self.environment.road.objects]

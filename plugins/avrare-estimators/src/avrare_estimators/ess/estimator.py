@@ -54,21 +54,21 @@ class NestedLevels(Estimator):
         kernel: Moves the chains.
 
     Attributes:
-        notes: Health warnings that the system wants on every result.
+        warnings: Health warnings that the system wants on every result.
     """
 
     name = "ess"
     single = True
     final_scores = True
     needs = ("noise",)
-    notes: Mapping[str, str] = {}
+    warnings: Mapping[str, str] = {}
 
     def __init__(self, config: NestedLevelsConfig, kernel: Kernel) -> None:
         self.config, self.kernel = config, kernel
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem, with its weights if it has any."""
-        self.notes = problem.system.notes
+        self.warnings = problem.system.warnings
         return _with_weights(problem)
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
@@ -129,7 +129,7 @@ class NestedLevels(Estimator):
         return CostForecast("rollouts", least, most, f"p {LIKELY:g} .. {RARE:g}")
 
     def _summary(self, state: EssState) -> Result:
-        return summarise(self.name, self.kernel, state, self.notes, self.config.grows)
+        return summarise(self.name, self.kernel, state, self.warnings, self.config.grows)
 
     def _pilot(self, plan: Plan, runs: int) -> LevelPass:
         shape = self._shape(runs, second=False)

@@ -24,8 +24,8 @@ from avrare_estimators.common.weights import effective_size
 from avrare_estimators.ess.state import EssState
 
 
-def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, str], grows: bool) -> Result:
-    """Return the result of runs that have all ended; ``notes`` are warnings that the system wants on it."""
+def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str, str], grows: bool) -> Result:
+    """Return the result of runs that have all ended; ``declared`` are the system's warnings."""
     plan, last, tally = state.plan, state.level_pass, state.tally
     drawn = FreshRows() if last.weighted else state.fresh  # weighted rows do not come from the target
     fresh = plan.seen + drawn
@@ -40,7 +40,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, notes: Mapping[str, st
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
-    warnings |= {**kernel.warnings(last.tuning), **_weight_warnings(last), **notes}
+    warnings |= {**kernel.warnings(last.tuning), **_weight_warnings(last), **declared}
     interval_at = looks.interval(len(values), _interval(last, fresh, values, relative_variance))
     if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
         warnings.pop("few_roots", None)
