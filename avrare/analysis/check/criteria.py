@@ -23,7 +23,15 @@ from avrare.analysis.check.melded_intervals import (
 from avrare.estimation.result.confidence_distributions import derive_distribution
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
-from avrare.estimation.result.verdict import PASSING, describe_assumption, find_doubts, grade_pass, is_below
+from avrare.estimation.result.verdict import (
+    Side,
+    Verdict,
+    decide,
+    describe_assumption,
+    find_doubts,
+    grade_blind,
+    is_below,
+)
 from avrare.scenario.schema import Regression, Threshold
 
 
@@ -74,7 +82,7 @@ def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
     if isinstance(condition, Threshold):
         limit = condition.limit
         _, high = distribution.interval_at(1.0 - share * (1.0 - condition.confidence))
-        passes = is_below(high, limit, condition.strict)
+        passes = is_below(high, condition)
         impossible = condition.strict and limit == 0.0
         return Assessment(0.0 if impossible else distribution.p_value_at_most(limit) / tail, passes)
     if baseline is None or baseline.relation != result.relation:
@@ -100,24 +108,29 @@ def decide_criteria(
     Verdicts of earlier looks (``decided``) stay. ``results`` gives the estimate of a specification; ``share``
     is the part of the error rate that this look uses.
     """
-    assessments = {
-        number: assess(criterion, result, share)
+    estimates = {
+        number: result
         for number, criterion in enumerate(criteria)
         if number not in decided and (result := results(criterion)) is not None
     }
+    assessments = {number: assess(criteria[number], result, share) for number, result in estimates.items()}
+    doubted = {number: is_in_doubt(criteria[number], result) for number, result in estimates.items()}
+    trusted = {number: assessment for number, assessment in assessments.items() if not doubted[number]}
+    failing = _find_failing(trusted, share, decided, len(criteria))
     verdicts = dict(decided)
-    trusted = {k: one for k, one in assessments.items() if not is_in_doubt(criteria[k], results(criteria[k]))}
-    verdicts |= dict.fromkeys(_find_failing(trusted, share, decided, len(criteria)), "fail")
-    for number in assessments.keys() - verdicts.keys():
+    for number, result in estimates.items():
         criterion = criteria[number]
-        result = results(criterion)
-        if result is None or not assessments[number].passes or find_objections(criterion, result):
-            continue
-        condition = criterion.condition
-        verdict = grade_pass(result, condition) if isinstance(condition, Threshold) else "pass"
-        if verdict in PASSING:
+        side: Side = "above" if number in failing else "below" if assessments[number].passes else "across"
+        warned = bool(find_objections(criterion, result))
+        verdict = decide(side, warned, doubted[number], _grade_blind(criterion, result))
+        if verdict != "inconclusive":
             verdicts[number] = verdict
     return verdicts
+
+
+def _grade_blind(criterion: Criterion, result: Result) -> Verdict:
+    bound = criterion.condition
+    return grade_blind(result.blind_bound, bound) if isinstance(bound, Threshold) else "pass"
 
 
 def _find_failing(
@@ -143,12 +156,9 @@ def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
 
 def find_assumption(criterion: Criterion, result: Result) -> str:
     """Return what a threshold rests on where only failures that nothing led to could break it; else ""."""
-    condition = criterion.condition
-    if result.blind_bound is None or not isinstance(condition, Threshold):
+    if result.blind_bound is None or _grade_blind(criterion, result) == "pass":
         return ""
-    if not assess(criterion, result, 1.0).passes or grade_pass(result, condition) == "pass":
-        return ""
-    return describe_assumption(result.blind_bound)
+    return describe_assumption(result.blind_bound) if assess(criterion, result, 1.0).passes else ""
 
 
 def describe_health(result: Result) -> list[str]:

@@ -112,6 +112,11 @@ class RateThreshold(_Model):
         return float(str(self.per_hour or self.per_km).split()[1])
 
     @property
+    def strict(self) -> bool:
+        """True for ``<``, False for ``<=``."""
+        return str(self.per_hour or self.per_km).startswith("< ")
+
+    @property
     def text(self) -> str:
         """Bound as it is shown, such as ``< 0.001 per hour``."""
         sign = str(self.per_hour or self.per_km).split()[0]

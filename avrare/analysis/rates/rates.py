@@ -16,7 +16,13 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.verdict import describe_assumption, is_above, is_below, worst_verdict
+from avrare.estimation.result.verdict import (
+    decide,
+    describe_assumption,
+    find_side,
+    grade_blind,
+    worst_verdict,
+)
 
 BROKEN = "more rollouts ended in an error than allowed"
 _OWN_FIELDS = (
@@ -284,7 +290,7 @@ def _rule_rate(
     names = [entry.name for entry in document.scenes]
     asked = [one for one in document.thresholds if one.rule == rule]
     scenes = dict(zip(names, found, strict=True))
-    decisions = tuple(_decide(totals[one.unit], blind.get(one.unit, 0.0), one, scenes) for one in asked)
+    decisions = tuple(_decide(totals[one.unit], blind.get(one.unit), one, scenes) for one in asked)
     return RuleRate(rule, totals, decisions, blind)
 
 
@@ -302,22 +308,13 @@ def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[f
 
 
 def _decide(
-    total: Total, blind_bound: float, threshold: RateThreshold, scenes: dict[str, SceneEstimate]
+    total: Total, blind_bound: float | None, threshold: RateThreshold, scenes: dict[str, SceneEstimate]
 ) -> Decision:
-    # As in `avrare check`: no warned estimate passes, and none that is in doubt fails.
-    low, high = total.interval
-    strict = "<=" not in threshold.text
-    if is_below(high, threshold.limit, strict):
-        objections = {name: list(scene.warnings) for name, scene in scenes.items()}
-        verdict = "pass"
-    elif is_above(low, threshold.limit, strict):
-        objections, verdict = {name: sorted(scene.doubts) for name, scene in scenes.items()}, "fail"
-    else:
-        return Decision(threshold, "inconclusive")
-    reasons = tuple(f"{name}: {text}" for name, texts in objections.items() for text in texts)
-    if reasons:
-        return Decision(threshold, "inconclusive", reasons)
-    if verdict == "pass" and not is_below(blind_bound, threshold.limit, strict):
-        verdict = "pass_assuming" if threshold.blind == "assumed" else "inconclusive"
-        return Decision(threshold, verdict, (describe_assumption(blind_bound),))
-    return Decision(threshold, verdict)
+    side, best = find_side(total.interval, threshold), grade_blind(blind_bound, threshold)
+    warned = tuple(f"{name}: {text}" for name, scene in scenes.items() for text in scene.warnings)
+    doubted = tuple(f"{name}: {text}" for name, scene in scenes.items() for text in sorted(scene.doubts))
+    verdict = decide(side, bool(warned), bool(doubted), best)
+    reasons = {"below": warned, "above": doubted, "across": ()}[side]
+    if side == "below" and not warned and blind_bound is not None and best != "pass":
+        reasons = (describe_assumption(blind_bound),)
+    return Decision(threshold, verdict, reasons)

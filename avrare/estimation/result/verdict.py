@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 from avrare.base.number_format import format_probability
+from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.scenario.schema import Threshold
 
@@ -20,40 +21,74 @@ _ABOUT_SYSTEM = frozenset({"all_failed", "errors", "horizon_short", "solver_fail
 """Warnings about the system, which say nothing against a lower bound of its failures."""
 
 
+Side = Literal["below", "above", "across"]
+"""Side of a limit on which an interval lies; "across": on neither."""
+
+
+class Bound(Protocol):
+    """Upper bound of a probability or rate."""
+
+    @property
+    def limit(self) -> float:
+        """Bound as a number."""
+
+    @property
+    def strict(self) -> bool:
+        """True for ``<``, False for ``<=``."""
+
+    @property
+    def blind(self) -> Literal["assumed", "counted"]:
+        """Treatment of failures that no score leads to, as in ``Threshold``."""
+
+
+def decide(side: Side, warned: bool, doubted: bool, best: Verdict = "pass") -> Verdict:
+    """Return the verdict of an estimate: no warned one passes, and none in doubt fails.
+
+    Args:
+        side: Side of the limit on which it lies.
+        warned: A warning keeps it from passing.
+        doubted: A warning doubts the estimate, and not only the system (``find_doubts``).
+        best: Best verdict that failures which nothing led to allow (``grade_blind``).
+    """
+    if side == "across" or (doubted if side == "above" else warned):
+        return "inconclusive"
+    return "fail" if side == "above" else best
+
+
 def judge(result: Result, threshold: Threshold) -> Verdict:
-    """Return the verdict of an estimate on a threshold: no warned one passes, and none in doubt fails."""
-    low, high = result.interval_at(threshold.confidence)
-    if is_below(high, threshold.limit, threshold.strict):
-        return "inconclusive" if result.health else grade_pass(result, threshold)
-    if is_above(low, threshold.limit, threshold.strict):
-        return "inconclusive" if find_doubts(result.health) else "fail"
-    return "inconclusive"
+    """Return the verdict of an estimate on a threshold."""
+    side = find_side(result.interval_at(threshold.confidence), threshold)
+    doubted = bool(find_doubts(result.health))
+    return decide(side, bool(result.health), doubted, grade_blind(result.blind_bound, threshold))
+
+
+def find_side(interval: Interval, bound: Bound) -> Side:
+    """Return the side of a bound on which an interval lies."""
+    low, high = interval
+    if is_below(high, bound):
+        return "below"
+    return "above" if low > bound.limit or (low == bound.limit and bound.strict) else "across"
+
+
+def is_below(end: float, bound: Bound) -> bool:
+    """Return whether the upper end of an interval keeps to a bound."""
+    return end < bound.limit or (end == bound.limit and not bound.strict)
+
+
+def grade_blind(blind_bound: float | None, bound: Bound) -> Verdict:
+    """Return the best verdict that failures which nothing led to allow.
+
+    "pass" where their upper bound keeps to the bound, too; else "pass_assuming", or "inconclusive" where the
+    scenario counts them.
+    """
+    if blind_bound is None or is_below(blind_bound, bound):
+        return "pass"
+    return "pass_assuming" if bound.blind == "assumed" else "inconclusive"
 
 
 def find_doubts(health: Iterable[str]) -> frozenset[str]:
     """Return those of an estimate's warnings that doubt the estimate, and not only the system."""
     return frozenset(health) - _ABOUT_SYSTEM
-
-
-def is_below(end: float, limit: float, strict: bool) -> bool:
-    """Return whether the end of an interval lies below a limit, or at it unless ``strict``."""
-    return end < limit or (end == limit and not strict)
-
-
-def is_above(end: float, limit: float, strict: bool) -> bool:
-    """Return whether the end of an interval breaks a limit: above it, or at it where it is ``strict``."""
-    return end > limit or (end == limit and strict)
-
-
-def grade_pass(result: Result, threshold: Threshold) -> Verdict:
-    """Return the verdict of an interval below a threshold, by the failures that nothing led to.
-
-    "pass" where their upper bound lies below the threshold, too; else "pass_assuming", or "inconclusive"
-    where the scenario counts them.
-    """
-    if result.blind_bound is None or is_below(result.blind_bound, threshold.limit, threshold.strict):
-        return "pass"
-    return "pass_assuming" if threshold.blind == "assumed" else "inconclusive"
 
 
 def describe_assumption(blind_bound: float) -> str:
