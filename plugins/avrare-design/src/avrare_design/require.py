@@ -113,7 +113,7 @@ class _Evaluation:
         )
         label, name = f"{self.parameter}={at:.4g}", f"trial-{number}-at-{at:g}"
         [result] = self.execution.run(label, name, problem, loaded.estimator(), settings)
-        trial = Trial(at, result.probability, result.interval, result.rollouts, tuple(result.health))
+        trial = Trial(at, result)
         if isinstance(self.value, int) or not _reweighable(problem, self.parameter, result):
             return trial
         moved = Reweigher(problem, at, self._build_perception, self.between)

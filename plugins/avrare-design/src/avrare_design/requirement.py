@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.result import Result
 from avrare_design.reweighed_trial import Nearby, Score
 
 
@@ -16,21 +17,20 @@ class Trial:
 
     Attributes:
         value: The value.
-        probability: The estimate.
-        interval: Its interval, at the level of all trials together.
-        rollouts: Rollouts that it took.
-        warnings: Names of its health warnings.
+        result: The estimate, at the level of all trials together.
         score: What its failures tell of the slope there; None where there is no score function.
         nearby: What its failures tell of other values, in ascending order.
     """
 
     value: float
-    probability: float
-    interval: Interval
-    rollouts: int
-    warnings: tuple[str, ...] = ()
+    result: Result
     score: Score | None = None
     nearby: tuple[Nearby, ...] = ()
+
+    @property
+    def interval(self) -> Interval:
+        """Interval of the estimate."""
+        return self.result.interval
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,37 +64,38 @@ class Requirement(Answer):
     @property
     def rollouts(self) -> int:
         """Rollouts of all trials."""
-        return sum(trial.rollouts for trial in self.trials)
+        return sum(trial.result.rollouts for trial in self.trials)
 
     def table(self) -> Records:
         """Return one row for each trial, in the order of the parameter."""
         return Records(
             {
-                "value": one.value,
-                "probability": one.probability,
-                "low": one.interval[0],
-                "high": one.interval[1],
-                "rollouts": one.rollouts,
-                "warnings": one.warnings,
-                "reweighed": [[near.value, near.probability, *near.interval] for near in one.nearby],
+                "value": trial.value,
+                "probability": trial.result.probability,
+                "low": trial.interval[0],
+                "high": trial.interval[1],
+                "rollouts": trial.result.rollouts,
+                "warnings": tuple(trial.result.health),
+                "reweighed": [[near.value, near.probability, *near.interval] for near in trial.nearby],
             }
-            for one in sorted(self.trials, key=lambda one: one.value)
+            for trial in sorted(self.trials, key=lambda trial: trial.value)
         )
 
     def lines(self) -> list[str]:
         """Return the answer in words, and the trials."""
         found = [self._answer()]
-        for one in sorted(self.trials, key=lambda one: one.value):
+        for trial in sorted(self.trials, key=lambda trial: trial.value):
+            result = trial.result
             found.append(
-                f"  {self.parameter} = {one.value:.4g}: {format_probability(one.probability)} "
-                f"({format_interval(one.interval)}), {one.rollouts:,} rollouts"
-                + (f", {', '.join(one.warnings)}" if one.warnings else "")
+                f"  {self.parameter} = {trial.value:.4g}: {format_probability(result.probability)} "
+                f"({format_interval(trial.interval)}), {result.rollouts:,} rollouts"
+                + (f", {', '.join(result.health)}" if result.health else "")
             )
             found += [
                 f"    reweighed for {near.value:.4g}: {format_probability(near.probability)} "
                 f"({format_interval(near.interval)})"
-                for near in one.nearby
-                if near.value in (self.kept, self.broken) and near.value != one.value
+                for near in trial.nearby
+                if near.value in (self.kept, self.broken) and near.value != trial.value
             ]
         return [*found, *(f"warning: {text}" for text in self.warnings)]
 

@@ -124,7 +124,7 @@ class _Search:
         """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
         shares = SHARES[_SEARCHING:]
-        expected = self.limit * self.trials[-1].rollouts * sum(shares) / SHARES[_SEARCHING - 1]
+        expected = self.limit * self.trials[-1].result.rollouts * sum(shares) / SHARES[_SEARCHING - 1]
         half = normal_factor(1.0 - risk) / math.sqrt(expected)
         if line is not None and self._reach() * abs(line[1]) >= _PAYS * half:
             value = self._inside(line[0])
@@ -159,7 +159,7 @@ class _Search:
         if (line := self._fit()) is not None:
             return line[1] > 0.0
         first, last = self.trials[0], self.trials[-1]
-        return (last.probability - first.probability) * (last.value - first.value) >= 0.0
+        return (last.result.probability - first.result.probability) * (last.value - first.value) >= 0.0
 
     def _run(self, value: float, share: int, level: float, nearby: Sequence[float] = ()) -> None:
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
@@ -167,11 +167,11 @@ class _Search:
     def _shown(self, trial: Trial, keeps: bool) -> Iterator[float]:
         """Give the values that a trial shows to keep the bound, or to break it, its own in its place."""
         nearby = [near for near in trial.nearby if near.value != trial.value]
-        values: list[Trial | Nearby] = sorted([trial, *nearby], key=lambda one: one.value)
-        for one in values if keeps == self.rising else reversed(values):
-            if not (one.interval[1] < self.limit if keeps else one.interval[0] > self.limit):
+        values: list[Trial | Nearby] = sorted([trial, *nearby], key=lambda near: near.value)
+        for near in values if keeps == self.rising else reversed(values):
+            if not (near.interval[1] < self.limit if keeps else near.interval[0] > self.limit):
                 return
-            yield one.value
+            yield near.value
 
     def _choose(self, number: int, level: float) -> float | None:
         kept, broken = self.bracket()
@@ -187,7 +187,7 @@ class _Search:
         root, slope = line
         # The half width of the next interval in log p: that of the last trial, at its own budget and level.
         last = self.trials[-1]
-        width = math.log(last.interval[1] / max(last.probability, last.interval[1] / 100.0))
+        width = math.log(last.interval[1] / max(last.result.probability, last.interval[1] / 100.0))
         width *= math.sqrt(SHARES[len(self.trials) - 1] / SHARES[number])
         if number == _SEARCHING:
             width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCHING)
@@ -205,10 +205,10 @@ class _Search:
 
     def _reach(self) -> float:
         """Return how far the failures near the root can be reweighed, along the axis of the search."""
-        known = [one for one in self.trials if one.score is not None and one.probability > 0.0]
+        known = [one for one in self.trials if one.score is not None and one.result.probability > 0.0]
         if not known:
             return 0.0
-        nearest = min(known, key=lambda one: abs(math.log(one.probability / self.limit)))
+        nearest = min(known, key=lambda one: abs(math.log(one.result.probability / self.limit)))
         assert nearest.score is not None
         reach = nearest.score.reach
         return min(reach / nearest.value, 1.0) if self.scaled else reach
@@ -227,11 +227,11 @@ class _Search:
         log p bends: a share ``_BEND`` of the slope for each unit of log p, which makes trials far from the
         bound tell less.
         """
-        rows = [one for one in self.trials if 0.0 < one.probability < 1.0]
+        rows = [one for one in self.trials if 0.0 < one.result.probability < 1.0]
         if len(rows) < 2:
             return None
         x = np.array([_to(one.value, self.scaled) for one in rows])
-        y = np.array([math.log(one.probability / self.limit) for one in rows])
+        y = np.array([math.log(one.result.probability / self.limit) for one in rows])
         spread = [math.log(one.interval[1] / max(one.interval[0], one.interval[1] * 1e-4)) for one in rows]
         weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 + (0.5 * _BEND * y * y) ** 2)
         matrix = np.array([[weight.sum(), weight @ x], [weight @ x, weight @ (x * x)]])
@@ -276,14 +276,14 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, kept: float | None)
             )
             break
         best = max(best, one.interval[0])
-    if any(one.warnings for one in trials):
+    if any(one.result.health for one in trials):
         found.append("some estimates have health warnings; the answer is no better than they are")
     least = min(trials, key=lambda one: one.interval[1])
     if kept is None and least.interval[0] < limit:
         times = math.ceil(least.interval[1] / limit)
         found.append(
             f"the least that is shown is p < {least.interval[1]:.2g}, at {least.value:.4g}, with "
-            f"{least.rollouts:,} rollouts; {limit:g} takes some {times:,} times as many"
+            f"{least.result.rollouts:,} rollouts; {limit:g} takes some {times:,} times as many"
         )
     return tuple(found)
 
