@@ -58,7 +58,6 @@ STACKS = (
     Stack("glider, noisy elevator", "glider_actuator:perches"),
     Stack("glider, within 6 cm", "glider_actuator:perches=6.3e-5", settings=(_WITHIN,)),
     Stack("merge with lidar", "merge_lidar:keeps_up=0.0084", 10, _SMALL),
-    Stack("roundabout", "roundabout:no_collision=0.013", 10, _SMALL),
 )
 
 
