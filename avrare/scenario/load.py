@@ -21,6 +21,7 @@ from avrare.scenario.overrides import override
 from avrare.scenario.safe_mode import check_import_path, find_linked_files, find_refusals
 from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_specification, step_of
+from avrare.scenario.timing_checks import check_timing
 from avrare.scenario.validation import Mistake, check, describe, find_places, scenario_error
 from avrare.scenario.value_positions import Mark, Node, Path, merge, put
 
@@ -94,6 +95,10 @@ def _resolve(tree: Node, path: str, registry: Registry) -> Scenario:
         warnings += doubts
         if specification is not None:
             specifications[name] = specification
+    if document is not None:
+        errors, doubts = check_timing(document.timing, tree.child("timing"), dt, steps)
+        mistakes += errors
+        warnings += doubts
     mistakes += _check_references(tree, written)
     if document is not None and "estimator" in blocks:
         mistakes += _check_other_family(tree, document, blocks["estimator"].plugin)

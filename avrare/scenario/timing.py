@@ -6,10 +6,14 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from avrare.base.errors import UsageError
+
 _Seconds = Annotated[float, Field(ge=0.0, le=10.0)]
 _Period = Annotated[float, Field(gt=0.0, le=10.0)]
 _Share = Annotated[float, Field(ge=0.0, le=0.5)]
 _Positive = Annotated[float, Field(gt=0.0)]
+_SAME = 1e-6
+"""Share of a step that is taken for rounding."""
 
 
 class Timing(BaseModel):
@@ -50,6 +54,27 @@ class Timing(BaseModel):
         description="the planner knows all latencies, and plans from where the vehicles will be; detections "
         "that are late by jitter are moved on at their speed",
     )
+
+    def find_faults(self, dt: float) -> dict[str, UsageError]:
+        """Return what is wrong with the times of options for a simulator whose step is ``dt`` [s]."""
+        names = ("sensor_period", "tracker_period", "planner_period", "planning_latency", "actuation_delay")
+        faults = {
+            name: UsageError(
+                f"{seconds:g} s is not a multiple of the simulator's step, {dt:g} s",
+                f"such as {max(round(seconds / dt), 1) * dt:g}",
+            )
+            for name in names
+            if (seconds := getattr(self, name)) and not _is_multiple(seconds, dt)
+        }
+        sensor = self.sensor_period or dt
+        if not faults and self.tracker_period and not _is_multiple(self.tracker_period, sensor):
+            text = f"{self.tracker_period:g} s is not a multiple of sensor_period, {sensor:g} s"
+            faults["tracker_period"] = UsageError(text, "leave it out to update the tracker with each frame")
+        return faults
+
+
+def _is_multiple(seconds: float, step: float) -> bool:
+    return abs(seconds - round(seconds / step) * step) <= _SAME * step
 
 
 class Actuators(BaseModel):

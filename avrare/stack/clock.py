@@ -47,30 +47,19 @@ class Clock:
         """Return the clock of ``timing``.
 
         Raises:
-            UsageError: A period is no multiple of the step, or the tracker's no multiple of the sensor's.
+            UsageError: A period is not a multiple of the step, or the tracker's not of the sensor's.
         """
-
-        def steps(name: str, seconds: float) -> int:
-            count = round(seconds / dt)
-            if abs(seconds - count * dt) > _SAME * dt:
-                text = f"{name}: {seconds:g} s is no multiple of the simulator's step, {dt:g} s"
-                raise UsageError(text, f"such as {max(count, 1) * dt:g}")
-            return count
-
-        sensor_period = timing.sensor_period or dt
-        sensor = steps("sensor_period", sensor_period)
-        tracker = steps("tracker_period", timing.tracker_period or sensor_period)
-        if tracker % sensor:
-            text = f"tracker_period: {tracker * dt:g} s is no multiple of sensor_period, {sensor_period:g} s"
-            raise UsageError(text, "leave it out to update the tracker with each frame")
-        delays = ("planning_latency", "actuation_delay")
+        for name, error in timing.find_faults(dt).items():
+            raise UsageError(f"{name}: {error.message}", error.hint)
+        sensor = timing.sensor_period or dt
+        delay = round(timing.planning_latency / dt) + round(timing.actuation_delay / dt)
         return cls(
             dt,
-            sensor,
-            tracker,
-            steps("planner_period", timing.planner_period or dt),
+            round(sensor / dt),
+            round((timing.tracker_period or sensor) / dt),
+            round((timing.planner_period or dt) / dt),
             round_up(timing.perception_latency / dt),
-            sum(steps(name, getattr(timing, name)) for name in delays),
+            delay,
         )
 
     def paced(self, scene: Scene | None, steps: int) -> Scene | None:

@@ -363,8 +363,8 @@ def test_noise_is_named_and_perfect_noise_is_on_time():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"planning_latency": 0.15}, "planning_latency: 0.15 s is no multiple"),
-        ({"sensor_period": 0.2, "tracker_period": 0.3}, "no multiple of sensor_period"),
+        ({"planning_latency": 0.15}, "planning_latency: 0.15 s is not a multiple"),
+        ({"sensor_period": 0.2, "tracker_period": 0.3}, "not a multiple of sensor_period"),
     ],
 )
 def test_times_that_no_step_meets_are_refused(options, text):
