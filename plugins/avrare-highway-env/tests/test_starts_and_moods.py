@@ -55,6 +55,16 @@ def test_without_moods_drivers_are_those_of_highway_env():
     assert not np.allclose(stirred.others.x, calm.others.x)
 
 
+@pytest.mark.parametrize("scene", ["highway", "intersection"])
+def test_drivers_stop_and_do_not_reverse(scene):
+    sim = simulator(scene=scene, traffic={"acceleration_sd": 1.0, "desired_speed": 0.01})
+    worlds = run(sim, tape(sim, 3, 60), idle)
+    speeds = np.concatenate([world.others.speed.ravel() for world in worlds])
+    assert np.isfinite(speeds).all()
+    assert speeds.min() == 0.0
+    assert speeds.max() > 5.0
+
+
 @pytest.mark.slow
 def test_moods_are_an_ornstein_uhlenbeck_process():
     options = {"acceleration_sd": 1.5, "correlation_time": 0.5}

@@ -41,6 +41,23 @@ def test_a_follower_settles_at_the_model_s_own_gap():
     assert gap == pytest.approx((2.0 + 15.0 * 1.5) / np.sqrt(1 - (15 / 25) ** 4), abs=0.1)
 
 
+@pytest.mark.parametrize(("speed", "noise"), [(20.0, 0.0), (20.0, 0.5), (0.0, 0.0), (0.0, 0.5)])
+def test_who_wants_to_stand_stops_and_never_reverses(speed, noise):
+    crowd = [
+        car("first", 80.0, speed=speed, desired=0.0, lane_changes=True, acceleration_sd=noise),
+        car("second", 40.0, speed=speed, desired=0.0, acceleration_sd=noise, reaction_time=0.5),
+        car("third", 0.0, acceleration_sd=noise),
+    ]
+    worlds = drive(simulator(*crowd), 300, n=20, seed=3)
+    speeds, x = (np.stack([getattr(world.others, name) for world in worlds]) for name in ("speed", "x"))
+    assert np.isfinite(speeds).all()
+    assert speeds.min() == 0.0
+    assert np.diff(x, axis=0).min() >= 0.0
+    assert speeds[-100:].max() < 1.0  # noise makes it start now and then, until it reacts
+    if not noise:
+        assert not speeds[-100:, :, :2].any()
+
+
 def test_the_acceleration_is_highway_env_s():
     from highway_env.road.road import Road, RoadNetwork
     from highway_env.vehicle import behavior

@@ -29,6 +29,7 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
 
     mood = 0.0
     tuned = False
+    speed: float
 
     def tune(self, options: Mapping[str, float]) -> None:
         """Set the parameters that ``TrafficConfig`` names."""
@@ -45,6 +46,12 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
         if self.mood and not self.crashed:
             wanted = self.action["acceleration"] + self.mood
             self.action["acceleration"] = np.clip(wanted, -self.ACC_MAX, self.ACC_MAX)
+
+    def step(self, dt: float) -> None:
+        """Advance by ``dt`` [s]; braking ends at standstill, where highway-env's drivers go on backwards."""
+        self.action["acceleration"] = max(self.action["acceleration"], -self.speed / dt)
+        super().step(dt)
+        self.speed = max(self.speed, 0.0)
 
 
 class IntersectionDriver(MoodyDriver):

@@ -186,7 +186,7 @@ class FollowingConfig(Options, Generic[_Number]):
 class DriverConfig(FollowingConfig[Drawable]):
     """Driver that reacts to all vehicles: IDM along the road, MOBIL and gap acceptance across it."""
 
-    desired_speed: Drawable = Field(gt=0.0, description="speed on a free road [m/s]")
+    desired_speed: Drawable = Field(ge=0.0, description="speed on a free road; 0: it stops and stands [m/s]")
     lane_changes: bool = Field(default=True, description="change lanes where it pays (MOBIL)")
     lanes: tuple[_Lane, _Lane] | None = Field(
         default=None, description="first and last lane to choose from; default: all of the road"

@@ -49,8 +49,10 @@ _TOUCH = 0.1
 @inlined
 def idm(v: float, u: float, gap: float, p: Floats) -> float:
     """Return the acceleration at speed ``v``, ``gap`` behind a vehicle at speed ``u`` (inf: behind none)."""
-    ratio = v / p[0]
-    wanted = 1.0 - ratio * ratio * ratio * ratio
+    wanted = 0.0 if v == 0.0 else -math.inf  # who wants to stand
+    if p[0] > 0.0:
+        ratio = v / p[0]
+        wanted = 1.0 - ratio * ratio * ratio * ratio
     if gap < math.inf:
         s = p[2] + max(0.0, v * p[1] + 0.5 * v * (v - u) / math.sqrt(p[3] * p[4]))
         near = s / max(gap, _TOUCH)
