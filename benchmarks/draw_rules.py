@@ -1,4 +1,4 @@
-"""Draws the hand-made situations of the traffic rules for docs/traffic-rules.md.
+"""Draws the hand-made situations of the traffic rules for the reference page of every rule.
 
     python benchmarks/draw_rules.py --out docs/rules
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 _NOTEBOOKS = Path(__file__).parent / "notebooks"
+_RULE_PICTURES = Path(__file__).parent / "rules"
 _PLUGIN_LINK = re.compile(r"\[([^\]]*)\]\(\.\./plugins/[^)]*\)")
 """A link out of the documentation, into the source: plain words on the site."""
 
@@ -24,6 +25,7 @@ def pages() -> dict[str, str]:
         "reference/cli.md": _commands(),
         "reference/scenario.md": _scenario(),
         "reference/components.md": _components(),
+        "reference/rules.md": _rules(),
         "reference/python.md": _python(),
         **{f"notebooks/{path.stem}.md": _notebook(path) for path in sorted(_NOTEBOOKS.glob("*.ipynb"))},
     }
@@ -124,6 +126,34 @@ def _components() -> str:
     return _page(parts)
 
 
+def _rules() -> str:
+    from avrare.plugin.registry import default_registry
+    from avrare.plugin.rule_catalogue import Catalogue
+    from avrare_traffic_rules.definitions import RECOMMENDED
+
+    parts = [
+        "# Every rule",
+        "Each rule in words, as a formula, with its options and in pictures; "
+        "[Traffic rules](../traffic-rules.md) says how they are read. `avrare rules NAME` prints the same.",
+    ]
+    for card in (offer.card for offer in Catalogue.of(default_registry()).offers):
+        options = [
+            (f"`{option.name}`", option.default, option.unit, option.text, option.source)
+            for option in card.parameters
+        ]
+        parts += [f"## {card.name}: {card.title}", card.text, f"```\n{card.formula}\n```", card.remarks]
+        parts += [_table(("option", "default", "unit", "meaning", "source"), options)] if options else []
+        parts.append(f"Source: {card.source}.")
+        if (_RULE_PICTURES / f"{card.name}.png").exists():
+            parts.append(f"![Situations of {card.name}](../rules/{card.name}.png)")
+    predicates = [
+        (f"`{name}({', '.join(predicate.arguments)})`", predicate.text, predicate.unit, predicate.scale)
+        for name, predicate in RECOMMENDED.predicates.items()
+    ]
+    heads = ("predicate", "true if, or value", "unit", "divided by the scale")
+    return _page([*parts, "## Predicates", _table(heads, predicates)])
+
+
 def _python() -> str:
     import avrare
 
@@ -218,7 +248,7 @@ def _cell(text: str) -> str:
 
 
 def _page(parts: list[str]) -> str:
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 if __name__ == "__main__":

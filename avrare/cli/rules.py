@@ -72,6 +72,8 @@ def _card(offer: Offer, width: int) -> list[Text]:
     lines = [Text.assemble((card.name, "bold"), "  ", card.title), Text()]
     lines += [wrapped(" ".join(card.text.split()), 2), Text()]
     lines += [wrapped(line, 4, 4, "cyan") for line in card.formula.strip().splitlines()]
+    if card.remarks:
+        lines += [Text(), wrapped(" ".join(card.remarks.split()), 2)]
     if card.parameters:
         lines.append(Text())
     settings = [f"{one.default} {one.unit}".strip() for one in card.parameters]

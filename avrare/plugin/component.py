@@ -70,6 +70,7 @@ class RuleCard:
         formula: The rule in the language of ``avrare.stl``, with the default parameters filled in.
         parameters: Options that the rule depends on.
         source: Source of the rule.
+        remarks: How details of the rule are read.
     """
 
     name: str
@@ -78,6 +79,7 @@ class RuleCard:
     formula: str
     parameters: tuple[RuleParameter, ...]
     source: str
+    remarks: str = ""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ def rules() -> list[RuleCard]:
             formula=fill(book.complete(rule.formula), options),
             parameters=tuple(_parameter(option) for option in rule.parameters),
             source=rule.source,
+            remarks=fill(rule.remarks, options),
         )
         for name, rule in book.rules.items()
     ]

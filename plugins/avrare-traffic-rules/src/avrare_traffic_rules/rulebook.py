@@ -32,6 +32,7 @@ class Rule(BaseModel):
         published: The formula of [I24], if it differs in structure.
         vehicles: Vehicles that the rule is about unless the scenario says otherwise.
         parameters: Options that the rule depends on.
+        remarks: How details of the rule are read.
         source: Source of the rule.
     """
 
@@ -43,6 +44,7 @@ class Rule(BaseModel):
     published: str | None = None
     vehicles: Literal["moving", "all"] = "all"
     parameters: tuple[str, ...] = ()
+    remarks: str = ""
     source: str = ""
 
 

@@ -116,7 +116,7 @@ class Definitions:
         """
         found = self.predicates.get(name)
         if found is None:
-            hint = did_you_mean(name, self.predicates) or "docs/traffic-rules.md lists the predicates"
+            hint = did_you_mean(name, self.predicates) or f"there are {', '.join(sorted(self.predicates))}"
             raise FormulaError(f"there is no predicate {name!r}", hint)
         wanted = len(found.arguments)
         if wanted != count:
