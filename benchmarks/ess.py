@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/ess.py [--workers 2] [--only PATTERN] [--results DIR] [--report-only]
 
 Cells are cut into blocks, each a file in the results folder: what is there is not run again, so the study may
-be stopped and resumed. Writes the tables of docs/slice-sampling.md from what there is. About one CPU hour.
+be stopped and resumed. Writes the tables of docs/slice-sampling/*.csv from what there is. About one CPU hour.
 
 - bias: mean over truth of independent runs, with the second pass at fixed levels and without it; relative
   mean squared error times evaluations (those of the pilot included);
@@ -33,7 +33,7 @@ import avrare
 from avrare.testing.problems import conjunction, four_branch, linear, reference_problem
 from avrare.testing.reference_problem import ReferenceProblem
 
-PAGE = Path(__file__).parent.parent / "docs" / "slice-sampling.md"
+TABLES = Path(__file__).parent.parent / "docs" / "slice-sampling"
 PROBLEMS = (
     "a_beta_-2", "a_beta_-2.5", "a_beta_-3", "b_linear_d100_p1e-4", "b_linear_d100_p1e-6",
     "b_linear_d100_p1e-9", "c_fourbranch_k6", "c_fourbranch_k7", "i_exp_sum_d10_c30.0",
@@ -231,12 +231,10 @@ def run(task: tuple[Path, RunBlock | DriftBlock]) -> str:
 
 
 def write(results: Path) -> None:
-    """Put the tables between their marks on the page."""
-    text = PAGE.read_text()
+    """Write the tables of the page."""
     tables = {"bias": _bias(results), "stationary": _stationary(results), "coverage": _coverage(results)}
     for name, lines in tables.items():
-        text = pages.fill(text, name, lines)
-    pages.put(PAGE, text, results)
+        pages.put(TABLES / f"{name}.csv", "".join(f"{line}\n" for line in lines), results)
 
 
 def _load(results: Path, cell: str) -> dict[str, np.ndarray] | None:
@@ -247,8 +245,7 @@ def _load(results: Path, cell: str) -> dict[str, np.ndarray] | None:
 
 
 def _bias(results: Path) -> Iterator[str]:
-    yield "| kernel | problem | runs | mean / p | z | zero | evaluations | MSE x evaluations |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "kernel,problem,runs,mean / p,standard error,z,extinct,evaluations,MSE x evaluations"
     for setting in SETTINGS:
         for problem in (*PROBLEMS, BEYOND.id):
             data = _load(results, f"bias-{setting.name}-{problem}")
@@ -261,29 +258,26 @@ def _bias_row(setting: Setting, problem: str, data: dict[str, np.ndarray]) -> st
     error, cost = ratio.std(ddof=1) / np.sqrt(len(ratio)), data["rollouts"].sum() / len(ratio)
     product = ((ratio - 1.0) ** 2).mean() * cost
     return (
-        f"| {setting.name} | {problem} | {len(ratio)} | {ratio.mean():.3f} ± {error:.3f} "
-        f"| {(ratio.mean() - 1.0) / error:+.1f} | {(ratio == 0.0).mean():.0%} | {cost:,.0f} "
-        f"| {product:,.0f} |"
+        f"{setting.name},{problem},{len(ratio)},{ratio.mean():.3f},{error:.3f},"
+        f"{(ratio.mean() - 1.0) / error:.1f},{(ratio == 0.0).mean():.2f},{cost:.0f},{product:.0f}"
     )
 
 
 def _stationary(results: Path) -> Iterator[str]:
-    yield "| kernel | region | z of the mean | z of the mean square | outside | rollouts a step | accepted |"
-    yield "|---|---|---|---|---|---|---|"
+    yield "kernel,region,z of the mean,z of the mean square,outside,rollouts a step,accepted"
     for kernel in DRIFTING:
         for region in REGIONS:
             data = _load(results, f"stationary-{kernel}-{region}")
             if data is not None:
                 row = {name: float(values[0]) for name, values in data.items()}
                 yield (
-                    f"| {kernel} | {region} | {row['mean']:+.1f} | {row['square']:+.1f} "
-                    f"| {row['outside']:.1%} | {row['rollouts']:.2f} | {row['accepted']:.2f} |"
+                    f"{kernel},{region},{row['mean']:.1f},{row['square']:.1f},"
+                    f"{row['outside']:.3f},{row['rollouts']:.2f},{row['accepted']:.2f}"
                 )
 
 
 def _coverage(results: Path) -> Iterator[str]:
-    yield "| problem | p | intervals | cover | below the truth | above it | median upper end / p |"
-    yield "|---|---|---|---|---|---|---|"
+    yield "problem,p,intervals,cover,below the truth,above it,median upper end / p"
     for problem in COVERED:
         data = _load(results, f"coverage-default-{problem}")
         if data is None:
@@ -293,8 +287,8 @@ def _coverage(results: Path) -> Iterator[str]:
         bounds = np.array([interval_of_runs(group, 500)(0.95) for group in groups])
         below, above = (bounds[:, 1] < truth).mean(), (bounds[:, 0] > truth).mean()
         yield (
-            f"| {problem} | {truth:.3g} | {len(groups)} | {1 - below - above:.3f} | {below:.3f} "
-            f"| {above:.3f} | {np.median(bounds[:, 1]) / truth:.2f} |"
+            f"{problem},{truth:.3g},{len(groups)},{1 - below - above:.3f},{below:.3f},"
+            f"{above:.3f},{np.median(bounds[:, 1]) / truth:.2f}"
         )
 
 

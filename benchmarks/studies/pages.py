@@ -33,16 +33,14 @@ def put(page: Path, text: str, results: Path) -> bool:
     Returns:
         Whether the page has been written.
     """
-    old = _rows(page.read_text(encoding="utf-8")) if page.exists() else 0
-    enough = _rows(text) >= old
+    old = _rows(page, page.read_text(encoding="utf-8")) if page.exists() else 0
+    new = _rows(page, text)
+    enough = new >= old
     where = page if enough else results / page.name
     where.write_text(text, encoding="utf-8")
-    print(
-        f"{where} written"
-        + ("" if enough else f"; {page} stays, its tables have {old} rows, not {_rows(text)}")
-    )
+    print(f"{where} written" + ("" if enough else f"; {page} stays, its tables have {old} rows, not {new}"))
     return enough
 
 
-def _rows(text: str) -> int:
-    return sum(line.startswith("|") for line in text.splitlines())
+def _rows(page: Path, text: str) -> int:
+    return sum(line.startswith("|") or page.suffix == ".csv" for line in text.splitlines())
