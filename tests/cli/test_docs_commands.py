@@ -48,7 +48,6 @@ NOT_RUN = {
     r"avrare run .* --set perception.model=(models|fitted)/.*": "needs the fit before it",
     r"avrare run .* --set perception.tail_scale=.*": "thousands of drives; avrare-gp-pem's tests",
     r"avrare run scenarios/lane_change_distributed.yaml .*": "thousands; tests/stack/test_drawn_start.py",
-    r"avrare run .* tracker.association=hungarian .*": "2,000 drives; avrare-imm's tests associate",
     r"avrare flow fit .*": "avrare-flows' tests fit flows",
     r"avrare synthesize .*": "a descent of minutes; avrare-design's tests synthesise",
     r"avrare (kinds|attribution) .*": "needs a large run; tests/cli/test_kinds.py and tests/analysis",
