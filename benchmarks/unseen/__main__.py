@@ -1,54 +1,84 @@
-"""Study of an estimator on problems that nobody tuned it on.
+"""Study of estimators on problems with known answers: do their intervals hold, and what do they cost?
 
-    python -m benchmarks.unseen --estimator auto --seeds 100 [--problems 'a*'] [--processes 2]
-    python -m benchmarks.unseen report [--estimator auto] [--commit 1a2b3c4]
+    python -m benchmarks.unseen [--estimator auto] [--sets unseen] [--seeds 100] [--minutes 60]
+    python -m benchmarks.unseen report [--sets unseen] [--csv FILE]
+    python -m benchmarks.unseen forecast [--sets unseen]
 
-Every result is a line of a file in the results folder, benchmarks/results/unseen. What is there of the same
-commit and budget is not run again, so a study may be stopped and resumed. ``--problems-file`` takes another
-file of Python with a dict ``CASES`` from names to functions that return a problem and its probability.
+Sets are those of ``sets.py``, names of problems, and SCENARIO:SPECIFICATION as in ``studies/levels.py``.
+``--problems-file`` takes a file of Python with a dict ``CASES`` from names to functions that return a problem
+and its probability.
+
+Every result is a line of a file in the results folder, benchmarks/results/unseen. What is there with the same
+code of the estimator is not run again, so a study may be stopped and resumed; ``--keep`` packs all lines into
+docs/trust/results.zip, with which a new results folder begins.
+
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import json
 import sys
 from fnmatch import fnmatch
 from itertools import product
 from pathlib import Path
 
+from benchmarks.studies import kept
+
 from .problems import CASES
-from .report import print_report
-from .study import RESULTS, Task, find_commit, load_problems, read_outcomes, run_study
+from .report import print_forecast, print_report, write_summary
+from .sets import find_names
+from .sources import digest_of
+from .study import RESULTS, Task, find_missing, read_all, run_study
+
+KEPT = Path(__file__).parents[2] / "docs" / "trust" / "results.zip"
 
 
 def main(arguments: list[str]) -> None:
-    """Run the study or print its report."""
+    """Run the study, print its report or forecast the time that it takes."""
     parser = argparse.ArgumentParser("python -m benchmarks.unseen", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("action", nargs="?", choices=["run", "report"], default="run")
+    parser.add_argument("action", nargs="?", choices=["run", "report", "forecast"], default="run")
     parser.add_argument("--estimator", default="auto", help="names, separated by commas")
     parser.add_argument("--seeds", type=int, default=100, help="results of each problem")
+    parser.add_argument("--sets", default="unseen", help="separated by commas")
     parser.add_argument("--problems", default="*", help="pattern of names")
-    parser.add_argument("--problems-file", default="", help="other problems than the forty")
+    parser.add_argument("--problems-file", default="", help="other problems")
     parser.add_argument("--budget", default="", help="of each estimate, as rollouts=100000")
+    parser.add_argument("--set", action="append", default=[], metavar="OPTION=VALUE", help="of the estimator")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--commit", default="", help="by default the one that is checked out")
+    parser.add_argument("--minutes", type=float, default=1e9, help="begin no result after these")
+    parser.add_argument("--digest", default="", help="by default that of the estimator's code")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
-    options = parser.parse_args(arguments)
-    commit, estimators = options.commit or find_commit(), options.estimator.split(",")
-    names = [name for name in load_problems(options.problems_file) if fnmatch(name, options.problems)]
-    if options.action == "run":
-        seeds = range(options.seeds)
-        tasks = [Task(commit, n, e, seed, options.budget) for seed, e, n in product(seeds, estimators, names)]
-        run_study(tasks, options.results, options.problems_file, options.processes)
+    parser.add_argument("--keep", action="store_true", help=f"pack the results into {KEPT.name}")
+    parser.add_argument("--csv", type=Path, help="file that the report's rows go to")
+    given = parser.parse_args(arguments)
+    options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
+    text, file = json.dumps(options, sort_keys=True), given.problems_file
+    names = [name for name in find_names(given.sets, file) if fnmatch(name, given.problems)]
+    estimators = given.estimator.split(",")
+    tasks = [
+        Task(given.digest or digest_of(estimator), name, estimator, seed, given.budget, text)
+        for seed, estimator, name in product(range(given.seeds), estimators, names)
+    ]
+    kept.unpack(KEPT, given.results)
+    outcomes = read_all(given.results)
+    missing = find_missing(tasks, outcomes)
+    if given.action == "forecast":
+        print_forecast(missing, outcomes)
+        return
+    if given.action == "run":
+        run_study(missing, given.results, file, given.processes, given.minutes)
+    wanted = set(tasks)
+    chosen = [outcome for outcome in read_all(given.results) if outcome.task in wanted]
+    hidden = {name for name, case in CASES.items() if case.hidden}
     for estimator in estimators:
-        outcomes = [
-            outcome
-            for outcome in read_outcomes(options.results / f"{estimator}.jsonl")
-            if outcome.task.problem in names
-            and (outcome.task.commit, outcome.task.budget) == (commit, options.budget)
-        ]
-        print_report(estimator, outcomes, {name for name, case in CASES.items() if case.hidden})
+        print_report(estimator, [one for one in chosen if one.task.estimator == estimator], hidden)
+    if given.keep:
+        kept.pack(KEPT, given.results)
+    if given.csv:
+        write_summary(given.csv, chosen)
 
 
 if __name__ == "__main__":

@@ -1,38 +1,46 @@
-"""Study of an estimator on problems that nobody tuned it on: run it, and keep a line for each result."""
+"""Study of an estimator on problems with known answers: run it, and keep a line for each result."""
 
 from __future__ import annotations
 
 import json
 import multiprocessing
 import os
-import runpy
-import subprocess
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import avrare
+from avrare.analysis.check.criteria import Criterion, decide_criteria
+from avrare.scenario.schema import Threshold
 from benchmarks.studies import kept
 
-from .problems import CASES
-from .truths import stored
+from .sets import find_problem
 
 RESULTS = Path(__file__).parents[1] / "results" / "unseen"
-Makers = dict[str, Callable[[], tuple[avrare.Problem, float]]]
 
 
 class Task(NamedTuple):
-    """One estimate to run, at a commit and with a budget such as "rollouts=100000" (empty: none)."""
+    """One estimate to run.
 
-    commit: str
+    Attributes:
+        digest: Digest of the estimator's code.
+        problem: Name.
+        estimator: Name.
+        seed: Seed.
+        budget: Such as "rollouts=100000"; empty: none.
+        options: Of the estimator, as JSON.
+    """
+
+    digest: str
     problem: str
     estimator: str
     seed: int
-    budget: str
+    budget: str = ""
+    options: str = "{}"
 
 
 @dataclass(frozen=True)
@@ -41,14 +49,16 @@ class Outcome:
 
     Attributes:
         task: What was run.
-        truth: Exact probability.
+        truth: Known probability.
         probability: Estimate.
         low: Lower end of the interval.
         high: Upper end.
         cost: Cost in complete rollouts: simulated steps over those of a rollout.
         used: Cost over the budget, if there is one.
-        seconds: Wall time [s].
+        seconds: CPU time [s].
         warnings: Names of the health warnings; an error is one, too.
+        verdict: Of ``avrare check`` on a threshold at exactly the truth.
+        chosen: Estimator that ``auto`` has chosen.
     """
 
     task: Task
@@ -60,6 +70,8 @@ class Outcome:
     used: float | None
     seconds: float
     warnings: list[str]
+    verdict: str = "inconclusive"
+    chosen: str = ""
 
     @property
     def covers(self) -> bool:
@@ -77,51 +89,62 @@ def read_outcomes(file: Path) -> list[Outcome]:
     return [Outcome(Task(*line.pop("task")), **line) for line in kept.lines(file)]
 
 
-def find_commit() -> str:
-    """Return the commit that is checked out."""
-    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-
-@cache
-def load_problems(file: str = "") -> Makers:
-    """Return functions that make each problem with its probability, by name; of the forty without a file."""
-    if file:
-        return dict(runpy.run_path(file)["CASES"])
-    return {name: lambda name=name: (CASES[name].problem(), stored()[name]) for name in CASES}
+def read_all(folder: Path) -> list[Outcome]:
+    """Return the results of a folder."""
+    return [outcome for path in sorted(folder.glob("*.jsonl")) for outcome in read_outcomes(path)]
 
 
 def run_task(task: Task, file: str = "") -> Outcome:
     """Run one estimate; an error is a warning of an outcome that says nothing."""
-    problem, truth = load_problems(file)[task.problem]()
-    start = time.perf_counter()
+    problem, truth = find_problem(task.problem, file)
+    options, start = json.loads(task.options), time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            result = avrare.estimate(problem, task.estimator, seed=task.seed, budget=task.budget or None)
+            result = avrare.estimate(
+                problem, task.estimator, seed=task.seed, budget=task.budget or None, **options
+            )
     except Exception as error:
-        seconds, name = time.perf_counter() - start, f"{type(error).__name__}: {error}"
+        seconds, name = time.process_time() - start, f"{type(error).__name__}: {error}"
         return Outcome(task, truth, 0.0, 0.0, 1.0, 0.0, None, seconds, [name])
     kind, _, amount = task.budget.partition("=")
     costs = {"steps": result.simulated_steps, "rollouts": result.rollouts, "seconds": result.seconds}
     used = costs[kind] / float(amount) if amount else None
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
-    interval = (float(end) for end in result.interval)
-    seconds, names = time.perf_counter() - start, list(result.health)
-    return Outcome(task, truth, float(result.probability), *interval, float(cost), used, seconds, names)
+    low, high = map(float, result.interval)
+    seconds, names = time.process_time() - start, list(result.health)
+    verdict = decide_at(result, truth)
+    estimate = float(result.probability)
+    return Outcome(
+        task, truth, estimate, low, high, float(cost), used, seconds, names, verdict, result.estimator
+    )
 
 
-def run_study(tasks: Iterable[Task], folder: Path, file: str, processes: int) -> None:
-    """Run the tasks that the results folder lacks, and append a line for each."""
+def decide_at(result: avrare.Result, probability: float) -> str:
+    """Return the verdict of ``avrare check`` on a threshold, after one look."""
+    threshold = Threshold.model_validate({"specification": result.specification, "probability": probability})
+    criterion = Criterion("", result.specification, threshold)
+    return decide_criteria([criterion], lambda _: result, 1.0, {}).get(0, "inconclusive")
+
+
+def find_missing(tasks: Iterable[Task], outcomes: Iterable[Outcome]) -> list[Task]:
+    """Return the tasks without a result."""
+    done = {outcome.task for outcome in outcomes}
+    return [task for task in tasks if task not in done]
+
+
+def run_study(tasks: Sequence[Task], folder: Path, file: str, processes: int, minutes: float = 1e9) -> None:
+    """Run tasks until so many minutes are over, and append a line to the file of the estimator for each."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     folder.mkdir(parents=True, exist_ok=True)
-    done = {outcome.task for path in folder.glob("*.jsonl") for outcome in read_outcomes(path)}
-    missing = [task for task in tasks if task not in done]
+    end = time.monotonic() + 60.0 * minutes
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        outcomes = pool.imap_unordered(partial(run_task, file=file), missing)
+        outcomes = pool.imap_unordered(partial(run_task, file=file), tasks)
         for number, outcome in enumerate(outcomes, start=1):
             with (folder / f"{outcome.task.estimator}.jsonl").open("a", encoding="utf-8") as lines:
                 lines.write("\n" + json.dumps(asdict(outcome)))  # a torn line stays alone
             ratio, names = outcome.probability / outcome.truth, " ".join(outcome.warnings)
             text = f"{outcome.task.problem} {outcome.task.estimator} seed {outcome.task.seed}: {ratio:.2f} p"
-            print(f"{number}/{len(missing)} {text}, {outcome.seconds:.0f} s {names}", flush=True)
+            print(f"{number}/{len(tasks)} {text}, {outcome.seconds:.1f} s {names}", flush=True)
+            if time.monotonic() > end:
+                break

@@ -7,7 +7,7 @@ import pytest
 
 from avrare import Problem
 from avrare.testing.problems import reference_problem
-from benchmarks.studies.levels import Level, read_level
+from benchmarks.studies.levels import ROOT, Level, read_case, read_level
 
 
 def test_a_level_is_violated_where_robustness_falls_to_it():
@@ -29,3 +29,13 @@ def test_a_level_of_the_lane_change_is_read_from_its_truth(wanted):
     assert problem.monitors[0].level < 0
     _, own = read_level("lane_change", "no_collision", None)
     assert 1e-3 < own < 5e-3
+
+
+def test_a_case_is_a_name_or_a_path_and_has_a_truth_or_a_number():
+    _, known = read_case("glider_actuator:perches")
+    assert known == pytest.approx(7.86e-4)
+    path = str(ROOT / "scenarios" / "glider_actuator.yaml")
+    _, level = read_case(f"{path}:perches@1e-4")
+    assert level == pytest.approx(1e-4)
+    problem, given = read_case("glider_actuator:perches=0.5", ["steps=20"])
+    assert (problem.steps, given) == (20, 0.5)
