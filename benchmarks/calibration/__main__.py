@@ -5,7 +5,8 @@
 
 Each answer is a cell, a line of the tool's file in the results folder; what is there is not made again, so a
 run may be stopped and go on. A results folder that is not there begins with the kept cells. Writes
-docs/calibration.md, its table and its figures; ``--keep`` packs the cells into docs/calibration/cells.zip.
+the table of docs/calibration.md and the files and figures beside it; ``--keep`` packs the cells into
+docs/calibration/cells.zip.
 """
 
 from __future__ import annotations

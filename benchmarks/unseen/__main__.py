@@ -28,11 +28,14 @@ from benchmarks.studies import kept
 
 from .problems import CASES
 from .report import print_forecast, print_report, write_summary
-from .sets import find_names
+from .sets import find_names, is_static
 from .sources import digest_of
 from .study import RESULTS, Task, find_missing, read_all, run_study
 
 KEPT = Path(__file__).parents[2] / "docs" / "trust" / "results.zip"
+
+NEED_STEPS = {"ams", "smc"}
+"""Estimators that are not asked of static problems."""
 
 
 def main(arguments: list[str]) -> None:
@@ -57,10 +60,11 @@ def main(arguments: list[str]) -> None:
     options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
     text, file = json.dumps(options, sort_keys=True), given.problems_file
     names = [name for name in find_names(given.sets, file) if fnmatch(name, given.problems)]
-    estimators = given.estimator.split(",")
+    estimators, static = given.estimator.split(","), {name for name in names if is_static(name, file)}
     tasks = [
         Task(given.digest or digest_of(estimator), name, estimator, seed, given.budget, text)
         for seed, estimator, name in product(range(given.seeds), estimators, names)
+        if not (estimator in NEED_STEPS and name in static)
     ]
     kept.unpack(KEPT, given.results)
     outcomes = read_all(given.results)

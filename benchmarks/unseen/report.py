@@ -17,6 +17,8 @@ from .study import Outcome, Task
 CONFIDENCE = 0.95
 LEAST_QUIET = 50
 """Results without a warning from which the coverage of a problem is judged."""
+LEAST_RESULTS = 10
+"""Results from which the mean and the work of a problem are judged."""
 LEAST_PROBABILITY = 5e-5
 """Probability from which a warned interval must have ends that are not too far apart."""
 SMALL_PROBABILITY = 1e-4
@@ -118,10 +120,11 @@ def list_goals(outcomes: Sequence[Outcome], hidden: Collection[str] = ()) -> lis
         and mean(hits) < _least_share(len(hits))
     ]
     wide = [_end_ratio(one) for one in warned if one.truth >= LEAST_PROBABILITY]
-    works = {name: measure_work(group) for name, group in groups.items()}
-    small = [works[name][0] for name, group in groups.items() if group[0].truth < SMALL_PROBABILITY]
+    judged = {name: group for name, group in groups.items() if len(group) >= LEAST_RESULTS}
+    works = {name: measure_work(group) for name, group in judged.items()}
+    small = [works[name][0] for name, group in judged.items() if group[0].truth < SMALL_PROBABILITY]
     dear = [f"{name} {work:.2f} (<= {most:.2f})" for name, (work, most) in works.items() if most > 1.5]
-    scores = [_z([one.probability / one.truth for one in group]) for group in groups.values()]
+    scores = [_z([one.probability / one.truth for one in group]) for group in judged.values()]
     passes = [outcome for outcome in combined if outcome.verdict == "pass" and not outcome.covers]
     return [
         ["largest |z| of a mean", "<= 3.5", _largest(abs(float(z)) for z in scores if z)],
@@ -133,7 +136,7 @@ def list_goals(outcomes: Sequence[Outcome], hidden: Collection[str] = ()) -> lis
         ["warned [%]", "<= 15", _percent([bool(one.warnings) for one in outcomes], 1)],
         ["warned and narrow", "none", _share([one.misses for one in warned])],
         [f"ends of warned intervals, p >= {LEAST_PROBABILITY:g}", "<= 100", _median(wide)],
-        ["work over Monte Carlo's, each problem", "<= 1.5", ", ".join(dear) or "all"],
+        ["work over Monte Carlo's, each problem", "<= 1.5", ", ".join(dear) or f"all of {len(works)}"],
         [f"work, median of p < {SMALL_PROBABILITY:g}", "<= 0.3", _median(small)],
         ["passes of a threshold at p [%]", "<= 3.6", _percent([_passes(one) for one in outcomes], 1)],
         ["largest cost over the budget", "<= 1.1", _largest(one.used for one in outcomes)],

@@ -36,6 +36,13 @@ def find_names(sets: str, file: str = "") -> list[str]:
     return list(chain.from_iterable(SETS.get(name, (name,)) for name in sets.split(",")))
 
 
+def is_static(name: str, file: str = "") -> bool:
+    """Return whether a problem has no steps, so that no path can be split."""
+    if name in untuned_names():
+        return name.startswith("static")
+    return ":" not in name and find_problem(name, file)[0].steps == 0
+
+
 def find_problem(name: str, file: str = "") -> tuple[Problem, float]:
     """Return a problem and its probability; SCENARIO:SPECIFICATION is one of ``studies.levels.read_case``."""
     if ":" in name:

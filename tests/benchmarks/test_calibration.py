@@ -5,7 +5,6 @@ import random
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,11 +19,10 @@ from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.problems.driving import systems
 from benchmarks.calibration.problems.problem import rolled
-from benchmarks.calibration.report import KEPT, page, table
+from benchmarks.calibration.report import KEPT
 from benchmarks.calibration.scope import BUDGETS
 from benchmarks.calibration.summary import Row, best, rows_of
 from benchmarks.calibration.tools import TOOLS, gams_tools
-from benchmarks.calibration.words import REASONS
 from benchmarks.studies import kept
 
 SAME = {
@@ -134,10 +132,9 @@ def test_textbook_splitting_is_unbiased():
     assert ratios.std(ddof=1) < 1.0
 
 
-def test_every_tool_has_an_adapter_and_a_reason():
+def test_every_tool_has_an_adapter():
     for tool in TOOLS.values():
         assert importlib.util.find_spec(tool.module)
-        assert tool.name in REASONS or tool.name.startswith("avrare")
 
 
 def cell(estimate, low, high, warnings=(), seed=0, tool="avrare mc", evaluations=1000.0):
@@ -155,14 +152,6 @@ def test_shares_of_a_row():
     assert (row.wrong, row.answered, row.covers) == (1, pytest.approx(4 / 6), pytest.approx(1 / 4))
     assert row.warned == pytest.approx(1 / 6)
     assert row.mean == pytest.approx((1 + 0.8 + 0.1 + 0.1 + 0.0) / 5)
-
-
-def test_what_covers_is_told_of_answers_without_a_warning():
-    p = problems()["walk_2.5"].probability
-    held, missed = cell(p, 0.5 * p, 2 * p), cell(0.5 * p, 0.4 * p, 0.9 * p)
-    warned = cell(0.1 * p, 0.05 * p, 0.2 * p, ("few_roots",))
-    row = Row("avrare mc", "recommended", problems()["walk_2.5"], 1000, (held, held, missed, warned))
-    assert "far off 1 of 1; unwarned intervals cover 66.7% of 3" in scope.warned_text([row])
 
 
 def test_first_is_the_cheapest_that_may_be_trusted():
@@ -246,31 +235,28 @@ def test_cells_survive_a_torn_line(tmp_path):
     assert cells.read(tmp_path) == [cell(1e-2, 1e-3, 2e-2)]
 
 
-def test_page_and_table_have_every_row():
+def test_coverage_without_a_warning_leaves_out_what_is_warned_of():
+    p = problems()["walk_2.5"].probability
+    held, missed = cell(p, 0.5 * p, 2 * p), cell(0.5 * p, 0.4 * p, 0.9 * p)
+    warned = cell(0.1 * p, 0.05 * p, 0.2 * p, ("few_roots",))
+    (line,) = report.tool_table(rows_of([held, held, missed, warned]))
+    assert (line["covers"], line["covers unwarned"], line["warned"]) == ("50.0", "66.7", "25.0")
+    assert (line["covers, d <= 10"], line["covers, d > 10"]) == ("", "50.0")
+
+
+def test_the_tables_have_every_row():
     p = problems()["walk_2.5"].probability
     tools = [*list(TOOLS)[:2], *list(TOOLS)[-5:]]
     rows = rows_of(
         cell((0.9 + 0.1 * seed) * p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in tools
     )
-    first = "| walk_2.5 | 0.011 | 100 | avrare ams |"
-    assert first in page(rows)
-    assert first not in page(rows[:-1])
-    assert len(table(rows).splitlines()) == 1 + len(tools)
-
-
-def test_what_is_missing_follows_from_the_cells():
-    p = problems()["walk_2.5"].probability
-    rows = rows_of(cell(p, p / 2, 2 * p, (), 0, tool) for tool in ("avrare mc", "pytams tams"))
-    steps = sum(one.system is not None for one in problems().values())
-    text = scope.missing_text(rows, rows)
-    assert f"`pytams tams` {steps - 1} of {steps}" in text
-    assert "*recommended* at 1,000" not in text
-    assert "*recommended* at 100,000" in text
-    assert "No tool warned" in scope.warned_text(rows)
-    warned = rows_of([cell(p, p / 2, 2 * p, ("few_roots",))])
-    assert "`avrare mc` of 100% (`few_roots` 100%; far off 0 of 1)" in scope.warned_text(warned)
-    off = rows_of([cell(p, 4 * p, 5 * p, ("few_roots",)), cell(p, p / 2, 2 * p, ("few_roots",), 1)])
-    assert "far off 1 of 2" in scope.warned_text(off)
+    assert len(report.cell_table(rows)) == len(tools)
+    shown = [line.split(" | ")[0] for line in report.shown_lines(rows)[2:]]
+    assert shown == [f"| {tool}" for tool in sorted(tools)]
+    (line,) = report.first_table(rows)
+    assert (line["problem"], line["first"], line["behind"]) == ("walk_2.5", "avrare ams", "")
+    assert not report.first_table(rows[:-1])
+    assert len(report.problem_table()) == len(problems())
 
 
 def test_a_tool_with_too_few_answers_is_not_judged():
@@ -278,49 +264,17 @@ def test_a_tool_with_too_few_answers_is_not_judged():
     others = list(TOOLS)[-5:]
     rows = rows_of(cell(p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in others)
     rows += rows_of([cell(p, p / 2, 2 * p, (), 0, "avrare mc")])
-    told = scope.wins_lines([("walk_2.5", others[0])], rows)
-    assert told[0] == f"- {others[0]}: walk_2.5."
-    assert told[1] == f"- First nowhere: {', '.join(others[1:])}."
-    assert "avrare mc" in told[2]
-    assert others[1] not in told[2]
-    (line,) = [one for one in page(rows).splitlines() if one.startswith("| avrare mc | recommended")]
-    assert line.split(" | ")[10:12] == ["", ""]
-
-
-def test_few_answers_resolve_little():
-    assert scope.resolution(1)["least"] == "5%"
-    assert scope.resolution(20)["least"] == "86%"
-    assert float(scope.order(20)["factor"]) == pytest.approx(2.46, abs=0.05)
-
-
-def test_reasons_for_no_answer_are_grouped_without_their_numbers():
-    lost = [
-        replace(cell(None, None, None, (), seed), reason=f"gave up after {seed} calls | at point [{seed}]")
-        for seed in range(3)
-    ]
-    assert "| avrare mc | gave up after N calls / | 1 | walk_2.5 |" in scope.silent_lines(rows_of(lost))
-
-
-def test_a_win_without_a_reason_is_seen(monkeypatch):
-    p = problems()["walk_2.5"].probability
-
-    def rows(spread):
-        return rows_of(
-            cell((1.0 + spread[tool.startswith("avrare")] * (seed - 1)) * p, p / 2, 2 * p, (), seed, tool)
-            for seed in range(3) for tool in ["avrare ess", "avrare mc", *list(TOOLS)[-5:]]
-        )  # fmt: skip
-
-    assert "reason missing" not in page(rows((0.1, 0.3)))
-    monkeypatch.setattr(report, "REASONS", {})
-    assert "**reason missing**" in page(rows((0.1, 0.3)))
-    assert "reason missing" not in page(rows((0.3, 0.1)))
+    judged = {line["tool"]: (line["trusted on"], line["first on"]) for line in report.tool_table(rows)}
+    assert judged.pop("avrare mc") == ("", "")
+    assert all(trusted == "1" for trusted, _ in judged.values())
+    assert sorted(first for _, first in judged.values()) == ["0", "0", "0", "0", "1"]
 
 
 def test_an_interval_from_zero_is_infinitely_wide():
     p = problems()["walk_2.5"].probability
     (row,) = rows_of([cell(p, p / 2, 2 * p), cell(0.0, 0.0, p, (), 1), cell(0.0, 0.0, p, (), 2)])
     assert row.width == np.inf
-    assert "| 100 and more |" in page([row])
+    assert report.tool_table([row])[0]["width"] == "inf"
 
 
 def agree(one, other):
