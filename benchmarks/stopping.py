@@ -1,4 +1,4 @@
-"""Coverage and cost of estimates that stop at a relative error, written into docs/stopping.md.
+"""Coverage and cost of estimates that stop at a relative error, written into docs/statistics/stopping.csv.
 
     OMP_NUM_THREADS=1 python benchmarks/stopping.py [--estimates 1000]     # about five minutes
 
@@ -25,9 +25,13 @@ from avrare_estimators.common.looks import Looks
 from benchmarks.studies.run_intervals import interval_of_runs
 from benchmarks.studies.untuned_problems import untuned_problems
 
-PAGE = Path(__file__).parents[1] / "docs" / "stopping.md"
+TABLE = Path(__file__).parents[1] / "docs" / "statistics" / "stopping.csv"
 FIRST, MOST, CONFIDENCE = 10, 320, 0.95
 GOALS = (0.2, 0.1)
+HEADS = (
+    "runs,goal,estimates,mean / truth,standard error,spread,cover,unpaid,"
+    "fixed,mean runs,fixed runs,at the cap"
+)
 RUNS = 1000
 """Runs of an estimator on a problem, from which estimates draw with replacement."""
 _CHUNK = 50_000
@@ -74,17 +78,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--estimates", type=int, default=1000, help="in each row (default 1000)")
     estimates = parser.parse_args().estimates
-    rows = []
+    rows = [HEADS]
     for source in (*drawn(), *estimated()):
         values = source.draw(estimates)
         for goal in GOALS:
             rows.append(row(source, values, goal, estimates))
             print(rows[-1], flush=True)
-    text = PAGE.read_text(encoding="utf-8")
-    head, rest = text.split("<!-- coverage -->\n")
-    table, tail = rest.split("\n\n", 1)
-    lines = table.splitlines()[:2]
-    PAGE.write_text("\n".join([head + "<!-- coverage -->", *lines, *rows, "", tail]), encoding="utf-8")
+    TABLE.write_text("".join(f"{line}\n" for line in rows), encoding="utf-8")
 
 
 def drawn() -> Iterator[Source]:
@@ -145,9 +145,8 @@ def row(source: Source, values: Floats, goal: float, most: int) -> str:
     error = spread / math.sqrt(len(found))
     shares = [np.mean([getattr(one, name) for one in found]) for name in ("covers", "naive", "capped")]
     return (
-        f"| {source.name} | {goal:g} | {len(found):,} | {mean:.3f} ± {error:.3f} | {spread:.2f} "
-        f"| {shares[0]:.3f} | {shares[1]:.3f} | {fixed:.3f} | {runs.mean():.0f} | {fixed_runs} "
-        f"| {shares[2]:.1%} |"
+        f'"{source.name}",{goal:g},{len(found)},{mean:.3f},{error:.3f},{spread:.2f},'
+        f"{shares[0]:.3f},{shares[1]:.3f},{fixed:.3f},{runs.mean():.0f},{fixed_runs},{shares[2]:.3f}"
     )
 
 

@@ -28,8 +28,7 @@ ELSEWHERE = {
     "docs/av-engineers-hour.md": (CONFORMANCE, ".*"),
     "docs/researchers-hour.md": (CONFORMANCE, ".*"),
     "docs/write-a-plugin.md": (CONFORMANCE, ".*"),
-    "docs/concepts/executor.md": (CONFORMANCE, ".*"),
-    "docs/concepts/specification.md": (CONFORMANCE, ".*"),
+    "docs/concepts.md": (CONFORMANCE, ".*"),
     "docs/running.md": ("tests/cli/resume/test_docs.py", ".*"),
     "docs/your-own-simulator.md": ("tests/worlds/test_docs.py", ".* hover.yaml.*"),
 }

@@ -6,7 +6,7 @@ the runs stays unbiased.
 An estimate that may stop at one of several looks, at each with an interval of its own, misses the truth at
 most as often as all of these intervals together (Bonferroni). It may therefore stop by any rule. Here it
 stops by the scatter of its runs, which leans towards samples that have missed their tail: an interval at the
-full confidence would then cover too seldom (docs/stopping.md).
+full confidence would then cover too seldom (docs/statistics.md).
 """
 
 from __future__ import annotations
