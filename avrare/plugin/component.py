@@ -149,6 +149,8 @@ class Component:
             name.
         cross_check: Role of an estimator in cross-checks; it then has ``scaled``. None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
+        shares_rollouts: True for an estimator that judges all specifications on the same rollouts: a budget
+            for several is not divided among them.
         charts: ``"package.module:function"`` that draws an estimator's results for the report: called with a
             ``Result``, it returns a tuple of ``avrare.base.chart.Chart``. Default: a histogram of robustness,
             and the convergence over several runs.
@@ -170,6 +172,7 @@ class Component:
     cross_check: CheckRole | None = None
     auto: AutoRole | None = None
     charts: str = CHARTS
+    shares_rollouts: bool = False
 
     def __post_init__(self) -> None:
         """Take the name for the family where none is given."""

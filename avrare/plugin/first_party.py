@@ -24,6 +24,7 @@ def avrare_components() -> list[Component]:
             summary="plain Monte Carlo, with Clopper-Pearson intervals",
             cross_check=CheckRole(order=90),
             charts="avrare.estimation.monte_carlo.charts:draw_charts",
+            shares_rollouts=True,
         ),
         Component(
             kind="estimator",
@@ -31,13 +32,6 @@ def avrare_components() -> list[Component]:
             config="avrare.estimation.choice.auto_config:AutoConfig",
             factory="avrare.estimation.choice.auto:build",
             summary="chooses for each specification by a Monte Carlo pilot",
-        ),
-        Component(
-            kind="estimator",
-            name="mfmc",
-            config="avrare.estimation.monte_carlo.mfmc_config:MfmcConfig",
-            factory="avrare.estimation.monte_carlo.mfmc:build",
-            summary="two fidelities: a cheap twin on many tapes, the stack itself on those that matter",
         ),
         Component(
             kind="executor",
@@ -57,7 +51,7 @@ def avrare_components() -> list[Component]:
 
 
 _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
-    "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess", "smc")},
+    "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess", "mfmc", "smc")},
     "avrare-example": {"simulator": ("tank",), "specification": ("spillage",)},
     "avrare-flows": {"simulator": ("transformed",)},
     "avrare-glider": {"simulator": ("glider",)},
@@ -85,6 +79,9 @@ FIRST_PARTY = {
     for name in names
 }
 """(kind, name) of a component -> the distribution of this project that provides it."""
+
+TWIN_ESTIMATOR = "mfmc"
+"""Estimator of scenarios with a cheap twin that name none."""
 
 PACKAGES = {
     "PIL": "pillow",

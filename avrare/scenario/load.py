@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean, require_path
 from avrare.base.late_import import late_import
 from avrare.plugin.component import Component
+from avrare.plugin.first_party import TWIN_ESTIMATOR
 from avrare.plugin.option_marks import FILE
 from avrare.plugin.options import Options
 from avrare.plugin.registry import Registry, Row, default_registry
@@ -66,7 +67,7 @@ def _with_estimator(tree: Node, chosen: str | Node | None) -> Node:
         return tree
     if not isinstance(chosen, Node):
         mark = tree.mark if chosen is None else Mark("--estimator")
-        default = "mfmc" if tree.entries_at("cheap") else "auto"
+        default = TWIN_ESTIMATOR if tree.entries_at("cheap") else "auto"
         chosen = Node.of({"plugin": default if chosen is None else chosen}, mark)
     return Node({**tree.entries, "estimator": chosen}, tree.mark, tree.key)
 

@@ -298,7 +298,7 @@ def test_schema_holds_the_options_of_every_component(capsys):
     reference = box["properties"]["corners"]["items"]["$ref"]
     assert schema["$defs"][reference.removeprefix("#/$defs/")]["properties"]["x"]["type"] == "number"
     names = [choice["properties"]["plugin"]["const"] for choice in schema["properties"]["estimator"]["oneOf"]]
-    assert names == ["auto", "mc", "mfmc", "toy"]
+    assert names == ["auto", "mc", "toy"]
     assert "specifications" in schema["properties"]["estimator"]["oneOf"][0]["properties"]
 
 

@@ -46,10 +46,14 @@ def test_resolved_loads_to_the_same_scenario(read, good):
     assert fingerprint(again) == fingerprint(scenario)
 
 
-def test_a_cheap_twin_differs_where_it_says_so(read, good):
+def test_a_cheap_twin_is_for_two_fidelities_where_no_estimator_is_named(fails, good):
     text = good.replace("estimator: {plugin: toy, rollouts: 1e3}\n", "")
-    scenario = read(text + "cheap: {cost: 0.1, tracker: {delay: 1}, simulator: {gap: 30}}\n")
-    assert scenario.estimator.plugin == "mfmc"
+    lines, _ = fails(text + "cheap: {cost: 0.1, tracker: {delay: 1}}\n")
+    assert any("'mfmc': provided by avrare-estimators, which is not installed" in line for line in lines)
+
+
+def test_a_cheap_twin_differs_where_it_says_so(read, good):
+    scenario = read(good + "cheap: {cost: 0.1, tracker: {delay: 1}, simulator: {gap: 30}}\n")
     assert scenario.cheap_cost == 0.1
     assert (scenario.tracker.config.delay, scenario.cheap.tracker.config.delay) == (2, 1)
     assert scenario.cheap.simulator.config.gap == 30.0
@@ -58,8 +62,8 @@ def test_a_cheap_twin_differs_where_it_says_so(read, good):
     assert set(scenario.resolved["cheap"]) == {"cost", "simulator", "tracker"}
     again = read(dump(scenario.resolved))
     assert again == scenario
-    assert fingerprint(again) == fingerprint(scenario) != fingerprint(read(text))
-    without = read(text + "cheap: {tracker: null}\n")
+    assert fingerprint(again) == fingerprint(scenario) != fingerprint(read(good))
+    without = read(good + "cheap: {tracker: null}\n")
     assert without.cheap.tracker is None
     assert without.tracker is not None
     assert read(dump(without.resolved)) == without

@@ -12,6 +12,7 @@ from avrare.analysis.rates.catalogue_document import CatalogueDocument, SceneEnt
 from avrare.base.errors import AvrareError, ScenarioError, UsageError, did_you_mean, require_path
 from avrare.base.stored_files import open_regular
 from avrare.estimation.plan.budget import Budget
+from avrare.plugin.registry import default_registry
 from avrare.scenario.load import check_estimator, load
 from avrare.scenario.safe_mode import TRUST, is_safe, refuse_outside
 from avrare.scenario.schema import Scenario
@@ -21,8 +22,6 @@ from avrare.scenario.yaml import MAX_BYTES, parse
 
 FROM_FILE = "scenario"
 """Estimator of a scene that stands for the one of its scenario file."""
-TOGETHER = ("mc", "mfmc")
-"""Estimators that judge all rules on the same rollouts; others have a budget for each rule."""
 
 Phase = Literal["own", "pilot", "scenes"]
 
@@ -77,7 +76,8 @@ class Catalogue:
             return None
         whole = entry.budget.budget
         name = self.scenario(index, "own", 0).estimator.plugin
-        parts = 1 if name in TOGETHER else len(self.own[index])
+        shared = default_registry().get("estimator", name).shares_rollouts
+        parts = 1 if shared else len(self.own[index])
         return Budget(whole.kind, whole.amount / parts)
 
     def own_cost(self, kind: str, steps: Sequence[int]) -> float:

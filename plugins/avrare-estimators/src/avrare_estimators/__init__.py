@@ -53,6 +53,14 @@ def avrare_components() -> list[Component]:
         ),
         Component(
             kind="estimator",
+            name="mfmc",
+            config="avrare_estimators.two_fidelities.config:MfmcConfig",
+            factory="avrare_estimators.two_fidelities.estimator:build",
+            summary="two fidelities: a cheap twin on many tapes, the stack itself on those that matter",
+            shares_rollouts=True,
+        ),
+        Component(
+            kind="estimator",
             name="smc",
             config="avrare_estimators.smc.config:SmcConfig",
             factory="avrare_estimators.smc.estimator:build",

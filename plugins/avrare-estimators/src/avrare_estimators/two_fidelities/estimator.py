@@ -17,10 +17,7 @@ from avrare.base.number_format import format_percent
 from avrare.estimation.checks.result_builder import add_counts
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
-from avrare.estimation.monte_carlo.mfmc_config import MfmcConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo.tape_recorder import Record, Recorder, draw_tapes, take_record
-from avrare.estimation.monte_carlo.two_phase import Design, plan_design, scaled
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import FAILURE_LIMIT, Execute
 from avrare.estimation.plan.settings import Settings
@@ -33,6 +30,9 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 from avrare.rollout.twin import Twin, check_twin, measure_cost
+from avrare_estimators.two_fidelities.config import MfmcConfig
+from avrare_estimators.two_fidelities.tape_recorder import Record, Recorder, draw_tapes, take_record
+from avrare_estimators.two_fidelities.two_phase import Design, plan_design, scaled
 
 _SEED_KEY = 0x2F1D
 _LEAST_PILOT = 50

@@ -11,11 +11,11 @@ import avrare
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.base.errors import UsageError
 from avrare.estimation.combine.ensemble import combine
-from avrare.estimation.monte_carlo.two_phase import plan_design, scaled
 from avrare.estimation.result import intervals
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
+from avrare_estimators.two_fidelities.two_phase import plan_design, scaled
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 
