@@ -5,7 +5,7 @@
 
 Prints each model's scores on the held-out fifth, its counts of large errors, misses and misses after a miss
 beside those of the data, what it says of a car straight ahead in full view, and how long 250 worlds of 3
-vehicles take. Needs the training extra of avrare-gp-pem (scipy), but trains nothing.
+vehicles take. Needs the training extra of avrare-pem-training (scipy), but trains nothing.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from avrare_gp_pem.runtime.models import build_gp
 from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE
 from avrare_gp_pem.runtime.store import load, locate
 from avrare_gp_pem.runtime.visibility import relative, visibility
-from avrare_gp_pem.training.cleaning import CleanedData, clean
-from avrare_gp_pem.training.counts import count_events, misses_after_misses
-from avrare_gp_pem.training.persistence import describe_persistence
-from avrare_gp_pem.training.report import summary
-from avrare_gp_pem.training.scores import evaluate
-from avrare_gp_pem.training.table import read_table
+from avrare_pem_training.cleaning import CleanedData, clean
+from avrare_pem_training.counts import count_events, misses_after_misses
+from avrare_pem_training.persistence import describe_persistence
+from avrare_pem_training.report import summary
+from avrare_pem_training.scores import evaluate
+from avrare_pem_training.table import read_table
 
 MODELS = ("measured", "best", "paper", "literal", "pointpillars")
 RANGES = (5.0, 10.0, 20.0, 30.0, 40.0, 45.0, 50.0, 55.0, 60.0)

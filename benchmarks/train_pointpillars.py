@@ -8,7 +8,7 @@ extra (torch, pyro, scipy). Writes DIR/NAME.npz, and DIR/NAME.json with scores o
 Two text files hold one row per vehicle. Inputs: x (right), y (forward), yaw, length, width, height,
 visibility category. Labels: detected, error in x, y and yaw (truth minus estimate), -1000 where undetected.
 Of rows with the same inputs only the first is used, and only vehicles more than ``--oblique`` degrees off
-both axes of the ego (see ``avrare_gp_pem.training.cleaning`` for the artefact of label matching). Errors of
+both axes of the ego (see ``avrare_pem_training.cleaning`` for the artefact of label matching). Errors of
 yaw are not modelled.
 """
 
@@ -33,10 +33,10 @@ from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.store import save
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import FittedPem, Variant
-from avrare_gp_pem.training.cleaning import off_axis
-from avrare_gp_pem.training.fit_gp import ProbitDetection, Schedule, StudentErrors, export, fit_process
-from avrare_gp_pem.training.pipeline import fit_base_scale
-from avrare_gp_pem.training.scores import detection_scores
+from avrare_pem_training.cleaning import off_axis
+from avrare_pem_training.fit_gp import ProbitDetection, Schedule, StudentErrors, export, fit_process
+from avrare_pem_training.pipeline import fit_base_scale
+from avrare_pem_training.scores import detection_scores
 
 Floats = NDArray[np.float64]
 

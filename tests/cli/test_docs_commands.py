@@ -43,7 +43,7 @@ NOT_RUN = {
     r"avrare run .* --executor ray .*": "needs a cluster; plugins/avrare-ray has tests of the executor",
     r"avrare run scenarios/merge_metadrive.yaml( .*)?": "needs MetaDrive in an environment of its own",
     r"avrare policy convert ppo_merge.zip .*": "needs a trained archive; avrare-policy's tests convert some",
-    r"avrare pem fit .*": "a fit of minutes; avrare-gp-pem's tests fit logs",
+    r"avrare pem fit .*": "a fit of minutes; avrare-pem-training's tests fit logs",
     r"avrare run .* --set perception.model=(models|fitted)/.*": "needs the fit before it",
     r"avrare run .* --set perception.tail_scale=.*": "thousands of drives; avrare-gp-pem's tests",
     r"avrare run scenarios/lane_change_distributed.yaml .*": "thousands; tests/stack/test_drawn_start.py",

@@ -70,7 +70,7 @@ def test_observed_is_truth_minus_error_in_the_frame_of_the_vehicle(make, angle):
 
 def test_error_of_the_data_frame_comes_back(make):
     # the error of a label, taken to the vehicle's axes and back through a world, is the label's
-    from avrare_gp_pem.training.table import BOX, ERRORS, errors_in, make_table
+    from avrare_pem_training.table import BOX, ERRORS, errors_in, make_table
 
     yaw, error = 2.0, np.array([0.3, -0.4])  # error in right, forward
     row = (5.0, 20.0, yaw, 4.5, 1.8, 1.7, 4.0, 1.0, *error, 0.0)

@@ -7,7 +7,7 @@ import pytest
 
 from avrare_gp_pem.runtime.gp import DiagonalGp, SparseGp
 from avrare_gp_pem.runtime.store import FOLDER, load, locate, save
-from avrare_gp_pem.training.cleaning import off_axis
+from avrare_pem_training.cleaning import off_axis
 
 DATA = Path(__file__).parents[4] / "shared" / "data" / "perception"
 
@@ -148,7 +148,7 @@ def test_inducing_points_are_not_rows_of_the_data(name):
     if not DATA.is_dir():
         pytest.skip("the training data is not here")
     from avrare_gp_pem.runtime.features import features
-    from avrare_gp_pem.training.text_tables import convert
+    from avrare_pem_training.text_tables import convert
 
     rows, model = convert(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt"), load(locate(name))
     for variant in (one for one in (model.clean, model.delivered) if one is not None):

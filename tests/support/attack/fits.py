@@ -18,7 +18,7 @@ FLOW = ["flow", "fit", "samples.npy", "--steps", "2", "--out", "fitted.npz"]
 @functools.cache
 def shorten():
     """Let fits of a logistic model take a handful of steps: what is attacked are their files."""
-    from avrare_gp_pem.training import pipeline
+    from avrare_pem_training import pipeline
 
     recipe, columns = pipeline.RECIPES["logistic"]
     short = replace(recipe, members=1, epochs=1, least_steps=2, least_gain=np.inf)

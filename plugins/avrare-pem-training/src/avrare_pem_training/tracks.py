@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from avrare_gp_pem.training.table import DetectionTable
+from avrare_pem_training.table import DetectionTable
 
 _MOST_ROWS = 80  # rows between two consecutive frames of a vehicle
 _FARTHEST = 20.0  # way of a vehicle, seen from the ego, between two frames [m]

@@ -25,7 +25,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Floats
-from avrare_gp_pem.training.table import BOX, ERRORS, DetectionTable, check_values, make_table
+from avrare_pem_training.table import BOX, ERRORS, DetectionTable, check_values, make_table
 
 _INPUTS = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "dim_h", "visibility")
 _FLAT_INPUTS = ("loc_x", "loc_z", "rot", "dim_l", "dim_w", "occlusion")

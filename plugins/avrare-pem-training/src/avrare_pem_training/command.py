@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from avrare.base.errors import ExitCode, PluginError, UsageError
 
 if TYPE_CHECKING:
-    from avrare_gp_pem.training.cleaning import CleanedData
+    from avrare_pem_training.cleaning import CleanedData
 
 _DATA = (
     "CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, height, "
@@ -107,9 +107,9 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _convert(args: argparse.Namespace) -> None:
-    from avrare_gp_pem.training.table import write_table
-    from avrare_gp_pem.training.text_tables import convert
-    from avrare_gp_pem.training.tracks import link_by_size
+    from avrare_pem_training.table import write_table
+    from avrare_pem_training.text_tables import convert
+    from avrare_pem_training.tracks import link_by_size
 
     rows = convert(args.inputs, args.labels)
     if args.period is not None:
@@ -123,9 +123,9 @@ def _fit(args: argparse.Namespace) -> None:
     _require_modules("torch", "scipy", "matplotlib", *(["pyro"] if args.model in ("gp", "literal") else []))
     if Path(args.name).name != args.name or args.name in ("", ".."):
         raise UsageError(f"--name: {args.name!r} is not a file name", "the folder goes into --out")
-    from avrare_gp_pem.training.bootstrap import fit_ensemble
-    from avrare_gp_pem.training.pipeline import FitPlan, fit_model
-    from avrare_gp_pem.training.report import provenance, write_report
+    from avrare_pem_training.bootstrap import fit_ensemble
+    from avrare_pem_training.pipeline import FitPlan, fit_model
+    from avrare_pem_training.report import provenance, write_report
 
     data = _read_data(args)
     _make_folder(args.out)
@@ -140,8 +140,8 @@ def _fit(args: argparse.Namespace) -> None:
 def _score(args: argparse.Namespace) -> None:
     _require_modules("scipy")
     from avrare_gp_pem.runtime.store import load, locate
-    from avrare_gp_pem.training.report import as_json, summary
-    from avrare_gp_pem.training.scores import evaluate, yaw_scores
+    from avrare_pem_training.report import as_json, summary
+    from avrare_pem_training.scores import evaluate, yaw_scores
 
     data, model = _read_data(args), load(locate(args.model))
     scores = {name: part.scores for name, part in evaluate(model, data).items()}
@@ -153,8 +153,8 @@ def _score(args: argparse.Namespace) -> None:
 
 
 def _read_data(args: argparse.Namespace) -> CleanedData:
-    from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.table import read_log
+    from avrare_pem_training.cleaning import clean
+    from avrare_pem_training.table import read_log
 
     rows, ghosts = read_log(args.data)
     try:
@@ -181,7 +181,9 @@ def _require_modules(*modules: str) -> None:
 
     missing = [module for module in modules if find_spec(module) is None]
     if missing:
-        raise PluginError(f"avrare pem needs {', '.join(missing)}", "pip install 'avrare-gp-pem[train]'")
+        raise PluginError(
+            f"avrare pem needs {', '.join(missing)}", "pip install 'avrare-pem-training[train]'"
+        )
 
 
 def _make_folder(path: Path) -> None:

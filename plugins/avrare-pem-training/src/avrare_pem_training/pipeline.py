@@ -14,15 +14,15 @@ from scipy.stats import t as student_t
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import AXES, COMMON, LITERAL, features
 from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors, split_flips
-from avrare_gp_pem.training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
-from avrare_gp_pem.training.cleaning import CleanedData
-from avrare_gp_pem.training.fit_networks import Recipe, Sample, fit_networks
-from avrare_gp_pem.training.ghost_log import describe_ghosts, fit_ghosts
-from avrare_gp_pem.training.persistence import describe_persistence, fit_persistence
-from avrare_gp_pem.training.table import DetectionTable, errors_in
+from avrare_pem_training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
+from avrare_pem_training.cleaning import CleanedData
+from avrare_pem_training.fit_networks import Recipe, Sample, fit_networks
+from avrare_pem_training.ghost_log import describe_ghosts, fit_ghosts
+from avrare_pem_training.persistence import describe_persistence, fit_persistence
+from avrare_pem_training.table import DetectionTable, errors_in
 
 if TYPE_CHECKING:
-    from avrare_gp_pem.training.fit_gp import Schedule
+    from avrare_pem_training.fit_gp import Schedule
 
 Report = Callable[[str], None]
 _BASELINE_COLUMNS = ("range", "reach", "cos_2aspect", "length", "width", "height", "visibility")
@@ -144,7 +144,7 @@ def _fit_variant(
 def _fit_literal_variant(
     rows: DetectionTable, plan: FitPlan, _: str, report: Report
 ) -> tuple[Variant, Recipe | None]:
-    from avrare_gp_pem.training.fit_literal import LITERAL_SCHEDULE, fit_literal  # needs pyro
+    from avrare_pem_training.fit_literal import LITERAL_SCHEDULE, fit_literal  # needs pyro
 
     columns, errors = features(rows, LITERAL), errors_in("ego", rows)
     mean, sd = columns.mean(axis=0), np.maximum(columns.std(axis=0), _MIN_SD)
@@ -172,7 +172,7 @@ def _fit_latents(
     sample: Sample, plan: FitPlan, distance: Floats, errors: Floats, report: Report
 ) -> tuple[Latents, UnseenRows, Recipe | None]:
     if plan.model == "gp":
-        from avrare_gp_pem.training.fit_gp import SCHEDULE, fit_gps  # needs pyro, networks do not
+        from avrare_pem_training.fit_gp import SCHEDULE, fit_gps  # needs pyro, networks do not
 
         schedule = replace(plan.schedule or SCHEDULE, seed=plan.seed)
         pair, mean, variance, rows = fit_gps(sample, schedule, report)

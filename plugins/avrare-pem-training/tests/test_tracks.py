@@ -8,8 +8,8 @@ import pytest
 from avrare.cli.main import main
 from avrare_gp_pem.runtime.features import Box
 from avrare_gp_pem.runtime.variant import MeasuredPersistence
-from avrare_gp_pem.training.table import make_table, read_table, write_table
-from avrare_gp_pem.training.tracks import link_by_size
+from avrare_pem_training.table import make_table, read_table, write_table
+from avrare_pem_training.tracks import link_by_size
 
 
 def table(right, forward, length, yaw=0.3):
@@ -67,7 +67,7 @@ def test_convert_with_a_period_links(tmp_path, capsys):
 
 
 def test_pairs_are_all_within_a_track_and_not_too_far_apart():
-    from avrare_gp_pem.training.persistence import track_pairs
+    from avrare_pem_training.persistence import track_pairs
 
     rows = table([0] * 6, [10] * 6, [4] * 6)
     rows = replace(rows, track=np.array([1, 2, 1, 1, np.nan, 2]), time=np.array([0, 0, 2.0, 9.0, 0, 3.0]))
@@ -81,7 +81,7 @@ def test_pairs_are_all_within_a_track_and_not_too_far_apart():
 def test_bivariate_normal_probability(correlation):
     from scipy.stats import multivariate_normal
 
-    from avrare_gp_pem.training.persistence import bivariate_normal
+    from avrare_pem_training.persistence import bivariate_normal
 
     points = np.array([[0.0, 0.0], [1.2, -0.4], [-2.0, -1.5], [2.5, 3.0]])
     exact = multivariate_normal(cov=[[1, correlation], [correlation, 1]]).cdf(points)
@@ -145,7 +145,7 @@ def persistent_log(tracks, frames, persistence, seed=0):
 
 
 def test_the_persistence_of_a_log_is_found():
-    from avrare_gp_pem.training.persistence import fit_persistence
+    from avrare_pem_training.persistence import fit_persistence
 
     truth = {"detection": 0.9, "detection_lasting": 0.3, "position": 0.6, "position_lasting": 0.15}
     found = fit_persistence(Known(), persistent_log(1500, 9, truth))
@@ -155,7 +155,7 @@ def test_the_persistence_of_a_log_is_found():
 
 
 def test_errors_drawn_anew_have_no_persistence():
-    from avrare_gp_pem.training.persistence import correlation_after, fit_persistence
+    from avrare_pem_training.persistence import correlation_after, fit_persistence
 
     found = fit_persistence(Known(), persistent_log(800, 6, {"speed": 1.0}))
     for part in (found.detection, found.position):
@@ -163,7 +163,7 @@ def test_errors_drawn_anew_have_no_persistence():
 
 
 def test_too_few_pairs_give_no_persistence():
-    from avrare_gp_pem.training.persistence import fit_persistence
+    from avrare_pem_training.persistence import fit_persistence
 
     assert fit_persistence(Known(), persistent_log(20, 3, {"speed": 1.0})) is None
     without = replace(persistent_log(300, 3, {"speed": 1.0}), track=np.full(900, np.nan))

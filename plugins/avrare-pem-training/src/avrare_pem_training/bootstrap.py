@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare_gp_pem.runtime.variant import FittedPem
-from avrare_gp_pem.training.cleaning import CleanedData
-from avrare_gp_pem.training.pipeline import Fit, Report, fit_model
+from avrare_pem_training.cleaning import CleanedData
+from avrare_pem_training.pipeline import Fit, Report, fit_model
 
 _BLOCKS = 50
 """Blocks that the training rows are cut into."""

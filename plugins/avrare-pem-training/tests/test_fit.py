@@ -9,15 +9,15 @@ import pytest
 from avrare.cli.main import main
 from avrare_gp_pem.runtime.features import Box
 from avrare_gp_pem.runtime.store import load
-from avrare_gp_pem.training.table import write_table
+from avrare_pem_training.table import write_table
 
 RANGES = np.array([10.0, 25.0, 40.0, 50.0, 70.0])
 
 
 def quick(model):
     """Return a plan that takes a second or two."""
-    from avrare_gp_pem.training.fit_gp import Schedule
-    from avrare_gp_pem.training.pipeline import RECIPES, FitPlan
+    from avrare_pem_training.fit_gp import Schedule
+    from avrare_pem_training.pipeline import RECIPES, FitPlan
 
     if model == "gp":
         schedule = Schedule(inducing=15, steps=200, batch=128, checks=1, weight=1.0, diagonal=True)
@@ -41,9 +41,9 @@ def cars(distance, yaw=None):
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["logistic", "student", "mlp", "gp"])
 def test_the_true_law_is_recovered(drive, model):
-    from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.pipeline import fit_model
-    from avrare_gp_pem.training.scores import evaluate
+    from avrare_pem_training.cleaning import clean
+    from avrare_pem_training.pipeline import fit_model
+    from avrare_pem_training.scores import evaluate
 
     data = clean(drive(5000))
     lines = []
@@ -67,9 +67,9 @@ def test_the_true_law_is_recovered(drive, model):
 
 @pytest.mark.slow
 def test_the_artefact_is_modelled_separately(drive):
-    from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.pipeline import fit_model
-    from avrare_gp_pem.training.scores import evaluate, yaw_scores
+    from avrare_pem_training.cleaning import clean
+    from avrare_pem_training.pipeline import fit_model
+    from avrare_pem_training.scores import evaluate, yaw_scores
 
     data = clean(drive(6000, artefact=True))
     fitted = fit_model(data, quick("mlp"), {}, lambda line: None).model
@@ -87,7 +87,7 @@ def test_the_artefact_is_modelled_separately(drive):
 
 @pytest.mark.parametrize(("least_gain", "steps"), [(np.inf, 20), (1e-2, 320), (0.2, 80)])
 def test_the_schedule_doubles_while_blocks_left_out_gain(least_gain, steps, monkeypatch):
-    from avrare_gp_pem.training import fit_networks as module
+    from avrare_pem_training import fit_networks as module
 
     losses = {20: 3.0, 40: 2.7, 80: 2.6, 160: 2.5, 320: 2.499, 640: 2.6}
     run = []
@@ -109,7 +109,7 @@ def test_the_schedule_doubles_while_blocks_left_out_gain(least_gain, steps, monk
 
 
 def test_a_longer_schedule_that_is_worse_is_not_kept(monkeypatch):
-    from avrare_gp_pem.training import fit_networks as module
+    from avrare_pem_training import fit_networks as module
 
     class Trainer:
         def __init__(self, sample, recipe, blocks, doubled):
@@ -125,7 +125,7 @@ def test_a_longer_schedule_that_is_worse_is_not_kept(monkeypatch):
 def test_tails_of_the_law_are_those_of_draws(drive):
     """Compare shares beyond z and beyond standard deviations with a sample of the law itself."""
     from avrare_gp_pem.runtime.student_t import student
-    from avrare_gp_pem.training.scores import ErrorFit
+    from avrare_pem_training.scores import ErrorFit
 
     bound = np.repeat([5.0, 20.0, 60.0], 100_000)
     power = np.tile([1.0, 0.7, 1.3, 1.0], len(bound) // 4)
@@ -172,8 +172,8 @@ def test_a_folder_in_place_of_a_file_is_refused(tmp_path, capsys):
 
 
 def test_scores_without_a_number_are_null(drive):
-    from avrare_gp_pem.training.report import as_json
-    from avrare_gp_pem.training.scores import detection_scores
+    from avrare_pem_training.report import as_json
+    from avrare_pem_training.scores import detection_scores
 
     scores = detection_scores(np.full(20, 0.9), np.ones(20, bool), 0.8)
     assert json.loads(as_json({"clean": scores}))["clean"]["detection_auc"] is None
@@ -219,7 +219,7 @@ def test_the_command_imports_nothing_heavy_at_first():
     import sys
 
     code = (
-        "import sys, argparse, avrare_gp_pem.command as c\n"
+        "import sys, argparse, avrare_pem_training.command as c\n"
         "c.add_arguments(argparse.ArgumentParser())\n"
         "assert not {'torch', 'pyro', 'scipy', 'matplotlib', 'numpy'} & set(sys.modules)\n"
     )

@@ -34,7 +34,7 @@ def variant():
 
 
 def unseen(errors, detected=None):
-    from avrare_gp_pem.training.calibration import UnseenRows
+    from avrare_pem_training.calibration import UnseenRows
 
     latents = np.zeros((len(errors), 5))
     seen = np.ones(len(errors), bool) if detected is None else detected
@@ -45,7 +45,7 @@ def unseen(errors, detected=None):
 
 def shares(calibrated, errors):
     """Return seen and own shares beyond 4 scales and 4 standard deviations, of both errors."""
-    from avrare_gp_pem.training.scores import error_fits
+    from avrare_pem_training.scores import error_fits
 
     one = np.full((len(errors),), 1.0)
     law = calibrated.law(Box(0 * one, 20 * one, 1.5 * one, 4.5 * one, 1.8 * one, 1.7 * one, 4 * one), 0.0)
@@ -55,7 +55,7 @@ def shares(calibrated, errors):
 
 
 def test_a_true_student_law_is_found_with_its_scale_and_detection():
-    from avrare_gp_pem.training.calibration import calibrate
+    from avrare_pem_training.calibration import calibrate
 
     rng = np.random.default_rng(0)
     errors = rng.standard_t([2.5, 4.0], (ROWS, 2)) * [0.3, 0.08]
@@ -67,7 +67,7 @@ def test_a_true_student_law_is_found_with_its_scale_and_detection():
 
 
 def test_far_tails_are_found_that_no_student_law_has():
-    from avrare_gp_pem.training.calibration import _ErrorsUnderLaws, _fit_error, calibrate
+    from avrare_pem_training.calibration import _ErrorsUnderLaws, _fit_error, calibrate
 
     rng = np.random.default_rng(1)  # like a Student-t with 2 degrees of freedom, then ever less
     errors = np.sinh(0.5 * np.arcsinh(rng.standard_t(2, (ROWS, 2)))) / 0.5 * [0.2, 0.1]
@@ -93,7 +93,7 @@ def nearby(power):
 
 
 def test_lighter_tails_nearby_are_found():
-    from avrare_gp_pem.training.calibration import calibrate
+    from avrare_pem_training.calibration import calibrate
 
     distance, errors = nearby(0.3)
     found = calibrate(variant(), replace(unseen(errors), distance=distance))
@@ -112,7 +112,7 @@ def test_lighter_tails_nearby_are_found():
 
 
 def test_misses_nearby_have_an_offset_that_few_rows_do_not_move():
-    from avrare_gp_pem.training.calibration import calibrate
+    from avrare_pem_training.calibration import calibrate
 
     rng = np.random.default_rng(5)
     distance = rng.uniform(0, 60, ROWS)
@@ -124,7 +124,7 @@ def test_misses_nearby_have_an_offset_that_few_rows_do_not_move():
 
 
 def test_errors_that_are_all_zero_are_accepted():
-    from avrare_gp_pem.training.calibration import calibrate
+    from avrare_pem_training.calibration import calibrate
 
     found = calibrate(variant(), unseen(np.zeros((500, 2))))
     assert np.isfinite(found.dof).all()
@@ -132,7 +132,7 @@ def test_errors_that_are_all_zero_are_accepted():
 
 
 def test_calibration_reads_no_errors_of_the_missed():
-    from avrare_gp_pem.training.calibration import calibrate
+    from avrare_pem_training.calibration import calibrate
 
     rng = np.random.default_rng(2)
     errors, detected = rng.standard_t(3, (2000, 2)), rng.uniform(size=2000) < 0.5

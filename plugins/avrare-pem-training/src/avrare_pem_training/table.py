@@ -30,7 +30,7 @@ from avrare.base.csv_table import read_csv_table
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.features import Box
-from avrare_gp_pem.training.ghost_log import GhostLog
+from avrare_pem_training.ghost_log import GhostLog
 
 BOX = ("right", "forward", "yaw", "length", "width", "height", "visibility")
 ERRORS = ("error_right", "error_forward", "error_yaw")

@@ -20,7 +20,7 @@ from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import MeasuredPersistence, Variant
-from avrare_gp_pem.training.table import DetectionTable, errors_in
+from avrare_pem_training.table import DetectionTable, errors_in
 
 LONGEST = 4.5
 """Frames of a track that are farther apart are no pair [s]."""

@@ -22,8 +22,8 @@ from torch import Tensor
 from torch.distributions import constraints
 
 from avrare_gp_pem.runtime.gp import NormalErrorGps
-from avrare_gp_pem.training.fit_gp import ProbitDetection, Schedule, export, fit_process
-from avrare_gp_pem.training.fit_networks import Sample
+from avrare_pem_training.fit_gp import ProbitDetection, Schedule, export, fit_process
+from avrare_pem_training.fit_networks import Sample
 
 LITERAL_SCHEDULE = Schedule(inducing=100, steps=3000, batch=256, checks=3, weight=1.0)
 _ERRORS = 2

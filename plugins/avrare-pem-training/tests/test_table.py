@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare_gp_pem.training.cleaning import clean, find_artefact
-from avrare_gp_pem.training.table import errors_in, read_table, write_table
-from avrare_gp_pem.training.text_tables import convert
+from avrare_pem_training.cleaning import clean, find_artefact
+from avrare_pem_training.table import errors_in, read_table, write_table
+from avrare_pem_training.text_tables import convert
 
 HEADER = "right,forward,yaw,length,width,height,visibility,detected,error_right,error_forward,error_yaw"
 GOOD = "1.5,20,1.5,4.5,1.8,1.6,4,1,0.1,-0.2,0.01"

@@ -61,11 +61,11 @@ def test_its_density_is_that_of_its_draws(make):
 
 @pytest.mark.slow
 def test_a_fit_finds_normal_errors(drive, tmp_path):
-    from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.fit_gp import Schedule
-    from avrare_gp_pem.training.pipeline import FitPlan, fit_model
-    from avrare_gp_pem.training.scores import evaluate
-    from avrare_gp_pem.training.table import make_table
+    from avrare_pem_training.cleaning import clean
+    from avrare_pem_training.fit_gp import Schedule
+    from avrare_pem_training.pipeline import FitPlan, fit_model
+    from avrare_pem_training.scores import evaluate
+    from avrare_pem_training.table import make_table
 
     rows = vars(drive(1500)).copy()
     errors = np.random.default_rng(1).normal(0, [[0.4], [0.2]], (2, 1500))

@@ -15,8 +15,8 @@ from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import FittedPem, Variant, split_flips
-from avrare_gp_pem.training.cleaning import CleanedData
-from avrare_gp_pem.training.table import DetectionTable, errors_in
+from avrare_pem_training.cleaning import CleanedData
+from avrare_pem_training.table import DetectionTable, errors_in
 
 AXIS_NAMES = {"vehicle": ("along", "across"), "ego": ("right", "forward")}
 """Names of the two errors, by frame."""

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.networks import Networks, networks
-from avrare_gp_pem.training.calibration import MIN_DOF
+from avrare_pem_training.calibration import MIN_DOF
 
 OUTPUTS = 5
 

@@ -10,15 +10,15 @@ from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import FittedPem
-from avrare_gp_pem.training.persistence import (
+from avrare_pem_training.persistence import (
     NEARBY,
     correlation_after,
     detection_bounds,
     pair_probability,
     track_pairs,
 )
-from avrare_gp_pem.training.scores import AXIS_NAMES
-from avrare_gp_pem.training.table import DetectionTable, errors_in
+from avrare_pem_training.scores import AXIS_NAMES
+from avrare_pem_training.table import DetectionTable, errors_in
 
 LARGE_ERRORS = (
     *((0.0, 10.0, 0.5), (9.0, 18.0, 1.0), (0.0, 20.0, 1.75)),

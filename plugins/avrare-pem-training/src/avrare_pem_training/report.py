@@ -13,15 +13,15 @@ from avrare.base.errors import UsageError
 from avrare_gp_pem.runtime.features import AXES
 from avrare_gp_pem.runtime.store import save
 from avrare_gp_pem.runtime.variant import FittedPem
-from avrare_gp_pem.training.cleaning import OBLIQUE, CleanedData
-from avrare_gp_pem.training.counts import count_events, misses_after_misses
-from avrare_gp_pem.training.ghost_log import describe_ghosts
-from avrare_gp_pem.training.persistence import NEARBY, describe_persistence
-from avrare_gp_pem.training.picture import draw
-from avrare_gp_pem.training.scores import AXIS_NAMES, TAILS, evaluate, yaw_scores
+from avrare_pem_training.cleaning import OBLIQUE, CleanedData
+from avrare_pem_training.counts import count_events, misses_after_misses
+from avrare_pem_training.ghost_log import describe_ghosts
+from avrare_pem_training.persistence import NEARBY, describe_persistence
+from avrare_pem_training.picture import draw
+from avrare_pem_training.scores import AXIS_NAMES, TAILS, evaluate, yaw_scores
 
 if TYPE_CHECKING:
-    from avrare_gp_pem.training.pipeline import FitPlan
+    from avrare_pem_training.pipeline import FitPlan
 
 Scores = Mapping[str, Mapping[str, float]]
 """Scores by part and name."""

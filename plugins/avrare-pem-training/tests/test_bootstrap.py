@@ -32,7 +32,7 @@ def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
 
 
 def test_blocks_are_drawn_with_replacement():
-    from avrare_gp_pem.training.bootstrap import draw_blocks
+    from avrare_pem_training.bootstrap import draw_blocks
 
     rows = draw_blocks(1003, np.random.default_rng(0))
     assert len(rows) == pytest.approx(1003, abs=50)
@@ -41,9 +41,9 @@ def test_blocks_are_drawn_with_replacement():
 
 
 def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
-    from avrare_gp_pem.training import pipeline
-    from avrare_gp_pem.training.bootstrap import fit_ensemble
-    from avrare_gp_pem.training.cleaning import clean
+    from avrare_pem_training import pipeline
+    from avrare_pem_training.bootstrap import fit_ensemble
+    from avrare_pem_training.cleaning import clean
 
     recipes = []
 
@@ -67,9 +67,9 @@ def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
 
 @pytest.mark.slow
 def test_refits_scatter_as_the_data_leave_them(drive):
-    from avrare_gp_pem.training.bootstrap import fit_ensemble
-    from avrare_gp_pem.training.cleaning import clean
-    from avrare_gp_pem.training.pipeline import RECIPES, FitPlan, fit_model
+    from avrare_pem_training.bootstrap import fit_ensemble
+    from avrare_pem_training.cleaning import clean
+    from avrare_pem_training.pipeline import RECIPES, FitPlan, fit_model
 
     recipe = replace(RECIPES["logistic"][0], members=3, epochs=8, least_steps=250, least_gain=np.inf)
     spreads = []

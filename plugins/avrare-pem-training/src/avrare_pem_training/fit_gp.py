@@ -22,7 +22,7 @@ from torch.distributions import StudentT, constraints
 
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
-from avrare_gp_pem.training.fit_networks import Sample
+from avrare_pem_training.fit_networks import Sample
 
 _JITTER = 1e-5
 _FIRST_RATE, _LAST_RATE = 0.03, 0.0003

@@ -11,8 +11,8 @@ from avrare.cli.main import main
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.models import build_gp, build_parametric
 from avrare_gp_pem.runtime.store import load
-from avrare_gp_pem.training.ghost_log import GhostLog, fit_ghosts
-from avrare_gp_pem.training.table import read_log, read_table
+from avrare_pem_training.ghost_log import GhostLog, fit_ghosts
+from avrare_pem_training.table import read_log, read_table
 
 HEADER = "right,forward,yaw,length,width,detected,error_right,error_forward,track,time,ghost"
 CAR = "1,20,1.5,4.5,1.8,1,0.1,0.2,1"

@@ -20,8 +20,8 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
-from avrare_gp_pem.training.ghost_log import GhostLog
-from avrare_gp_pem.training.table import BOX, DetectionTable
+from avrare_pem_training.ghost_log import GhostLog
+from avrare_pem_training.table import BOX, DetectionTable
 
 OBLIQUE = 10.0
 """Vehicles nearer than this to an axis of the ego may be affected by the artefact [degrees]."""

@@ -11,8 +11,8 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.student_t import student
-from avrare_gp_pem.training.cleaning import off_axis
-from avrare_gp_pem.training.scores import AXIS_NAMES, TAILS, ScoredRows, error_fits
+from avrare_pem_training.cleaning import off_axis
+from avrare_pem_training.scores import AXIS_NAMES, TAILS, ScoredRows, error_fits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

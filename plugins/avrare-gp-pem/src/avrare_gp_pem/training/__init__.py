@@ -1,1 +1,0 @@
-"""Fitting a perception error model to a detector's output; needs the ``train`` extra."""
