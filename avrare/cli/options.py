@@ -184,31 +184,30 @@ OPTIONS: dict[str, Options] = {
     "failures list": FAILURES,
     "failures blob": {"id ID": "", **FAILURES},
     "failures add": {"run DIR": "folder written by `avrare run`", **FAILURES, **SAFE},
-    "kinds": {
+    "why": {
         "folder DIR": "run folder",
         "--specification NAME": "only this specification (default: all with failures)",
-        "--max-kinds N": ("largest number of kinds (default 6)", {"type": at_least(1), "default": 6}),
-        "--method NAME": (
-            "kmeans (default), or hdbscan (needs scikit-learn)",
-            {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
-        ),
-        "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
-        "--budget N": ("with --shrink: rollouts for each of them (default 3000)", {"type": at_least(2)}),
-        **OUTPUT,
-    },
-    "attribution": {
-        "folder DIR": "run folder",
-        "--specification NAME": "only this specification (default: all with failures)",
-        "--fresh N": (
-            "fresh tapes for each perfect part, which find the failures that it makes (default 1000)",
-            {**NATURAL, "default": 1000},
-        ),
-        "--channels": "give each noise channel a row of its own",
-        "--variant NAME:KEY=VALUE": (
-            "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
-            REPEATABLE,
-        ),
-        "--seed N": ("seed of the fresh noise; default: that of the run", NATURAL),
+        "kinds": {
+            "--max-kinds N": ("largest number of kinds (default 6)", {"type": at_least(1), "default": 6}),
+            "--method NAME": (
+                "kmeans (default), or hdbscan (needs scikit-learn)",
+                {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
+            ),
+            "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
+            "--budget N": ("with --shrink: rollouts for each of them (default 3000)", {"type": at_least(2)}),
+        },
+        "attribution": {
+            "--fresh N": (
+                "fresh tapes for each perfect part, which find the failures that it makes (default 1000)",
+                {**NATURAL, "default": 1000},
+            ),
+            "--channels": "give each noise channel a row of its own",
+            "--variant NAME:KEY=VALUE": (
+                "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
+                REPEATABLE,
+            ),
+            "--seed N": ("seed of the fresh noise; default: that of the run", NATURAL),
+        },
         **WORKERS,
         **RESUMABLE,
     },

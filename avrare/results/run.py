@@ -26,7 +26,7 @@ from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.result.result import Origin, Result, ResultMapping, Results
 from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.provenance import Provenance
-from avrare.results.stored_causes import ATTRIBUTION_FILE, KINDS_FILE
+from avrare.results.stored_causes import WHY_FILE
 from avrare.results.stored_results import (
     RUN_AGAIN,
     Name,
@@ -47,7 +47,7 @@ from avrare.scenario.yaml import MAX_BYTES, dump
 RESULT, PROVENANCE = "result.json", "provenance.json"
 _SCHEMA = 1
 """Format of result.json."""
-_DERIVED = (KINDS_FILE, ATTRIBUTION_FILE, "report.html", "nominal.png", "worst_*.png")
+_DERIVED = (WHY_FILE, "report.html", "nominal.png", "worst_*.png")
 """Patterns of the files that are made from a result: they do not belong to the next one in its folder."""
 
 

@@ -1,4 +1,4 @@
-"""Analyses of a run's failures that commands have written into its folder: kinds and attribution."""
+"""Causes of a run's failures that ``avrare why`` has written into its folder: kinds and attribution."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.base.visible_text import spell_line
 
-KINDS_FILE, ATTRIBUTION_FILE = "kinds.json", "attribution.json"
+WHY_FILE = "why.json"
 _AGAIN = "remove it, or let the command write it again"
-_Content = TypeVar("_Content", bound=BaseModel)
 _Text = Annotated[str, AfterValidator(spell_line)]
 
 
@@ -75,12 +74,9 @@ class StoredAttribution(_Stored):
 _Analysis = TypeVar("_Analysis", StoredKinds, StoredAttribution)
 
 
-class _KindsFile(_Stored):
-    kinds: dict[str, StoredKinds]
-
-
-class _AttributionFile(_Stored):
-    attribution: dict[str, StoredAttribution]
+class _WhyFile(_Stored):
+    kinds: dict[str, StoredKinds] = {}
+    attribution: dict[str, StoredAttribution] = {}
 
 
 @dataclass(frozen=True)
@@ -100,11 +96,10 @@ def read_causes(folder: Path | None, probabilities: Mapping[str, float]) -> Stor
     if folder is None:
         return StoredCauses()
     try:
-        kinds = _read(folder / KINDS_FILE, _KindsFile, _KindsFile(kinds={})).kinds
-        parts = _read(folder / ATTRIBUTION_FILE, _AttributionFile, _AttributionFile(attribution={}))
+        stored = _read(folder / WHY_FILE)
     except UsageError as error:
         return StoredCauses(problem=f"{error.message}.")
-    return StoredCauses(_select(kinds, probabilities), _select(parts.attribution, probabilities))
+    return StoredCauses(_select(stored.kinds, probabilities), _select(stored.attribution, probabilities))
 
 
 def _select(analyses: Mapping[str, _Analysis], probabilities: Mapping[str, float]) -> dict[str, _Analysis]:
@@ -115,11 +110,11 @@ def _select(analyses: Mapping[str, _Analysis], probabilities: Mapping[str, float
     }
 
 
-def _read(path: Path, model: type[_Content], absent: _Content) -> _Content:
+def _read(path: Path) -> _WhyFile:
     if not path.is_file():
-        return absent
+        return _WhyFile()
     try:
-        return model.model_validate(read_json(path, _AGAIN))
+        return _WhyFile.model_validate(read_json(path, _AGAIN))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

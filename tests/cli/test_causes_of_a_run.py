@@ -59,8 +59,8 @@ def test_a_scenario_that_was_changed_after_its_run_is_refused(run, tmp_path, cap
 
 
 def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
-    assert main(["attribution", str(run), "--out", str(run), "--fresh", "0"]) == 0
-    written = json.loads((run / "attribution.json").read_text())["attribution"]["left"]["perfect"]
+    assert main(["why", str(run), "--out", str(run), "--fresh", "0"]) == 0
+    written = json.loads((run / "why.json").read_text())["attribution"]["left"]["perfect"]
     assert all(row["low"] is None for row in written)
     stored = Run.read(run)
     savings = build_causes(
@@ -74,13 +74,13 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
 def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):
     # Numbers beyond the largest float: every rollout is an error.
     variant = "huge:simulator.A=[[1e300, 1e300], [1e300, 1e300]]"
-    assert main(["attribution", str(run), "--fresh", "5", "--variant", variant]) == 4
+    assert main(["why", str(run), "--fresh", "5", "--variant", variant]) == 4
     assert "rollouts with huge broke down" in capsys.readouterr().err
 
 
 def test_settings_of_one_variant_act_together(run, tmp_path):
     quiet = "simulator.process_noise=[0.0, 1e-9]", "simulator.initial.covariance=[1e-9, 1e-9]"
-    words = ["attribution", str(run), "--out", str(tmp_path), "--fresh", "0"]
+    words = ["why", str(run), "--out", str(tmp_path), "--fresh", "0"]
     words += [
         "--variant",
         f"both:{quiet[0]}",
@@ -90,7 +90,7 @@ def test_settings_of_one_variant_act_together(run, tmp_path):
         f"one:{quiet[0]}",
     ]
     assert main(words) == 0
-    rows = json.loads((tmp_path / "attribution.json").read_text())["attribution"]["left"]["perfect"]
+    rows = json.loads((tmp_path / "why.json").read_text())["attribution"]["left"]["perfect"]
     vanish = {row["perfect"]: row["vanish"] for row in rows}
     assert vanish["both"] == 1.0
     assert vanish["one"] < 1.0
@@ -99,8 +99,8 @@ def test_settings_of_one_variant_act_together(run, tmp_path):
 def test_command_and_function_draw_the_same_fresh_noise(run, tmp_path):
     scenario, folder = str(run.parent / "plane.yaml"), tmp_path / "seeded"
     assert main(["run", scenario, "--seed", "5", "--out", str(folder), "--quiet"]) == 0
-    assert main(["attribution", str(folder), "--fresh", "100", "--out", str(folder)]) == 0
-    written = json.loads((folder / "attribution.json").read_text())["attribution"]["left"]["noise"]
+    assert main(["why", str(folder), "--fresh", "100", "--out", str(folder)]) == 0
+    written = json.loads((folder / "why.json").read_text())["attribution"]["left"]["noise"]
     seeded, unseeded = (avrare.why(folder, fresh=100, seed=seed).attribution.table() for seed in (None, 0))
     assert written == json.loads(json.dumps(seeded))
     assert seeded != unseeded

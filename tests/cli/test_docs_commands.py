@@ -49,7 +49,7 @@ NOT_RUN = {
     r"avrare run scenarios/lane_change_distributed.yaml .*": "thousands; tests/stack/test_drawn_start.py",
     r"avrare flow fit .*": "avrare-flows' tests fit flows",
     r"avrare synthesize .*": "a descent of minutes; avrare-design's tests synthesise",
-    r"avrare (kinds|attribution) .*": "needs a large run; tests/cli/test_kinds.py and tests/analysis",
+    r"avrare why .*": "needs a large run; tests/cli/test_why.py and tests/analysis",
     r"avrare (sensitivity|require) .*": "needs perception; plugins/avrare-design/tests",
     r"avrare compare .* against.tracker.*": "needs a tracker; tests/analysis/compare",
     r"avrare rate .*": "needs drawn options; tests/analysis/rates/test_rates.py",

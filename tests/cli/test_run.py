@@ -193,7 +193,7 @@ def test_an_estimate_larger_than_the_machine_is_refused_at_once(tmp_path, capsys
     assert "hint: lower particles" in told
 
 
-@pytest.mark.parametrize("command", ["replay --run", "kinds", "attribution"])
+@pytest.mark.parametrize("command", ["replay --run", "why"])
 def test_where_all_rollouts_broke_down_no_failure_is_looked_for(drive, capsys, command):
     scenario = drive()
     assert main(["run", scenario, "--set", "simulator.breaks=-9", "--out", "broken", "--quiet"]) == 6

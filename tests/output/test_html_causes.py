@@ -16,17 +16,16 @@ def folder(made, tmp_path):
 
 @pytest.fixture
 def analysed(folder, capsys):
-    assert main(["kinds", str(folder), "--out", str(folder), "--specification", "left"]) == 0
-    words = ["attribution", str(folder), "--out", str(folder), "--specification", "left", "--fresh", "20"]
+    words = ["why", str(folder), "--out", str(folder), "--specification", "left", "--fresh", "20"]
     assert main(words) == 0
     capsys.readouterr()
     return folder
 
 
-def test_without_an_analysis_the_report_has_the_commands_that_make_it(folder):
+def test_without_an_analysis_the_report_has_the_command_that_makes_it(folder):
     page = render_report(folder)
-    assert f"avrare kinds {folder} --specification left --out {folder}" in page
-    assert f"avrare attribution {folder} --specification left --out {folder}" in page
+    assert f"avrare why {folder} --specification left --out {folder} --shrink" in page
+    assert "Kinds of failure, and what to fix first" in page
 
 
 def test_the_kinds_and_the_savings_are_shown(analysed):
@@ -35,59 +34,59 @@ def test_the_kinds_and_the_savings_are_shown(analysed):
     assert "x &lt; 1 is violated first" in page
     assert "What to fix first</h3>" in page
     assert "no noise beyond 2.5 sigma" in page
-    assert f"avrare kinds {analysed} --specification left --out {analysed} --shrink" in page
+    assert f"avrare why {analysed} --specification left --out {analysed} --shrink" in page
     section = page[page.index('id="specification-0"') : page.index('id="specification-1"')]
     assert "Not analysed" not in section
-    stored = json.loads((analysed / "kinds.json").read_text())["kinds"]["left"]
+    stored = json.loads((analysed / "why.json").read_text())["kinds"]["left"]
     assert f'href="#failure-left-{stored["kinds"][0]["representative"]}"' in section
     assert "failures in the plane of their two principal components" in section
 
 
 def test_without_fresh_tapes_the_failures_that_vanish_are_shown_alone(analysed, capsys):
-    words = ["attribution", str(analysed), "--out", str(analysed), "--specification", "left", "--fresh", "0"]
+    words = ["why", str(analysed), "--out", str(analysed), "--specification", "left", "--fresh", "0"]
     assert main(words) == 0
     page = render_report(analysed)
     table = page[page.index("What to fix first</h3>") :]
     table = table[: table.index("</table>")]
     assert "unknown" not in table
     assert "Saves" not in table
-    first = json.loads((analysed / "attribution.json").read_text())["attribution"]["left"]["perfect"][0]
+    first = json.loads((analysed / "why.json").read_text())["attribution"]["left"]["perfect"][0]
     assert 0.0 < first["vanish_low"] < first["vanish"] <= first["vanish_high"] <= 1.0
     assert f"{100 * first['vanish_low']:.0f} – {100 * first['vanish_high']:.0f} %" in table
 
 
 def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
-    stored = json.loads((analysed / "kinds.json").read_text())
+    stored = json.loads((analysed / "why.json").read_text())
     stored["kinds"]["left"]["kinds"][0] |= {"decisive": "car 0.2 m too far left", "lost": "lost at t = 1.0 s"}
-    (analysed / "kinds.json").write_text(json.dumps(stored))
+    (analysed / "why.json").write_text(json.dumps(stored))
     page = render_report(analysed)
     assert "It needs only this: car 0.2 m too far left." in page
     assert "<p>Lost at t = 1.0 s.</p>" in page
 
 
 def test_a_seventh_kind_has_a_colour_of_the_sheet(analysed):
-    stored = json.loads((analysed / "kinds.json").read_text())
+    stored = json.loads((analysed / "why.json").read_text())
     stored["kinds"]["left"]["kinds"][0] |= {"kind": 7}
-    (analysed / "kinds.json").write_text(json.dumps(stored))
+    (analysed / "why.json").write_text(json.dumps(stored))
     assert '<span class="number kind-0">7</span>' in render_report(analysed)
 
 
 def test_an_analysis_of_another_result_is_not_shown(analysed):
-    stored = json.loads((analysed / "kinds.json").read_text())
+    stored = json.loads((analysed / "why.json").read_text())
     stored["kinds"]["left"]["probability"] *= 1.01
-    (analysed / "kinds.json").write_text(json.dumps(stored))
+    (analysed / "why.json").write_text(json.dumps(stored))
     assert "x &lt; 1 is violated first" not in render_report(analysed)
 
 
 def test_a_damaged_analysis_is_a_note(analysed):
-    (analysed / "kinds.json").write_text('{"kinds": {"left": {"probability": "often", "kinds": []}}}')
+    (analysed / "why.json").write_text('{"kinds": {"left": {"probability": "often", "kinds": []}}}')
     page = render_report(analysed)
     assert "kinds.left.probability" in page
     assert "What to fix first</h3>" not in page
 
 
 def test_text_of_an_analysis_is_escaped(analysed):
-    stored = json.loads((analysed / "kinds.json").read_text())
+    stored = json.loads((analysed / "why.json").read_text())
     stored["kinds"]["left"]["kinds"][0]["text"] = "<script>alert(1)</script>"
-    (analysed / "kinds.json").write_text(json.dumps(stored))
+    (analysed / "why.json").write_text(json.dumps(stored))
     assert "<script>alert(1)" not in render_report(analysed)

@@ -66,7 +66,7 @@ def test_artifacts_of_an_earlier_run_are_removed(run):
 
 def test_files_made_from_an_earlier_result_are_removed(run):
     first = files_of(run())
-    names = ("kinds.json", "attribution.json", "report.html", "nominal.png", "worst_left.png")
+    names = ("why.json", "report.html", "nominal.png", "worst_left.png")
     for name in (*names, "mine.txt"):
         (run() / name).write_text("{}")
         assert files_of(run()) == first | ({"mine.txt"} & {name})

@@ -54,17 +54,16 @@ def build_causes(
     return Causes(
         "",
         None if kinds is None else _build_kinds(name, kinds, rollouts),
-        _write_command(run, name, "kinds", "Kinds of failure", kinds is not None),
         None if attribution is None else _build_savings(attribution),
-        _write_command(run, name, "attribution", "What to fix first", attribution is not None),
+        _write_command(run, name, kinds is not None),
     )
 
 
-def _write_command(run: Run, name: str, command: str, title: str, analysed: bool) -> Command:
-    words = ["avrare", command, str(run.folder), "--specification", name, "--out", str(run.folder)]
-    words += ["--shrink"] if command == "kinds" else []
-    text = "Not analysed. To add it to this report, run this and write the report again:"
-    return Command("The command" if analysed else title, "" if analysed else text, shlex.join(words))
+def _write_command(run: Run, name: str, analysed: bool) -> Command:
+    words = ["avrare", "why", str(run.folder), "--specification", name, "--out", str(run.folder), "--shrink"]
+    text = "Not analysed. To add them to this report, run this and write the report again:"
+    title = "The command" if analysed else "Kinds of failure, and what to fix first"
+    return Command(title, "" if analysed else text, shlex.join(words))
 
 
 def _build_kinds(name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRollout]) -> Kinds:

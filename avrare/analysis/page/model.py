@@ -154,9 +154,8 @@ class Causes:
 
     problem: str = ""
     kinds: Kinds | None = None
-    kinds_command: Command | None = None
     savings: Savings | None = None
-    savings_command: Command | None = None
+    command: Command | None = None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
 
 COMMANDS = {
-    "attribution": ["attribution", "night", "--specification", "near", "--fresh", "40"],
+    "why": ["why", "night", "--specification", "near", "--fresh", "40"],
     "sensitivity": [
         "sensitivity", "walk.yaml", "--specification", "near", "--parameter", "simulator.scale",
         "--budget", "rollouts=100", "--run", "night",
@@ -73,8 +73,8 @@ def test_an_interrupted_command_goes_on_and_runs_nothing_twice(command, finished
 @pytest.mark.parametrize(
     ("command", "change", "told"),
     [
-        ("attribution", ["--seed", "7"], "seed 0 -> 7"),
-        ("attribution", ["--variant", "calm:simulator.scale=0.1"], "variants.calm null ->"),
+        ("why", ["--seed", "7"], "seed 0 -> 7"),
+        ("why", ["--variant", "calm:simulator.scale=0.1"], "variants.calm null ->"),
         ("sensitivity", ["--step", "0.2"], "step 0.1 -> 0.2"),
         ("sensitivity", ["--set", "simulator.dt=2.0"], "scenario.simulator.dt 1.0 -> 2.0"),
         ("require", ["--seed", "7"], "seed 0 -> 7"),
@@ -91,7 +91,7 @@ def test_rollouts_of_another_command_are_not_taken(command, change, told, finish
 
 
 def test_a_changed_simulator_is_noticed(finished, stopping, monkeypatch, capsys):
-    words = [*COMMANDS["attribution"], "--out", "torn"]
+    words = [*COMMANDS["why"], "--out", "torn"]
     stopping(words, 3)
     monkeypatch.setenv("AVRARE_TOY_BUG", "1")
     capsys.readouterr()

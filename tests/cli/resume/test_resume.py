@@ -373,12 +373,11 @@ def test_results_of_other_scenarios_are_not_mixed_with(night, capsys):
 def test_what_was_derived_from_the_result_before_is_removed_with_it(night):
     scenario = night.scenario()
     assert run(scenario, "--out", "done") == 0
-    for name in ("kinds.json", "attribution.json", "report.html", "notes.txt"):
+    for name in ("why.json", "report.html", "notes.txt"):
         Path("done", name).touch()
     assert run(scenario, "--out", "done", "--seed", "3") == 0
     assert {path.suffix for path in Path("done").iterdir()} == {".json", ".npz", ".yaml", ".txt"}
-    assert not Path("done/kinds.json").exists()
-    assert not Path("done/attribution.json").exists()
+    assert not Path("done/why.json").exists()
     Path("mine").mkdir()
     Path("mine/report.html").touch()
     assert run(scenario, "--out", "mine") == 0

@@ -21,7 +21,7 @@ CODES = {
     "monitor": {0, 1, 4, 5},
     "rate": {0, 1, 3, 4, 5, 6},
     "require": {0, 3, 4, 5, 6},
-    "attribution": {0, 4, 5, 6},
+    "why": {0, 4, 5, 6},
     "sensitivity": {0, 4, 5, 6},
     "falsify": {0, 1, 4, 5, 6},
     "replay": {0, 1, 4, 5},

@@ -105,10 +105,7 @@ TASKS = {
          "--no-pictures"],
         lambda: Path("c/comparison.md").exists(), ("walk.yaml",),
     ),
-    "kinds --out": Task(["kinds", "run", "--out", "k"], _texts("k/*.json"), ("run",)),
-    "attribution --out": Task(
-        ["attribution", "run", "--fresh", "20", "--out", "k"], _texts("k/*.json"), ("run",),
-    ),
+    "why --out": Task(["why", "run", "--fresh", "20", "--out", "k"], _texts("k/*.json"), ("run",)),
     "sensitivity --out": Task(
         ["sensitivity", "walk.yaml", *_SCALE, "--budget", "rollouts=60", "--out", "k"],
         _texts("k/*.json"), ("walk.yaml",),

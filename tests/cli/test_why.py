@@ -1,4 +1,4 @@
-"""``avrare kinds`` on a run folder."""
+"""``avrare why`` on a run folder."""
 
 import json
 
@@ -12,18 +12,18 @@ PLANE = pushed_point(1.0, specifications='  kept: {stl: "always (x < 90)"}\n')
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("kinds")
+    folder = tmp_path_factory.mktemp("why")
     (folder / "plane.yaml").write_text(PLANE)
     assert main(["run", str(folder / "plane.yaml"), "--out", str(folder / "run"), "--quiet"]) == 0
     return folder / "run"
 
 
 def test_the_kinds_of_a_run_are_printed_and_written(run, tmp_path, capsys):
-    assert main(["kinds", str(run), "--out", str(tmp_path)]) == 0
+    assert main(["why", str(run), "--fresh", "0", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("left: 1 kind of failure, together ")
     assert "x < 1 is violated first" in out
-    written = json.loads((tmp_path / "kinds.json").read_text())
+    written = json.loads((tmp_path / "why.json").read_text())
     [kind] = written["kinds"]["left"]["kinds"]
     assert kind["share"] == pytest.approx(1.0)
     assert kind["low"] < kind["probability"] < kind["high"]
@@ -31,8 +31,9 @@ def test_the_kinds_of_a_run_are_printed_and_written(run, tmp_path, capsys):
 
 def test_json_is_all_that_is_printed(run, capsys):
     capsys.readouterr()
-    assert main(["kinds", str(run), "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)["kinds"]) == {"left"}
+    assert main(["why", str(run), "--fresh", "0", "--json"]) == 0
+    causes = json.loads(capsys.readouterr().out)
+    assert set(causes["kinds"]) == set(causes["attribution"]) == {"left"}
 
 
 @pytest.mark.parametrize(
@@ -43,5 +44,5 @@ def test_json_is_all_that_is_printed(run, capsys):
     ],
 )
 def test_a_wrong_specification_is_a_clear_error(run, words, text, capsys):
-    assert main(["kinds", str(run), *words]) == 4
+    assert main(["why", str(run), *words]) == 4
     assert text in capsys.readouterr().err
