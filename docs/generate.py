@@ -87,7 +87,7 @@ def _scenario() -> str:
     parts = [
         "# Scenario files",
         "One YAML file: which parts, their options, the rules. An unknown key is an error with a hint. "
-        "`avrare schema` prints the JSON schema for editors, `avrare validate` checks a file.",
+        "`avrare validate --schema` prints the JSON schema for editors, `avrare validate` checks a file.",
         "## Keys",
         _options(schema, ("extends",), _PARTS),
     ]

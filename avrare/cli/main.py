@@ -31,10 +31,8 @@ COMMANDS = {
     "why": ("avrare.cli.why", "find the kinds of a run's failures, and the noise that carries them"),
     "rules": ("avrare.cli.rules", "list the traffic rules that plugins offer"),
     "report": ("avrare.cli.report", "write a run folder as one HTML file"),
-    "plugins": ("avrare.cli.plugins", "list the installed components"),
-    "schema": ("avrare.cli.schema", "print the JSON schema of scenario files"),
+    "plugins": ("avrare.cli.plugins", "list the installed components, or check those of a plugin"),
     "new": ("avrare.cli.new", "create a scenario, or a plugin package"),
-    "check-plugin": ("avrare.cli.check_plugin", "run the conformance checks of a plugin"),
 }
 """Name -> module with ``execute(args)`` (returns the exit code, None: 0), and a summary."""
 

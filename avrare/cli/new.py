@@ -29,7 +29,7 @@ def execute(args: argparse.Namespace) -> None:
     name = check_name(args.name, args.kind, default_registry())
     folder = write(name, args.kind, Path(args.out), driving=not args.no_driving)
     say(f"{folder}: {args.kind} {name!r}")
-    say(f"next: pip install -e '{folder}[test]' && avrare check-plugin {name} && pytest {folder}")
+    say(f"next: pip install -e '{folder}[test]' && avrare plugins --check {name} && pytest {folder}")
 
 
 def _write_scenario(args: argparse.Namespace) -> None:

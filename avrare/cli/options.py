@@ -153,7 +153,12 @@ OPTIONS: dict[str, Options] = {
         **SAFE,
         **DISPLAY,
     },
-    "validate": {**SCENARIOS, "--build": "also build the stack and run three steps"},
+    "validate": {
+        **SCENARIOS,
+        "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
+        "--build": "also build the stack and run three steps",
+        "--schema": "print the JSON schema of scenario files, with the options of all components",
+    },
     "replay": {
         "scenario SCENARIO": ("scenario file; optional with --run", {"nargs": "?"}),
         **SET,
@@ -222,10 +227,12 @@ OPTIONS: dict[str, Options] = {
         **SAFE,
     },
     "plugins": {
-        "--json": "print a JSON list instead of a table",
+        "--kind KIND": "only components of this kind",
+        "--check NAME": "check that a component, or all of a distribution, keep the promises of their kind",
+        "--set KEY=VALUE": ("with --check: set an option of the component; may be repeated", REPEATABLE),
         "--timing": "also show the import time of each plugin's descriptions",
+        "--json": "print a JSON list",
     },
-    "schema": {},
     "new": {
         "what": ("what to create", {"choices": ["plugin", "scenario"]}),
         "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario",
@@ -235,12 +242,6 @@ OPTIONS: dict[str, Options] = {
         "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", REPEATABLE),
         "--act": "also write a controller for the scenario: a function in a Python file",
         "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
-    },
-    "check-plugin": {
-        "name NAME": "component, or distribution: all of its components",
-        "--kind KIND": "only components of this kind",
-        "--set KEY=VALUE": ("set an option of the component; may be repeated", REPEATABLE),
-        "--json": "print a JSON list instead of lines",
     },
 }
 """Command, or command and action -> options."""

@@ -1,4 +1,4 @@
-"""``avrare check-plugin``: conformance checks of a plugin's components."""
+"""``avrare plugins --check``: conformance checks of a plugin's components."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from avrare.scenario.value_positions import Mark, Node
 from avrare.testing.conformance.suite import Outcome, examine, subjects
 
 
-def execute(args: argparse.Namespace) -> int:
+def check_components(args: argparse.Namespace) -> int:
     """Print one line per check; return exit code 1 if any failed."""
     if not __debug__:
         raise UsageError("the checks are assertions, which python -O disables", "run Python without -O")
     chosen = [
         subject
-        for subject in subjects(default_registry(), args.name, _options(args.set))
+        for subject in subjects(default_registry(), args.check, _options(args.set))
         if args.kind in (None, subject.kind)
     ]
     if not chosen:
-        raise UsageError(f"{args.name!r} has no component of kind {args.kind!r}")
+        raise UsageError(f"{args.check!r} has no component of kind {args.kind!r}")
     outcomes = []
     for subject in chosen:
         if not args.json:

@@ -14,6 +14,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.output import say
 from avrare.output.terminal.console import make_console
 from avrare.plugin.component import GROUP
@@ -22,14 +23,23 @@ from avrare.plugin.registry import VARIABLE, Row, default_registry
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
 
 
-def execute(args: argparse.Namespace) -> None:
-    """Print one row per component and per plugin that could not be loaded."""
+def execute(args: argparse.Namespace) -> int:
+    """Print one row per component and per plugin that could not be loaded, or check components."""
+    if args.check is not None:
+        if args.timing:
+            raise UsageError("--timing cannot be combined with --check", "leave one of them out")
+        from avrare.cli.plugin_checks import check_components  # NumPy, which listing does without
+
+        return check_components(args)
+    if args.set:
+        raise UsageError("--set requires --check", "it sets options of the component that is checked")
     seconds = _import_seconds() if args.timing else None
-    rows = default_registry().rows()
+    rows = [row for row in default_registry().rows() if args.kind in (None, row.kind)]
     if args.json:
         print(json.dumps([_entry(row, seconds) for row in rows], indent=2))
     else:
         _print_table(rows, seconds)
+    return int(ExitCode.PASS)
 
 
 def _import_seconds() -> dict[str, float]:

@@ -289,7 +289,7 @@ def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> Par
     kind = block.component.kind
     if missing := missing_members(BASES[kind], part):
         text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
-        raise PluginError(text, f"see what a {kind} needs: avrare check-plugin {block.plugin}")
+        raise PluginError(text, f"see what a {kind} needs: avrare plugins --check {block.plugin}")
     built: PartT = adapt(BASES[kind], part)  # a contract may be a generic alias, which has no members
     return built
 
@@ -304,7 +304,7 @@ def _plugin_errors(block: Block, done: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         package = block.distribution or block.component.name
         reason = f"{type(error).__name__}: {' '.join(str(error).split())} ({find_place(error)})"
-        hint = f"mend it, then: avrare check-plugin {block.plugin}"
+        hint = f"mend it, then: avrare plugins --check {block.plugin}"
         if isinstance(error, ImportError):
             reason, hint = str(error), f"pip install --upgrade {package}"
             if isinstance(error, ModuleNotFoundError) and error.name and "." not in error.name:

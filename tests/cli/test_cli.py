@@ -70,7 +70,7 @@ def shell(*words, code=None, **more):
         ["monitor", "--help"],
         ["validate", "good.yaml"],
         ["validate", "formulas.yaml"],
-        ["schema"],
+        ["validate", "--schema"],
         ["run", "--help"],
     ],
 )
@@ -143,8 +143,8 @@ def test_a_bad_file_is_a_clear_message(text, message, code):
         (["validte", "good.yaml"], "avrare: unknown command 'validte'", "did you mean 'validate'?"),
         (
             ["validate"],
-            "avrare validate: the following arguments are required: SCENARIO",
-            "usage: avrare validate",
+            "avrare validate: SCENARIO is required",
+            "avrare validate SCENARIO, or --schema",
         ),
         (
             ["validate", "good.yaml", "--biuld"],
@@ -254,12 +254,12 @@ def test_an_interruption_exits_2(capsys, failing):
 
 
 def test_a_closed_pipe_is_not_an_internal_error():
-    code = "import sys, os; os.close(0); from avrare.cli.main import main; sys.exit(main(['schema']))"
+    code = "import sys, os; os.close(0); from avrare.cli.main import main; sys.exit(main(sys.argv[1:]))"
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugin" / "fake")])
     read, write = os.pipe()
     os.close(read)
     found = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", code, "validate", "--schema"],
         stdout=write,
         stderr=subprocess.PIPE,
         text=True,
@@ -289,7 +289,7 @@ def test_plugins_lists_components_and_problems(capsys):
 
 
 def test_schema_holds_the_options_of_every_component(capsys):
-    assert main(["schema"]) == 0
+    assert main(["validate", "--schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     [box] = schema["properties"]["simulator"]["oneOf"]
     assert box["properties"]["plugin"]["const"] == "box"

@@ -84,7 +84,7 @@ def test_the_next_commands_are_printed(tmp_path, capsys):
     make("tracker", tmp_path, "alpha-beta")
     out = capsys.readouterr().out
     assert out.startswith(f"{tmp_path}/avrare-alpha-beta: tracker 'alpha_beta'\n")
-    assert "avrare check-plugin alpha_beta" in out
+    assert "avrare plugins --check alpha_beta" in out
 
 
 def test_nothing_is_overwritten(tmp_path, capsys):

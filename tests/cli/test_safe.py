@@ -157,9 +157,7 @@ def test_every_command_with_a_scenario_has_it():
         "failures blob",
         "rules",
         "plugins",
-        "schema",
         "new",
-        "check-plugin",
     }
     for name, options in OPTIONS.items():
         if options and name not in exempt:

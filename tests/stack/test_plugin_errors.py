@@ -59,7 +59,7 @@ def test_a_part_that_cannot_be_built_names_the_place(build, name):
         in raised.value.message
     )
     assert place in raised.value.message
-    assert "avrare check-plugin odd" in raised.value.hint
+    assert "avrare plugins --check odd" in raised.value.hint
 
 
 def test_a_missing_library_is_to_be_installed(build):

@@ -1,4 +1,4 @@
-"""Conformance checks of plugin components, as ``avrare check-plugin`` runs them."""
+"""Conformance checks of plugin components, as ``avrare plugins --check`` runs them."""
 
 from avrare.testing.conformance.suite import Check, Outcome, Subject, checks_of, examine
 

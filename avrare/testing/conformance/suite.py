@@ -114,7 +114,7 @@ class Skipped(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """One row of ``avrare check-plugin``.
+    """One row of ``avrare plugins --check``.
 
     Attributes:
         kind: Kind of the component.

@@ -26,7 +26,7 @@ CODES = {
     "falsify": {0, 1, 4, 5, 6},
     "replay": {0, 1, 4, 5},
     "scenes": {0, 1, 4, 5},
-    "check-plugin": {0, 1, 4, 5},
+    "plugins": {0, 1, 4, 5},
 }
 """Command -> exit codes that an input may lead to; of all others 0, 4, 5."""
 TRACEBACK, HANG, CODE, OUTPUT, BITS = (

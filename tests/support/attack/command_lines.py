@@ -4,7 +4,7 @@ from attack.mutation import WORDS, mutate_text, pick
 from avrare.cli.main import COMMANDS, PROVIDED
 from avrare.cli.options import OPTIONS
 
-_LONG = {"check-plugin", "new", "pem", "flow", "synthesize", "compare"}
+_LONG = {"new", "pem", "flow", "synthesize", "compare"}
 """Commands that compute for seconds, or write packages."""
 _VALUES = {
     "SCENARIO": ["walk.yaml", "walk.yaml", "none.yaml", "run", "run/scenario.yaml", "drive.csv"],
@@ -48,7 +48,7 @@ _VALUES = {
     "TEXT": ["@walk.yaml", "@none", "@-", "avrare1", ""],
     "ID": ["0", "1", "00000000", "-1", "../x"],
 }
-_STOPS = {"check-plugin": "none", "new": "../x y", "compare": "none.yaml"}
+_STOPS = {"new": "../x y", "compare": "none.yaml"}
 
 
 def words(random):

@@ -249,7 +249,7 @@ def test_a_check_is_any_function():
 
 
 def test_the_command(capsys):
-    assert main(["check-plugin", "serial"]) == 0
+    assert main(["plugins", "--check", "serial"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("executor serial (avrare ")
     assert lines[-1] == "11 passed, 0 failed, 0 skipped"
@@ -258,7 +258,7 @@ def test_the_command(capsys):
 
 
 def test_the_command_as_json(capsys):
-    assert main(["check-plugin", "imm", "--json", "--kind", "tracker"]) == 0
+    assert main(["plugins", "--check", "imm", "--json", "--kind", "tracker"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert len(rows) == 13
     assert set(rows[0]) == {"kind", "component", "check", "sentence", "status", "reason"}
@@ -266,8 +266,8 @@ def test_the_command_as_json(capsys):
 
 def test_a_failed_check_is_exit_1(capsys, monkeypatch):
     one = subject("simulator", factory="wrong:sociable")
-    monkeypatch.setattr("avrare.cli.check_plugin.subjects", lambda *arguments: [one])
-    assert main(["check-plugin", "tested"]) == 1
+    monkeypatch.setattr("avrare.cli.plugin_checks.subjects", lambda *arguments: [one])
+    assert main(["plugins", "--check", "tested"]) == 1
     out = capsys.readouterr().out
     assert "  failed  rows_are_independent" in out
     assert "differs rows [2] without the others" in out
@@ -284,13 +284,13 @@ def test_a_failed_check_is_exit_1(capsys, monkeypatch):
     ],
 )
 def test_mistakes_are_one_clear_line(words, code, text, capsys):
-    assert main(["check-plugin", *words]) == code
+    assert main(["plugins", "--check", *words]) == code
     assert text in capsys.readouterr().err
 
 
 def test_a_plugin_that_does_not_load_is_exit_5(capsys, monkeypatch):
     registry = Registry()
     registry.register(sys, "tested", "avrare-tested", "1.0")
-    monkeypatch.setattr("avrare.cli.check_plugin.default_registry", lambda: registry)
-    assert main(["check-plugin", "avrare-tested"]) == PluginError.exit_code
+    monkeypatch.setattr("avrare.cli.plugin_checks.default_registry", lambda: registry)
+    assert main(["plugins", "--check", "avrare-tested"]) == PluginError.exit_code
     assert "it has no hook avrare_components" in capsys.readouterr().err

@@ -65,5 +65,5 @@ def test_the_scenario_of_its_readme_runs(installed, tmp_path):
 
 def test_the_example_passes_the_checks(installed):
     python, environment = installed
-    lines = run(python, "-m", "avrare", "check-plugin", "avrare-example", **environment).splitlines()
+    lines = run(python, "-m", "avrare", "plugins", "--check", "avrare-example", **environment).splitlines()
     assert lines[-1] == "26 passed, 0 failed, 0 skipped"

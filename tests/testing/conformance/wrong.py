@@ -1,4 +1,4 @@
-"""Components that each break one promise; ``avrare check-plugin`` must notice."""
+"""Components that each break one promise; ``avrare plugins --check`` must notice."""
 
 import random
 from dataclasses import dataclass, replace
