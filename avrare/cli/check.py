@@ -62,8 +62,7 @@ def execute(args: argparse.Namespace) -> int:
     if any(map(is_catalogue, args.scenarios)):
         return check_catalogue.execute(args)
     budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
-    if budget and spend:
-        raise UsageError("--budget cannot be combined with --spend", "remove one of them")
+    looks = plan_looks(budget, spend)
     out = _out_folder(args)
     _make_folders(args, out)
     targets = _load_targets(args)
@@ -79,7 +78,7 @@ def execute(args: argparse.Namespace) -> int:
                 machine = _machine(args, stop, saved)
                 if args.plan:
                     return _plan(args, targets, budget, machine)
-                outcome = check_targets(targets, plan_looks(budget, spend), machine, args.save)
+                outcome = check_targets(targets, looks, machine, args.save)
         except Interrupted:
             raise Interrupted(*_explain_interruption(saved)) from None
         outcome = replace(with_next_steps(outcome, targets, out), strict=args.strict)

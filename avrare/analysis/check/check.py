@@ -65,34 +65,17 @@ def check(
     if not scenarios:
         raise UsageError("there is no scenario to check", 'avrare.check("scenario.yaml")')
     if any(map(is_catalogue, scenarios)):
-        catalogue = choose_catalogue(
-            scenarios,
-            overrides=overrides,
-            estimator=estimator,
-            spend=spend,
-            baseline=baseline,
-            save=save,
-            require_baseline=require_baseline,
-            accept_changes=accept_changes,
-        )
-        rates = rate(
-            catalogue.path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe
-        )
+        given = {"overrides": overrides, "estimator": estimator, "spend": spend, "baseline": baseline}
+        flags = {"save": save, "require_baseline": require_baseline, "accept_changes": accept_changes}
+        path = choose_catalogue(scenarios, **given, **flags).path
+        rates = rate(path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe)
         return decide_rates(rates, strict)
-    paid, spent = Budget.parse(budget), Budget.parse(spend)
-    if paid and spent:
-        raise UsageError("budget cannot be combined with spend", "remove one of them")
+    looks = plan_looks(Budget.parse(budget), Budget.parse(spend))
     with safe_mode(safe):
-        targets = load_targets(
-            load_scenarios(scenarios, as_settings(overrides), estimator),
-            baseline,
-            save=save,
-            require=require_baseline,
-            accept=accept_changes,
-        )
-    start_executor = partial(build_executor, workers, executor)
-    execution = Execution(start_executor, watch or show_nothing)
-    outcome = check_targets(targets, plan_looks(paid, spent), execution, save)
+        loaded = load_scenarios(scenarios, as_settings(overrides), estimator)
+        targets = load_targets(loaded, baseline, save=save, require=require_baseline, accept=accept_changes)
+    execution = Execution(partial(build_executor, workers, executor), watch or show_nothing)
+    outcome = check_targets(targets, looks, execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)
 
 

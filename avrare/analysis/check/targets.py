@@ -198,7 +198,13 @@ class Look:
 
 
 def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
-    """Return the looks that share ``spend``; None: the only look, with ``budget``."""
+    """Return the looks that share ``spend``; None: the only look, with ``budget``.
+
+    Raises:
+        UsageError: Both are given.
+    """
+    if budget and spend:
+        raise UsageError("budget cannot be combined with spend", "remove one of them")
     if spend is None:
         return [Look(1, 1.0, budget)]
     return [

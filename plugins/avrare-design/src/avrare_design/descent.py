@@ -124,6 +124,9 @@ def descend(
         if better and found is not None and i + 1 < search.iterations and not enough:
             now = _try_gradient(now, numbers, search, runner, i)
         yield now
+        if found is not None and not i and not len(found.failures.robustness):
+            hint = "give a larger budget, or a run"
+            raise UsageError(f"{search.specification}: no failure was found at the start", hint)
         if better:
             best, fall = now, fall if best is None else min(_GROWTH * fall, _MOST_FALL)
         else:

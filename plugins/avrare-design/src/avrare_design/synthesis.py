@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +104,7 @@ class Synthesis(Answer):
             for number, iteration in enumerate(self.iterations)
             for line in _describe_iteration(number, iteration, self.numbers)
         ]
-        return [_describe_heads(self.numbers), *descent, *self.conclude()]
+        return [*descent, *self.conclude()]
 
     def conclude(self) -> list[str]:
         """Return the proof in words, or why nothing is changed."""
@@ -174,24 +174,18 @@ def synthesize(
     estimates = _Estimates(name, first_seed, Budget.parse(budget), workers, run)
     iterations: list[Iteration] = []
     for iteration in descend(numbers, search, estimates.measure, runner or TapeRunner(workers)):
-        lines = _describe_iteration(len(iterations), iteration, numbers)
-        for line in [*([] if iterations else [_describe_heads(numbers)]), *lines]:
+        iterations.append(iteration)
+        for line in _describe_iteration(len(iterations) - 1, iteration, numbers):
             if show is not None:
                 show(line)
-        iterations.append(iteration)
-    best, start = [entry for entry in iterations if entry.best][-1], iterations[0]
-    if (
-        best.measured is None
-        or start.measured is None
-        or (best is start and not len(start.measured.failures.robustness))
-    ):
-        raise UsageError(f"{name}: no failure was found at the start", "give a larger budget, or a run")
-    p = start.measured.probability
+    start, best = iterations[0], [iteration for iteration in iterations if iteration.best][-1]
+    assert start.measured is not None
+    assert best.measured is not None
+    found = Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability))
     if best is start:
-        return Synthesis(name, numbers, tuple(iterations), search.reached(p))
+        return found
     before, after = numbers.at(numbers.start), numbers.at(best.values)
-    proved = estimates.prove(before, after, p, proof, maximise)
-    return Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability), proved)
+    return replace(found, proof=estimates.prove(before, after, start.measured.probability, proof, maximise))
 
 
 @dataclass(frozen=True)
@@ -251,11 +245,12 @@ def _describe_iteration(number: int, iteration: Iteration, numbers: ScenarioNumb
     else:
         change = (iteration.values - numbers.start) / numbers.scale
         values = f"{100.0 * float(np.sqrt(np.mean(change**2))):.3g} %"
+    heads = [_describe_heads(numbers)] if number == 0 else []
     refusal = [f"      {line}" for line in iteration.refusal.splitlines()]
     measured = iteration.measured
     if measured is None:
-        return [f"{number:<6}{'refused':<11}{'':<42}{values}", *refusal]
+        return [*heads, f"{number:<6}{'refused':<11}{'':<42}{values}", *refusal]
     p, interval = format_probability(measured.probability), format_interval(measured.interval)
     failures = len(measured.failures.robustness)
     slope = f"{iteration.slope:.2g}" if iteration.gradient is not None else "" if iteration.best else "worse"
-    return [f"{number:<6}{p:<11}{interval:<24}{failures:<10}{slope:<8}{values}", *refusal]
+    return [*heads, f"{number:<6}{p:<11}{interval:<24}{failures:<10}{slope:<8}{values}", *refusal]

@@ -128,30 +128,21 @@ class LinearSystem(System):
             _stack("process_noise", process_noise, n, n),
             _stack("measurement_noise", measurement_noise, q, q),
         )
-        start = _stack("covariance", covariance, n, n)[:1]
+        x0, start = _stack("mean", mean, n), _stack("covariance", covariance, n, n)[:1]
         factors = _factor("process_noise", w), _factor("measurement_noise", v)
+        k = _stack("gain", gain, m, n)
         if costs is not None:
-            Q, R = _stack("state_cost", costs[0], n, n)[0], _stack("input_cost", costs[1], m, m)[0]
-            k = regulator(a, b, Q, R)
-        else:
-            k = _stack("gain", gain, m, n)
+            k = regulator(
+                a, b, _stack("state_cost", costs[0], n, n)[0], _stack("input_cost", costs[1], m, m)[0]
+            )
         if isinstance(observer, bool):
             estimator = kalman(a, c, w, v, start[0]) if observer else None
         else:
             estimator = _stack("observer", observer, n, q)
-        return LinearSystem(
-            (tuple(states), tuple(inputs), tuple(outputs)),
-            a,
-            b,
-            c,
-            *factors,
-            _stack("mean", mean, n),
-            _factor("covariance", start),
-            k,
-            estimator,
-            _stack("reference", reference, n),
-            _stack("feedforward", feedforward, m),
-        )
+        names = tuple(states), tuple(inputs), tuple(outputs)
+        goal = _stack("reference", reference, n), _stack("feedforward", feedforward, m)
+        spread = _factor("covariance", start)
+        return LinearSystem(names, a, b, c, *factors, x0, spread, k, estimator, *goal)
 
     def __post_init__(self) -> None:
         self.noise_size = len(self.names[0]) + len(self.names[2])
