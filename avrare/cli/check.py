@@ -18,11 +18,9 @@ from avrare.analysis.check.targets import (
     CheckTarget,
     Look,
     estimate_look,
-    load_scenarios,
     load_targets,
     plan_looks,
 )
-from avrare.analysis.rates.catalogue import is_catalogue
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.base.stored_files import read_json
@@ -52,6 +50,7 @@ from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
+from avrare.scenario.scenario_files import is_catalogue, load_scenarios
 
 _PILOT_ROLLOUTS = 200
 _CHECK = "check.json"
@@ -214,8 +213,7 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
     for one in outcome.targets:
         results = outcome.results[one.definition.name]
         folder = rundir.make_folder(out, one.definition.name, len(outcome.targets) > 1)
-        Run.of_scenario(one.definition, results).write(folder)
-        told += call_back(folder)
+        told += call_back(Run.of_scenario(one.definition, results).write(folder))
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
     return told

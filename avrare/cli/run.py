@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from avrare.analysis.check.targets import load_scenarios
 from avrare.analysis.failures.storage import FailureDatabase
 from avrare.analysis.failures.stored_replays import check_known_failures, store_worst
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
@@ -43,6 +42,7 @@ from avrare.rollout.executors.work import Executor, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.json_schema import scenario_schema
+from avrare.scenario.scenario_files import load_scenarios
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
 
@@ -198,7 +198,7 @@ def _run_scenario(
     _use_failures(scenario, results, args)
     draws = not args.no_pictures and scenario.scene is not None and can_draw()
     pictures = draw_run(scenario, results, folder) if draws else []
-    replies = call_back(folder)
+    replies = call_back(run)
     with suppress(BrokenPipeError):  # `| head -1`: further scenarios still run, and no checkpoint stays
         if not args.json:
             _show(definition, results, folder, pictures, display(args))

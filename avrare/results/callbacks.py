@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 
 from avrare.plugin.registry import VARIABLE
 from avrare.results.run import Run
@@ -13,10 +12,10 @@ GROUP = "avrare.results"
 """Entry points whose value is a function ``on_result(run: Run) -> str | None``."""
 
 
-def call_back(folder: Path) -> list[str]:
-    """Call the callbacks of all installed distributions with a run folder.
+def call_back(run: Run) -> list[str]:
+    """Call the callbacks of all installed distributions with a run that has been written.
 
-    A callback never changes a result or an exit code: what it raises becomes a line.
+    What one raises becomes a line, and changes no exit code.
 
     Returns:
         Lines to show: what the callbacks returned, and which of them failed.
@@ -24,7 +23,7 @@ def call_back(folder: Path) -> list[str]:
     lines = []
     for point in _allowed():
         try:
-            said = point.load()(Run.read(folder))
+            said = point.load()(run)
         except (Exception, SystemExit) as error:
             lines.append(f"callback {point.name} failed: {type(error).__name__}: {error}")
         else:

@@ -10,8 +10,8 @@ from functools import partial
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
-from avrare.analysis.check.targets import load_scenarios, load_targets, plan_looks
-from avrare.analysis.rates.catalogue import Catalogue, is_catalogue, load_catalogue
+from avrare.analysis.check.targets import load_targets, plan_looks
+from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
 from avrare.analysis.rates.rate import rate
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates
 from avrare.base.errors import UsageError
@@ -21,6 +21,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.rollout.executors.work import build_executor
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
+from avrare.scenario.scenario_files import is_catalogue, load_scenarios
 
 
 def check(

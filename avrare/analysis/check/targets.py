@@ -17,15 +17,13 @@ from avrare.analysis.check.baseline_files import (
 )
 from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
-from avrare.analysis.rates.catalogue import is_catalogue
-from avrare.base.errors import ScenarioError, UsageError
+from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import estimate_scenario
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import changed_files, digests
-from avrare.scenario.load import load
 from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.schema import Regression, Scenario
 
@@ -124,28 +122,6 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     removed = [name for name in baseline.entries if name not in definition.estimated]
     notes += [f"no longer estimated: {', '.join(removed)}"] if removed else []
     return CheckTarget(scenario, folder, compared, baseline, tuple(notes), restarts=accept)
-
-
-def load_scenarios(
-    paths: Sequence[str | os.PathLike[str]], overrides: Sequence[str] = (), estimator: str | None = None
-) -> list[Scenario]:
-    """Load scenario files, which must have different names.
-
-    Raises:
-        ScenarioError: A file has mistakes.
-        UsageError: A file is a catalogue, or two scenarios have the same name.
-    """
-    try:
-        scenarios = [load(path, overrides, estimator) for path in paths]
-    except ScenarioError:
-        for path in (path for path in paths if is_catalogue(path)):
-            text = f"{path}: is a catalogue of scenes, and no scenario"
-            raise UsageError(text, f"avrare rate {path}, or with thresholds avrare check {path}") from None
-        raise
-    names = sorted(scenario.name for scenario in scenarios)
-    if len(set(names)) < len(names):
-        raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")
-    return scenarios
 
 
 def load_targets(

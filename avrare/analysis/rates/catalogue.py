@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from avrare.analysis.rates.catalogue_document import CatalogueDocument, SceneEntry
-from avrare.base.errors import AvrareError, ScenarioError, UsageError, did_you_mean, require_path
+from avrare.base.errors import ScenarioError, UsageError, did_you_mean, require_path
 from avrare.base.stored_files import open_regular
 from avrare.estimation.plan.budget import Budget
 from avrare.plugin.registry import default_registry
@@ -103,17 +103,6 @@ class Catalogue:
             return None
         own = self.document.budget
         return given or (own.budget if own is not None else None)
-
-
-def is_catalogue(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
-    name = require_path(path, "a scenario file")
-    try:
-        with open_regular(name) as file:
-            top = parse(file.read(MAX_BYTES), name)
-    except (AvrareError, OSError, ValueError):
-        return False
-    return top.child("scenes") is not None and top.child("simulator") is None
 
 
 def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:

@@ -80,7 +80,7 @@ def run(
         finished = Run.of_scenario(definition, [_finish(scenario, result) for result in found], paid)
         finished = finished.write(folder)
         checkpoint.remove()
-    return replace(finished, replies=tuple(call_back(folder)))
+    return replace(finished, replies=tuple(call_back(finished)))
 
 
 def _finish(scenario: LoadedScenario, result: Result) -> Result:
