@@ -155,6 +155,29 @@ def test_a_wrapper_is_the_system_but_for_what_it_changes():
     assert system.faults(state).tolist() == [True, False]
 
 
+class Half(Plain):
+    """A system whose optional property looks for what it does not have."""
+
+    @property
+    def perfect_noise(self):
+        return self.calm
+
+
+def test_an_attribute_error_within_a_property_is_not_taken_for_an_absent_member():
+    system = adapt(System, Half())
+    with pytest.raises(AttributeError, match="'Half' object has no attribute 'calm'"):
+        _ = system.perfect_noise
+    assert adapt(System, Plain()).perfect_noise is None
+
+    class Unsized(Plain):
+        @property
+        def noise_size(self):
+            return self.size
+
+    with pytest.raises(AttributeError, match="no attribute 'size'"):
+        adapt(System, Unsized())
+
+
 def test_warnings_of_the_parts_are_the_loops():
     from avrare.stack.closed_loop import ClosedLoop
 
@@ -173,7 +196,7 @@ def test_warnings_of_the_parts_are_the_loops():
     assert ClosedLoop(Worn(), Dirty()).warnings == {**Worn.warnings, **Dirty.warnings}
 
 
-def test_a_note_of_a_system_can_be_suppressed():
+def test_a_warning_of_a_system_can_be_suppressed():
     class Warned(Walk):
         warnings = {"worn_tyres": "half of the grip is left"}  # noqa: RUF012
 

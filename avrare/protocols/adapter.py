@@ -92,7 +92,12 @@ def missing_members(base: type[object], part: object) -> list[str]:
 
 
 def _lacks(part: object, name: str) -> bool:
-    return getattr(part, name, None) is None
+    try:
+        return getattr(part, name) is None
+    except AttributeError:
+        if inspect.getattr_static(part, name, None) is not None:
+            raise  # from within a property
+        return True
 
 
 def overrides(part: object, default: Callable[..., object]) -> bool:
