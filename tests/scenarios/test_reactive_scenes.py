@@ -32,6 +32,18 @@ def test_cars_merge_from_a_ramp_that_ends():
     assert signals["gap"].min() > 1.0
 
 
+def test_few_who_merge_make_others_brake_hard():
+    scenario = load(SCENARIOS / "merging_traffic.yaml")
+    loop = scenario.stack.loop
+    rng = np.random.default_rng(5)
+    state = loop.initial(rng.standard_normal((300, loop.noise_size)))
+    hard = np.zeros(300, dtype=bool)
+    for _ in range(scenario.steps):
+        state = loop.step(state, rng.standard_normal((300, loop.noise_size)))
+        hard |= (state.world.others.acceleration < -4.0).any(axis=1)
+    assert 0 < hard.sum() <= 15
+
+
 def test_the_ego_passes_before_what_comes_towards_it():
     scene, signals = drive("oncoming_traffic")
     tractor, oncoming = (signals["others_x"][:, scene.names.index(name)] for name in ("tractor", "oncoming"))

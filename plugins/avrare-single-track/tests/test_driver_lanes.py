@@ -33,6 +33,34 @@ def test_nobody_changes_into_a_lane_that_is_not_there():
         assert (worlds[-1].others.y[0, 1] < 1.0) == changes
 
 
+def merger(behind, **driver):
+    """Return a driver that merges, and one that is faster by 4 m/s and so far behind [m]."""
+    return [
+        car("in", 0.0, y=-1.75, speed=18.0, merge={"lane": 1}, **driver),
+        car("behind", -behind, speed=22.0, **driver),
+    ]
+
+
+def test_who_changes_lanes_is_seen_in_the_new_one_at_once():
+    worlds = drive(along(*merger(45.0), road=ROAD), 3)
+    free = drive(along(merger(45.0)[1], road=ROAD), 3)
+    assert worlds[1].drivers.clock[0, 0] >= 0.0
+    assert worlds[1].others.y[0, 0] < -1.7
+    assert worlds[2].others.acceleration[0, 1] < free[2].others.acceleration[0, 0] - 0.5
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5, 1.0])
+def test_a_merge_imposes_no_more_than_is_safe_even_on_who_reacts_late(late):
+    merges = 0
+    for behind in range(40, 80, 4):
+        worlds = drive(along(*merger(behind, safe_braking=2.5, reaction_time=late), road=ROAD), 100)
+        begun = next((k for k, world in enumerate(worlds) if world.drivers.lane[0, 0] == 1), None)
+        if begun is not None:
+            merges += 1
+            assert max(-world.others.acceleration[0, 1] for world in worlds[begun:]) < 2.75
+    assert merges > 3
+
+
 def mirrored(world):
     others = world.others
     return np.array([-others.x, -others.y, others.speed, others.acceleration])

@@ -7,9 +7,10 @@ Along the road the intelligent driver model (Treiber, Hennecke and Helbing, Phys
 with the gap s and the speed u of the vehicle ahead. A lane is changed by MOBIL (Kesting, Treiber and Helbing,
 Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and the gain
 of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks for the safe
-gaps alone, at every step. What the model demands may take effect late, after a reaction time: all that it
-sees is of that time ago (Treiber, Kesting and Helbing, Physica A 360, 2006). All functions stand in this
-file, since numba's cache looks at no other.
+gaps alone, at every step. Who changes lanes signals: it is seen in both from the first step on. What the
+model demands may take effect late, after a reaction time: all that it sees is of that time ago (Treiber,
+Kesting and Helbing, Physica A 360, 2006). All functions stand in this file, since numba's cache looks at no
+other.
 """
 
 from __future__ import annotations
@@ -135,11 +136,14 @@ def _incentive(
     imposed, gained = 0.0, 0.0
     if new >= 0 and v[new] >= 0.0:
         q = table[drivers[new]] if drivers[new] >= 0 else p
-        imposed = idm(v[new], v[i], new_behind, q)
+        # Until its reaction time is over it goes on as it does now.
+        undisturbed = _follow(v, new, new_ahead, new_gap + new_behind + lengths[i], q)
+        later = max(v[new] + undisturbed * q[10], 0.0)
+        closed = q[10] * (0.5 * (v[new] + later) - v[i])
+        imposed = idm(later, v[i], new_behind - max(closed, 0.0), q)
         if imposed < -p[8]:
             return False, 0.0
-        between = new_gap + new_behind + lengths[i]
-        imposed -= _follow(v, new, new_ahead, between, q)
+        imposed -= undisturbed
     if old >= 0 and v[old] >= 0.0 and p[6] > 0.0:
         q = table[drivers[old]] if drivers[old] >= 0 else p
         gained = _follow(v, old, ahead, gap + behind + lengths[i], q) - idm(v[old], v[i], behind, q)
@@ -250,6 +254,9 @@ def advance(
     order, rank, lanes = np.empty_like(drivers), np.empty_like(drivers), np.empty_like(drivers)
     for n in range(len(x)):
         _sort(x[n], y[n], widths, centres, half, order, rank, lanes)
+        for r in range(len(places)):
+            if clock[n, r] >= 0.0:  # it signals
+                lanes[places[r]] |= 1 << lane[n, r]
         own = table[n] if len(table) > 1 else table[0]
         at, speeds = x[n], v[n]
         for r in range(len(places)):
