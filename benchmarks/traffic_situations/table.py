@@ -296,6 +296,8 @@ _NO_COLLISION = (
 _LONGITUDINAL = 20.0 + 1.75 + 23.5**2 / 8.0 - 400.0 / 16.0
 # neither moves across: each may speed up to 0.2 m/s in 1 s, 0.1 m, and brakes by 0.8: 0.2^2 / 1.6 m
 _LATERAL = 0.1 + 2.0 * (0.1 + 0.2**2 / 1.6)
+# both at 20 m/s towards each other: the ways to stop of both, one of them by 3 m/s^2, the other by 4
+_MEETING = 2.0 * (20.0 + 1.75) + 23.5**2 / 6.0 + 23.5**2 / 8.0
 # a heads towards the ego by 0.05 rad at 20 m/s
 _DRIFT = 20.0 * math.sin(0.05)
 _TOWARDS = 0.1 + (0.1 + 0.2**2 / 1.6) + (_DRIFT + 0.1 + (_DRIFT + 0.2) ** 2 / 1.6)
@@ -313,9 +315,9 @@ _RSS = (
               "1.5 m of room across, 0.35 m needed", others={"a": Car(y=LEFT)}),
     Situation("rss_safe_distance", "exempt", "a is behind", (18.0 - 2.0) / 10.0, "16 m behind",
               others={"a": Car(x=-20.0)}),
-    Situation("rss_safe_distance", "fail", "a comes towards the ego", (80.0 - _LONGITUDINAL - 25.0) / 10.0,
-              "80 m of room, 90.78 m needed: a's braking distance does not count",
-              others={"a": Car(x=84.0, heading=math.pi)}),
+    Situation("rss_safe_distance", "fail", "a comes towards the ego", (200.0 - _MEETING) / 10.0,
+              "200 m of room, 204.57 m needed by both together, a in a lane of the ego's direction",
+              others={"a": Car(x=204.0, heading=math.pi)}),
     Situation("rss_safe_distance", "fail", "a drifts towards the ego", (_ASIDE - _TOWARDS) / 1.75,
               "1.40 m of room across, 2.22 m needed", others={"a": Car(x=10.0, y=LEFT, heading=-0.05)}),
 )  # fmt: skip

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from avrare.driving import Road
+
 AHEAD, ASIDE = {"x": 24.0}, {"y": 5.25}
 
 
@@ -85,12 +87,42 @@ def test_a_vehicle_against_the_road_has_no_braking_distance(value, onward, again
     rss = 20.0 - (20.0 + 1.75 + 23.5**2 / 8.0)
     for call, scale in [("rss_longitudinal(ego, a)", 1.0), ("keeps_rss_longitudinal(ego, a)", 10.0)]:
         assert value(call, {**room, **onward}) == near((rss + 10.0**2 / 16.0) / scale)
-        assert value(call, {**room, **against}) == near(rss / scale)
+        assert value(call, {**room, "speed": 0.0}) == near(rss / scale)
     # the ego that moves away from what is ahead needs nothing, or what it gains in the response time
     assert value("keeps_safe_distance", {**room, "speed": 0.0}, **against) == near(2.0)
     assert value("rss_longitudinal(ego, a)", {**room, "speed": 0.0}, **against) == near(
         20.0 - 1.75 - 3.5**2 / 8.0
     )
+
+
+def stopping_way(speed, braking):
+    return speed + 1.75 + (speed + 3.5) ** 2 / (2.0 * braking)
+
+
+@pytest.mark.parametrize(
+    ("lane", "ego", "other"),
+    [
+        (1.75, 3.0, 4.0),  # in a lane of the ego's direction
+        (5.25, 4.0, 3.0),  # in one of the other direction
+        (3.5, 4.0, 4.0),  # the ego is in the latter and in the former, and so is the other vehicle
+    ],
+)
+def test_oncoming_traffic_needs_the_ways_of_both(lab, lane, ego, other):
+    """Definition 3 of the paper: who is in a lane of its direction need not brake as hard."""
+    road = Road((-1.75, 1.75, 5.25), 3.5, opposing=(2,))
+    needed = stopping_way(20.0, ego) + stopping_way(15.0, other)
+    for oncoming in ({"speed": 15.0, "heading": np.pi}, {"speed": -15.0}):
+        found = lab.value("rss_longitudinal(ego, a)", {"x": 204.0, "y": lane, **oncoming}, road=road, y=lane)
+        assert found == near(200.0 - needed)
+    options = {"rss_least_braking_correct": 4.0}
+    both = lab.value(
+        "rss_longitudinal(ego, a)",
+        {"x": 204.0, "y": lane, "speed": -15.0},
+        road=road,
+        y=lane,
+        options=options,
+    )
+    assert both == near(200.0 - stopping_way(20.0, 4.0) - stopping_way(15.0, 4.0))
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, -1.5])

@@ -106,7 +106,16 @@ class Parameters(Options):
     least_time_to_collision: float = _option(1.5, "s", "least time to a collision", "ours", ge=0.0)
     rss_response_time: float = _option(1.0, "s", "response time rho", "[S17], CARLA", ge=0.0)
     rss_acceleration: float = _option(3.5, "m/s^2", "most during the response", "[S17], CARLA", ge=0.0)
-    rss_least_braking: float = _option(4.0, "m/s^2", "least of the one behind", "[S17], CARLA", gt=0.0)
+    rss_least_braking: float = _option(
+        4.0, "m/s^2", "least of the one behind, or in a lane of the other direction", "[S17], CARLA", gt=0.0
+    )
+    rss_least_braking_correct: float = _option(
+        3.0,
+        "m/s^2",
+        "least before oncoming traffic, of who is in a lane of its direction",
+        "[S17], CARLA",
+        gt=0.0,
+    )
     rss_strongest_braking: float = _option(8.0, "m/s^2", "most of the one in front", "[S17], CARLA", gt=0.0)
     rss_lateral_acceleration: float = _option(
         0.2, "m/s^2", "most towards each other during the response", "[S17], CARLA", ge=0.0

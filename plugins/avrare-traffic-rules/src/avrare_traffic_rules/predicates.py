@@ -186,13 +186,13 @@ def keeps_time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
 
 @quantity("m")
 def rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
-    """Room that a has behind b beyond the longitudinal RSS distance."""
+    """Room that a has behind b, or before b that comes towards it, beyond the longitudinal RSS distance."""
     p = s.parameters
-    rho, behind = p.rss_response_time, onward(a)
-    faster = behind + rho * p.rss_acceleration
-    own = behind * rho + 0.5 * p.rss_acceleration * rho**2 + faster**2 / (2.0 * p.rss_least_braking)
-    needed = np.maximum(own - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
-    return b.rear - a.front - needed
+    own = _way_to_stop(s, onward(a), p.rss_least_braking)
+    behind = np.maximum(own - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
+    both = sum(_way_to_stop(s, np.abs(each.speed), _least_braking(s, each)) for each in (a, b))
+    meeting = (_along(a) >= 0.0) & (_along(b) < 0.0)
+    return b.rear - a.front - np.where(meeting, both, behind)
 
 
 @quantity("m")
@@ -206,7 +206,7 @@ def rss_lateral(s: Setting, a: Bodies, b: Bodies) -> Floats:
 
 @predicate("longitudinal")
 def keeps_rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
-    """A keeps the longitudinal RSS distance behind b."""
+    """A keeps the longitudinal RSS distance behind b, or before b that comes towards it."""
     return rss_longitudinal(s, a, b)
 
 
@@ -222,6 +222,22 @@ def onward(bodies: Bodies) -> Floats:
     The speed, not its component along the road: a vehicle that changes lanes brakes along its heading.
     """
     return np.where(_along(bodies) > 0.0, np.abs(bodies.speed), 0.0)
+
+
+def _way_to_stop(s: Setting, speed: Floats, braking: Floats | float) -> Floats:
+    # It accelerates for the response time, then brakes.
+    rho, gain = s.parameters.rss_response_time, s.parameters.rss_acceleration
+    return speed * rho + 0.5 * gain * rho**2 + (speed + rho * gain) ** 2 / (2.0 * braking)
+
+
+def _least_braking(s: Setting, bodies: Bodies) -> Floats:
+    # Of who meets oncoming traffic, by whether it touches a lane of the other direction.
+    opposing = np.isin(np.arange(len(bodies.lanes)), s.road.opposing)
+    along, against = (
+        bodies.lanes[lanes].max(axis=0, initial=-np.inf) >= 0.0 for lanes in (opposing, ~opposing)
+    )
+    wrong = np.where(_along(bodies) < 0.0, against, along)
+    return np.where(wrong, s.parameters.rss_least_braking, s.parameters.rss_least_braking_correct)
 
 
 def _approach(s: Setting, towards: Floats) -> Floats:
