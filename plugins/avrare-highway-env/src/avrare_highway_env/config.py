@@ -49,8 +49,8 @@ class TrafficConfig(Options):
     bend_acceleration: float | None = Field(
         default=None,
         gt=0.0,
-        description="lateral acceleration that limits the speeds of the scene roundabout, those at the start "
-        "included [m/s^2]; default: no limit, as in highway-env: 16 m/s, which no car drives there",
+        description="lateral acceleration that limits speeds in bends of roundabout and intersection [m/s^2]; "
+        "default: no limit, as in highway-env: up to 16 and 10 m/s, which no car drives there",
     )
 
 
@@ -92,8 +92,8 @@ class HighwayEnvConfig(Options):
     def _check_scene(self) -> Self:
         if self.scene in ("merge", "roundabout") and self.vehicles is not None:
             raise ValueError(f"the scene {self.scene} always has four other vehicles: omit vehicles")
-        if self.scene != "roundabout" and self.traffic.bend_acceleration is not None:
-            raise ValueError(f"the scene {self.scene} has no ring: omit traffic.bend_acceleration")
+        if self.scene in ("merge", "highway") and self.traffic.bend_acceleration is not None:
+            raise ValueError(f"the scene {self.scene} has no bend: omit traffic.bend_acceleration")
         if self.scene not in ("merge", "highway") and self.goal is not None:
             raise ValueError(f"the scene {self.scene} has no straight road: omit goal")
         if self.scene != "intersection" and self.way != "straight":

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from highway_env.road.lane import AbstractLane
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
@@ -17,6 +18,9 @@ _PARAMETERS = (
     ("deceleration", "COMFORT_ACC_MIN", -1.0),
 )
 """Option, attribute of highway-env, and the sign that it has there."""
+
+_BEND_BRAKING = 2.0
+"""Deceleration at which a driver begins to brake for a bend [m/s^2]."""
 
 
 class MoodyDriver(IDMVehicle):  # type: ignore[misc]
@@ -55,7 +59,27 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
 
 
 class IntersectionDriver(MoodyDriver):
-    """Separate class, since the intersection changes the model's parameters on the class."""
+    """Driver who slows down before a bend on its way.
+
+    A separate class, since the intersection changes the model's parameters on the class.
+    """
+
+    def act(self, action: dict[str, object] | str | None = None) -> None:
+        """Set the action: that of its model, or braking to the speed limit of the lane that follows."""
+        super().act(action)
+        lane, following = self.lane, self._find_next_lane()
+        if self.crashed or following is None or following.speed_limit >= lane.speed_limit:
+            return
+        excess = self.speed**2 - following.speed_limit**2
+        way = max(lane.length - lane.local_coordinates(self.position)[0], 0.5)
+        if excess > 2.0 * _BEND_BRAKING * way:
+            braking = max(-0.5 * excess / way, -self.ACC_MAX)
+            self.action["acceleration"] = min(self.action["acceleration"], braking)
+
+    def _find_next_lane(self) -> AbstractLane | None:
+        _, end, _ = self.lane_index
+        following = (index for index in self.route or () if index[0] == end)
+        return next((self.road.network.get_lane((begin, end, 0)) for begin, end, _ in following), None)
 
 
 class LightEgo(Vehicle):  # type: ignore[misc]

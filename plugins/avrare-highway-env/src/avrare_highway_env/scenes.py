@@ -79,7 +79,17 @@ class Highway(HighwayEnv):  # type: ignore[misc]
 
 
 class Intersection(IntersectionEnv):  # type: ignore[misc]
-    """Intersection scene; vehicles come and go."""
+    """Intersection scene; vehicles come and go.
+
+    The other drivers keep to the lateral acceleration ``bend_acceleration`` of its configuration, if any.
+    """
+
+    def _make_road(self) -> None:
+        super()._make_road()
+        limit = self.config["bend_acceleration"]
+        for lane in self.road.network.lanes_list() if limit is not None else ():
+            if isinstance(lane, CircularLane):
+                lane.speed_limit = min(lane.speed_limit, float(np.sqrt(limit * lane.radius)))
 
     def _make_vehicles(self, n_vehicles: int = 10) -> None:
         super()._make_vehicles(n_vehicles)
@@ -168,7 +178,12 @@ def _highway(config: HighwayEnvConfig) -> Setting:
 def _intersection(config: HighwayEnvConfig) -> Setting:
     count = 10 if config.vehicles is None else config.vehicles
     # highway-env's 0.6 is per second
-    options = _options("IntersectionDriver", initial_vehicle_count=count, spawn_probability=0.6 * config.dt)
+    options = _options(
+        "IntersectionDriver",
+        initial_vehicle_count=count,
+        spawn_probability=0.6 * config.dt,
+        bend_acceleration=config.traffic.bend_acceleration,
+    )
     return Setting(Intersection, options, count + 30, 6, None, None)
 
 

@@ -24,10 +24,11 @@ from avrare_highway_env.worlds import EGO, capture, gap_ahead, others_of, read, 
 
 _TUNED = ("desired_speed", "time_gap", "acceleration", "deceleration")
 """Options of the traffic that drivers take."""
-_BEYOND_TYRES = (
-    "the other drivers go round a ring of 20 m at 16 m/s, 1.3 g to the side, which no car does: give "
-    "traffic.bend_acceleration, such as 3"
-)
+_BEYOND_TYRES = {
+    "roundabout": "the other drivers go round a ring of 20 m at 16 m/s, 1.3 g to the side",
+    "intersection": "the other drivers turn right on a radius of 9 m at 10 m/s, 1.1 g to the side",
+}
+"""Warnings of scenes whose drivers have no ``traffic.bend_acceleration``."""
 
 
 def build(config: HighwayEnvConfig, scene: object | None = None) -> HighwayEnvSimulator:
@@ -101,8 +102,12 @@ class HighwayEnvSimulator(Simulator):
             for name, value in {**tuned, "ego_speed": config.ego_speed}.items()
             if value is not None
         }
-        free = config.scene == "roundabout" and config.traffic.bend_acceleration is None
-        self.warnings = {"beyond_tyres": _BEYOND_TYRES} if free else {}
+        self.warnings = {}
+        if config.scene in _BEYOND_TYRES and config.traffic.bend_acceleration is None:
+            text = (
+                f"{_BEYOND_TYRES[config.scene]}, which no car does: give traffic.bend_acceleration, such as 3"
+            )
+            self.warnings = {"beyond_tyres": text}
         self.scene: Scene | None = None
         if self.setting.road is not None:
             objects = [*self.environment.road.vehicles, *self.environment.road.objects]

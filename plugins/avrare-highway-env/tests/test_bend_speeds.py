@@ -1,4 +1,4 @@
-"""Speeds at the roundabout: a limit of the lateral acceleration, or a warning that there is none."""
+"""Speeds in bends of roundabout and intersection: a limit of the acceleration, or a warning of its lack."""
 
 import numpy as np
 import pytest
@@ -38,6 +38,32 @@ def test_without_a_limit_the_drivers_are_those_of_highway_env_and_a_warning_says
     assert "traffic.bend_acceleration" in sim.warnings["beyond_tyres"]
 
 
-def test_other_scenes_have_no_ring():
+def turning(limit):
+    """Return the lateral accelerations of those who turn at the intersection while the ego waits."""
+    options = {"bend_acceleration": limit, "acceleration_sd": 1.0}
+    sim = HighwayEnvSimulator(HighwayEnvConfig(scene="intersection", vehicles=6, traffic=options))
+    rng = np.random.default_rng(2)
+    world, across = sim.reset(rng.standard_normal((4, sim.noise_size))), []
+    for _ in range(100):
+        before = world.others
+        waiting = np.stack([np.where(world.ego.speed > 0.5, -0.6, 0.0), np.zeros(4)], axis=1)
+        world = sim.step(world, waiting, rng.standard_normal((4, sim.noise_size)))
+        turned = np.remainder(world.others.heading - before.heading + np.pi, 2.0 * np.pi) - np.pi
+        same = np.hypot(world.others.x - before.x, world.others.y - before.y) < 2.0
+        across.append(np.abs(world.others.speed * turned / 0.1)[same])
+    return sim, np.concatenate(across)
+
+
+def test_a_limit_bounds_the_speeds_of_turns_at_the_intersection():
+    sim, across = turning(3.0)
+    assert 1.5 < np.quantile(across, 0.99) < 3.5
+    assert across.max() < 7.0
+    assert sim.notes == {}
+    free, across = turning(None)
+    assert across.max() > 9.81
+    assert "radius of 9 m" in free.notes["beyond_tyres"]
+
+
+def test_other_scenes_have_no_bend():
     with pytest.raises(ValidationError, match=r"omit traffic\.bend_acceleration"):
         HighwayEnvConfig(scene="merge", traffic={"bend_acceleration": 3.0})
