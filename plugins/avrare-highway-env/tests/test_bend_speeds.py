@@ -58,10 +58,10 @@ def test_a_limit_bounds_the_speeds_of_turns_at_the_intersection():
     sim, across = turning(3.0)
     assert 1.5 < np.quantile(across, 0.99) < 3.5
     assert across.max() < 7.0
-    assert sim.notes == {}
+    assert sim.warnings == {}
     free, across = turning(None)
     assert across.max() > 9.81
-    assert "radius of 9 m" in free.notes["beyond_tyres"]
+    assert "radius of 9 m" in free.warnings["beyond_tyres"]
 
 
 def test_other_scenes_have_no_bend():
