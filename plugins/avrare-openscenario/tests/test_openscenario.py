@@ -96,7 +96,7 @@ def test_lane_changes(build, action, end, target):
     assert (heading[12:end] > 0.0).all()
     assert (heading[end + 1 :] == 0.0).all()
     slopes = np.diff(y) / 2.0  # 2 m a step
-    aside = np.tan(heading[12:end]) - 0.5 * (slopes[12:end] + slopes[11 : end - 1])
+    aside = np.sin(heading[12:end]) - 0.5 * (slopes[12:end] + slopes[11 : end - 1])
     assert np.abs(aside).max() < 0.002
 
 

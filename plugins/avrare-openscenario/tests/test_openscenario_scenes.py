@@ -33,7 +33,7 @@ DATA = next(
     ),
     None,
 )
-READ_BY_NOW = 135
+READ_BY_NOW = 150
 """Least number of the given scenes that are read."""
 
 
@@ -258,17 +258,21 @@ def two_ways():
     return f'<OpenDRIVE><header/>{"".join(roads)}<junction id="7" name="">{ways}</junction></OpenDRIVE>'
 
 
+def route_to(*roads):
+    points = "".join(
+        f'<Waypoint routeStrategy="shortest"><Position><LanePosition roadId="{road}" laneId="-1" s="5"/>'
+        "</Position></Waypoint>"
+        for road in roads
+    )
+    route = f"<RoutingAction><AssignRouteAction><Route name='r' closed='false'>{points}</Route>"
+    return route + "</AssignRouteAction></RoutingAction>"
+
+
 def test_a_vehicle_drives_straight_on_or_along_its_route(write):
     text = document(car=lane_position(10.0, -1), ego=lane_position(30.0, -1))
     _, (x, y, heading, _) = states_of(write(text, two_ways()), "Car", 4.0)
     assert (x[-1], y[-1], heading[-1]) == pytest.approx((90.0, -1.75, 0.0), abs=1e-6)
-    points = "".join(
-        f'<Waypoint routeStrategy="shortest"><Position><LanePosition roadId="{road}" laneId="-1" s="5"/>'
-        "</Position></Waypoint>"
-        for road in (1, 4)
-    )
-    route = f"<RoutingAction><AssignRouteAction><Route name='r' closed='false'>{points}</Route>"
-    routed = with_private(text, route + "</AssignRouteAction></RoutingAction>")
+    routed = with_private(text, route_to(1, 4))
     _, (x, y, heading, _) = states_of(write(routed, two_ways()), "Car", 4.0)
     way = 90.0 - 50.0 - 20.0 - 1.75 * 1.0  # on road 4: the outer lane of the bend is longer
     corner = 50.0 + 20.0 * math.sin(1.0), 20.0 * (1.0 - math.cos(1.0))
@@ -280,12 +284,20 @@ def test_a_vehicle_drives_straight_on_or_along_its_route(write):
     assert heading[-1] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_a_route_that_begins_later_is_refused(write):
-    route = "<RoutingAction><AssignRouteAction><Route name='r' closed='false'><Waypoint><Position>"
-    route += lane_position(10.0) + "</Position></Waypoint></Route></AssignRouteAction></RoutingAction>"
-    found = judge_scene(write(document(event(route))))
-    assert found.status == "refused"
-    assert "a route is read in Init alone" in found.reason
+def test_a_route_that_begins_later_holds_at_the_next_junction(write):
+    text = document(event(route_to(4)), car=lane_position(10.0, -1), ego=lane_position(30.0, -1))
+    _, (_, y, heading, _) = states_of(write(text, two_ways()), "Car", 4.0)
+    assert heading[-1] == pytest.approx(1.0, abs=1e-3)
+    assert y[-1] > 5.0
+
+
+def test_lanes_of_the_road_that_a_vehicle_is_on_count_after_a_junction(write):
+    late = AT_ONE.replace("1.0", "2.5")
+    change = event(change_lane(target='<AbsoluteTargetLane value="1"/>'), late)
+    text = document(change, car=lane_position(10.0, -1), ego=lane_position(30.0, -1))
+    _, (x, y, _, _) = states_of(write(text, two_ways()), "Car", 6.0)
+    assert x[-1] > 60.0
+    assert y[-1] == pytest.approx(1.75, abs=1e-6)
 
 
 @pytest.mark.skipif(DATA is None, reason="the recorded trajectories are not here")

@@ -14,9 +14,11 @@ from avrare.protocols import Bools, Floats
 from avrare_openscenario.conditions import Traffic, holds
 from avrare_openscenario.courses import Course
 from avrare_openscenario.motions import Drive, Motions
+from avrare_openscenario.opendrive import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import place_all, speed_all
-from avrare_openscenario.story import Assignment, Trigger
+from avrare_openscenario.starts import move_all, move_along_body, place_all, speed_all
+from avrare_openscenario.story import Assignment, Route, Trigger
+from avrare_openscenario.ways import Ways
 
 Integers = NDArray[np.int64]
 _AT_REST = 1e-3
@@ -40,6 +42,7 @@ class StoryMemory:
         still: (N, V + 1) time at rest so far [s].
         variables: (N, P) values of variables.
         drive: What the vehicles are doing.
+        points: States (N, V) of their points of reference.
     """
 
     table: Floats
@@ -54,6 +57,7 @@ class StoryMemory:
     still: Floats
     variables: Floats
     drive: Drive
+    points: Vehicles
 
 
 class ActedTraffic:
@@ -65,7 +69,9 @@ class ActedTraffic:
     """
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
-        self.file, self.story, self.maps, self.dt = file, file.story, file.maps, dt
+        self.file, self.story, self.dt = file, file.story, dt
+        self.maps: Sequence[RoadMap] = file.maps
+        self.ways: Ways | None = None
         self.lengths = np.array([body.length for body in file.bodies])
         self.widths = np.array([body.width for body in file.bodies])
         self.ahead = np.array([body.ahead for body in file.bodies])
@@ -76,13 +82,19 @@ class ActedTraffic:
     def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
         """Return the ego (N,), the others (N, V) and the memory at t = 0, with drawn parameters (N,)."""
         table = self.file.parameters.table(values, n)
-        s, d, heading = place_all(self.story, self.maps, table, self.ahead)
+        if not self.file.ego and n == 1:
+            self.ways = self.motions.ways = Ways(self.file.network, list(self.file.maps), self.file.routes)
+            self.maps = self.motions.maps = self.ways.maps
         speed = speed_all(self.story, table)
-        every = Vehicles(s, d, heading, speed, np.zeros_like(speed))
+        points = Vehicles(*place_all(self.story, self.maps, table), speed, np.zeros_like(speed))
         for action in self.story.adjustments:
-            every = self.motions.put(action, table, every)
-        heading, speed = every.heading, every.speed
+            points = self.motions.put(action, table, points)
+        if self.ways is not None:
+            self.ways.changed.update(range(len(self.maps)))
+            points = self.ways.renew(points, [True] * len(self.maps))
+        heading, speed = points.heading, points.speed
         story, vehicles = self.story, self.count
+        own = Vehicles(*(values[:, :vehicles] for values in vars(points).values()))
         memory = StoryMemory(
             table,
             np.zeros((n, len(story.acts)), np.bool_),
@@ -101,14 +113,16 @@ class ActedTraffic:
                 Course.idle(n, vehicles),
                 np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
             ),
+            own,
         )
+        every = move_all(self.maps, points, self.ahead)
         ego, others = (
             Vehicles(*(part[:, rows] for part in vars(every).values())) for rows in (-1, slice(vehicles))
         )
         return ego, others, memory
 
     def check_start(self) -> None:
-        """Raise an error where a vehicle starts off the road, or the ego against it.
+        """Raise an error where a vehicle starts off the road of the ego, or the ego against it.
 
         Raises:
             UsageError: Such a vehicle.
@@ -120,7 +134,7 @@ class ActedTraffic:
             length = roads.line.length
             if not np.isfinite(station):
                 raise UsageError(f"{self.file.path}: {body.name!r} is on no road at the start")
-            if not 0.0 <= station <= length:
+            if self.file.ego and not 0.0 <= station <= length:
                 text = f"{self.file.path}: {body.name!r} begins at {station:.6g} m of its road"
                 raise UsageError(text, f"the road goes from 0 to {length:.6g} m")
             if self.file.ego and body is self.file.bodies[-1] and np.cos(heading) < 0.0:
@@ -131,9 +145,19 @@ class ActedTraffic:
         self, memory: StoryMemory, step: Integers, ego: Vehicles | None, others: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
         """Return the memory and the others one step later; the ego, if there is one, is that of this step."""
-        memory, every = self._trigger(memory, step, _join(others, ego))
-        drive, found = self.motions.move(memory.table, memory.drive, step, every)
-        memory = replace(memory, drive=drive)
+        every = memory.points
+        if ego is not None:
+            pose = move_along_body(self.maps[-1], ego.x, ego.y, ego.heading, -self.ahead[-1])
+            every = _join(every, Vehicles(*pose, ego.speed, ego.acceleration))
+        memory, every = self._trigger(memory, step, every, _join(others, ego))
+        changes = memory.drive.across.action[:1].ravel()
+        if self.ways is not None:
+            every = self.ways.renew(every, (changes < 0).tolist())
+        drive, points = self.motions.move(memory.table, memory.drive, step, every)
+        if self.ways is not None:
+            self.ways.changed.update(np.flatnonzero((changes >= 0) & (drive.across.action[0] < 0)).tolist())
+        memory = replace(memory, drive=drive, points=points)
+        found = move_all(self.maps, points, self.ahead)
         mean = replace(found, speed=0.5 * np.abs(others.speed + found.speed))
         driven = _join(mean, ego).speed * self.dt
         resting = np.abs(_join(found, ego).speed) < _AT_REST
@@ -144,10 +168,12 @@ class ActedTraffic:
         )
         return self._end_events(memory, step + 1), found
 
-    def _trigger(self, memory: StoryMemory, step: Integers, every: Vehicles) -> tuple[StoryMemory, Vehicles]:
+    def _trigger(
+        self, memory: StoryMemory, step: Integers, every: Vehicles, middles: Vehicles
+    ) -> tuple[StoryMemory, Vehicles]:
         traffic = Traffic(
             np.asarray(step * self.dt, dtype=np.float64),
-            every,
+            middles,
             self.lengths,
             self.widths,
             self.ahead,
@@ -227,6 +253,10 @@ class ActedTraffic:
         memory = replace(memory, begun=begun, ended=ended, runs=runs)
         for number in event.actions:
             action = self.story.actions[number]
+            if isinstance(action, Route):
+                if self.ways is not None and rows.any():
+                    self.ways.assign(action.actor, action.roads)
+                continue
             if isinstance(action, Assignment):
                 variables = np.array(memory.variables)
                 variables[:, action.name] = np.where(rows, _assign(action, memory), variables[:, action.name])

@@ -20,6 +20,8 @@ from avrare_openscenario.story import (
     Gap,
     LaneChange,
     Place,
+    Removal,
+    Route,
     SpeedChange,
     SpeedProfile,
     Synchronize,
@@ -73,6 +75,11 @@ class ActionReader:
             return None
         if action.tag in ("ParameterAction", "VariableAction"):
             return self._read_assignment(action)
+        if action.tag == "EntityAction":
+            actor, change = self._find_entity(action), action.choice()
+            if change.tag == "AddEntityAction":
+                return Teleport(actor, self.read_place(change.child("Position")))
+            return Removal(actor)
         raise action.unknown("EnvironmentAction, ParameterAction, VariableAction")
 
     def read_private(self, private: Element, actor: int) -> Action | None:
@@ -101,6 +108,11 @@ class ActionReader:
                 return self._read_lane_offset(action, actor)
             case "AssignRouteAction":
                 return read_route(self, action, actor)
+            case "AcquirePositionAction":
+                place = self.read_place(action.child("Position"))
+                if place.roads is None:
+                    raise action.error("is read for a place on a road", "give a LanePosition or RoadPosition")
+                return Route(actor, (place.roads,))
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
         known = "SpeedAction, SpeedProfileAction, LaneChangeAction, LaneOffsetAction"

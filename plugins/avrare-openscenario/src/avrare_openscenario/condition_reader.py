@@ -137,9 +137,13 @@ class ConditionReader:
             case "DistanceCondition":
                 rule, value = self._read_comparison(one)
                 along, free = self._read_distance(one)
-                if one.get("relativeDistanceType") == "lateral":
-                    raise one.error("a lateral distance to a place is not read")
-                return Condition("distance", rule, value, along=along, free=free, place=self._place(one))
+                aside: Literal["", "lateral"] = (
+                    "lateral" if one.get("relativeDistanceType") == "lateral" else ""
+                )
+                place = self._place(one)
+                return Condition(
+                    "distance", rule, value, along=along, free=free, place=place, direction=aside
+                )
             case "ReachPositionCondition":
                 tolerance = self.parameters.number(one, "tolerance")
                 return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
@@ -154,8 +158,11 @@ class ConditionReader:
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
         target = one.child("TimeToCollisionConditionTarget").choice()
+        if target.tag == "Position":
+            place = read_place(target, self.parameters, self.roads, self.names, self.curves)
+            return Condition("collision_time", rule, value, free=free, place=place)
         if target.tag != "EntityRef":
-            raise target.unknown("EntityRef")
+            raise target.unknown("EntityRef, Position")
         other = find_entity(target, "entityRef", self.parameters, self.names)
         return Condition("collision_time", rule, value, other=other, free=free)
 

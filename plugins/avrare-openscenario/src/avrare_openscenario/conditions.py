@@ -148,12 +148,13 @@ def _measure(
         case "off_road":
             return _off_road(_pick(traffic.vehicles, entity), roads)
     if condition.place is not None:
-        return _distance_to_place(condition, entity, traffic, maps, table)
-    distance = _distance(condition, entity, other, traffic, maps)
-    if condition.kind == "distance":
+        distance = _distance_to_place(condition, entity, traffic, maps, table)
+    else:
+        distance = _distance(condition, entity, other, traffic, maps)
+    if condition.kind in ("distance", "reach"):
         return distance
     closing = speeds[:, entity]
-    if condition.kind == "collision_time":
+    if condition.kind == "collision_time" and condition.place is None:
         along = speeds * np.cos(traffic.vehicles.heading)
         side = np.sign(traffic.vehicles.x[:, other] - traffic.vehicles.x[:, entity])
         closing = side * (along[:, entity] - along[:, other])
@@ -202,6 +203,9 @@ def _distance_to_place(
     s, d, heading = place_point(condition.place, roads, maps, table, references)
     goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
     here = _pick(traffic.vehicles, entity)
+    if condition.direction == "lateral":
+        reach = 0.5 * traffic.widths[entity] if condition.free else 0.0
+        return np.asarray(np.maximum(np.abs(here.y - d) - reach, 0.0))
     if not condition.free:
         here = _reference(roads, here, traffic.ahead[entity])
         return _apart(condition.along, here, goal, roads)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,11 +10,11 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.courses import Course, Integers, transition_span
+from avrare_openscenario.opendrive import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import (
     build_path,
     lane_middle,
-    move_along_body,
     nearest_lane,
     place_point,
     resolve_speed,
@@ -23,6 +24,7 @@ from avrare_openscenario.story import (
     Gap,
     LaneChange,
     Place,
+    Removal,
     Route,
     SpeedChange,
     SpeedProfile,
@@ -32,9 +34,12 @@ from avrare_openscenario.story import (
 )
 from avrare_openscenario.synchronization import synchronize_speed
 from avrare_openscenario.trajectories import Path, Pose, list_places
+from avrare_openscenario.ways import Ways
 
 _CRAWL = 0.5
 """Speed below which a heading does not follow a lane change [m/s]."""
+_GONE = 1e6
+"""Station of a vehicle that is taken out [m]."""
 _STIFFNESS = 0.4
 """Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
 
@@ -65,16 +70,20 @@ class Motions:
     """
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
-        self.story, self.maps, self.dt = file.story, file.maps, dt
+        self.story, self.dt = file.story, dt
+        self.maps: Sequence[RoadMap] = file.maps
+        self.ways: Ways | None = None
         self.bodies = file.bodies
         actions = enumerate(self.story.actions)
         self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
         self.ahead = np.array([body.ahead for body in file.bodies])
+        others = file.maps[: len(file.bodies) - file.ego]
+        self.free = np.array([not roads.lanes for roads in others], np.bool_)
 
     def begin(
         self, number: int, rows: Bools, table: Floats, drive: Drive, every: Vehicles
     ) -> tuple[Drive, Vehicles]:
-        """Begin an action in some rows; what is done after it, and all vehicles."""
+        """Begin an action in some rows; what is done after it, and all points of reference."""
         action = self.story.actions[number]
         assert not isinstance(action, Assignment | Route)
         actor = action.actor
@@ -91,17 +100,27 @@ class Motions:
                 heading[:, actor] = np.where(rows, moved.heading[:, actor], heading[:, actor])
                 across = drive.across.finish(actor, rows)
                 return replace(drive, heading=heading, across=across), _choose(rows, actor, moved, every)
+            case Removal():
+                parts = {name: np.array(part) for name, part in vars(every).items()}
+                parts["x"][rows, actor], parts["speed"][rows, actor] = _GONE, 0.0
+                speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
+                return replace(drive, speed=speed, across=across), Vehicles(**parts)
             case Gap() if action.acceleration is None and not action.continuous:
                 return drive, _choose(rows, actor, self.set_gap(action, table, every), every)
             case Trajectory():
                 anchors = np.array(drive.anchors)
-                poses = [np.stack(self._reference(every, k), axis=1) for k in range(every.x.shape[1])]
-                anchors[rows, self.trajectories.index(number)] = np.stack(poses, axis=1)[rows]
-                across = self._begin_endless(
-                    drive.across, number, rows, np.zeros(len(rows)), not action.times
-                )
+                poses = np.stack([every.x, every.y, every.heading], axis=2)
+                anchors[rows, self.trajectories.index(number)] = poses[rows]
+                drive = replace(drive, anchors=anchors)
+                path, begin = self._path(number, table, drive), np.zeros(len(rows))
+                gear = path.gear(begin if action.begin is None else table[:, action.begin])
+                turns = action.may_reverse & (every.speed[:, actor] < 0.0)  # it drives the line backwards
+                gear = np.where(turns, -1.0, gear)
+                across = self._begin_endless(drive.across, number, rows, gear, not action.times)
+                across.target[:, actor] = np.where(rows & turns, np.pi, across.target[:, actor])
+                across.target[:, actor] = np.where(rows & ~turns, 0.0, across.target[:, actor])
                 speed = drive.speed.finish(actor, rows) if action.times else drive.speed
-                return replace(drive, speed=speed, across=across, anchors=anchors), every
+                return replace(drive, speed=speed, across=across), every
             case Gap(across=True):
                 across = self._begin_endless(drive.across, number, rows, every.y[:, actor])
                 return replace(drive, across=across), every
@@ -138,7 +157,10 @@ class Motions:
         return Vehicles(**parts)
 
     def move(self, table: Floats, drive: Drive, step: Integers, every: Vehicles) -> tuple[Drive, Vehicles]:
-        """Return what is done, and the vehicles (N, V) without the ego, one step later."""
+        """Return what is done, and the points of reference (N, V) without the ego's, one step later.
+
+        A speed is that of the point in any direction: who changes lanes gains less along the road.
+        """
         heading, speed, across = drive.heading, drive.speed, drive.across
         others = Vehicles(*(part[:, : heading.shape[1]] for part in vars(every).values()))
         active = speed.action >= 0
@@ -149,12 +171,16 @@ class Motions:
         start = np.where(active & (begun.span <= 0.0), velocity, others.speed)  # a step has no way
         way = 0.5 * (start + velocity) * self.dt
         changing = across.action >= 0
-        across, aside, slope = across.advance(self.dt, np.abs(way))
-        y = np.where(changing, aside, others.y)
+        gone = np.where(np.isin(across.action, self.trajectories), across.start * way, np.abs(way))
+        across, aside, slope = across.advance(self.dt, gone)
+        y = np.where(changing, aside, others.y + np.where(self.free, way * np.sin(heading), 0.0))
         direction = np.where(np.cos(heading) < 0.0, -1.0, 1.0)
-        x = self._advance(others.x, 0.5 * (others.y + y), direction * way)
-        drift = np.where(changing & (velocity > _CRAWL), slope * np.where(across.by_way, velocity, 1.0), 0.0)
-        turned = heading + direction * np.arctan2(drift, np.maximum(velocity, _CRAWL))
+        moving = changing & (np.abs(velocity) > _CRAWL)
+        drift = np.where(across.by_way, slope, slope / np.where(moving, velocity, 1.0))
+        angle = np.arcsin(np.clip(np.where(moving, drift, 0.0), -1.0, 1.0))
+        along = np.where(self.free, np.cos(heading), direction * np.cos(angle))
+        x = self._advance(others.x, 0.5 * (others.y + y), along * way)
+        turned = heading + direction * angle
         found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
         return self._follow(table, replace(drive, speed=speed, across=across), step, every, found)
 
@@ -189,7 +215,9 @@ class Motions:
     ) -> Course:
         now, offset = every.y[:, action.actor], table[:, action.offset]
         station = every.x[:, action.actor]
-        if action.exact:
+        if self.ways is not None:
+            target = self.ways.find_target(action, every, offset)
+        elif action.exact:
             target = every.y[:, action.other] + offset
         else:
             roads = self.maps[action.actor]
@@ -212,12 +240,13 @@ class Motions:
         )
 
     def _teleport(self, action: Teleport, table: Floats, every: Vehicles) -> Vehicles:
-        roads = self.maps[action.actor]
         references = self._references(action.place, every)
+        if self.ways is not None:
+            self.ways.jump(action.actor, action.place, table, references)
+        roads = self.maps[action.actor]
         pose = place_point(action.place, roads, self.maps, table, references)
         parts = {name: np.array(part) for name, part in vars(every).items()}
-        moved = move_along_body(roads, *pose, self.ahead[action.actor])
-        for name, value in zip(("x", "y", "heading"), moved, strict=True):
+        for name, value in zip(("x", "y", "heading"), pose, strict=True):
             parts[name][:, action.actor] = value
         return Vehicles(**parts)
 
@@ -274,13 +303,14 @@ class Motions:
         mine, theirs = here[:, gap.actor], there[:, gap.other]
         along = np.sign(np.cos(every.heading[:, gap.other]))
         side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
+        if not gap.free:
+            return np.asarray(theirs + side * value)
         sizes = [body.width if gap.across else body.length for body in self.bodies]
-        reach = 0.5 * (sizes[gap.actor] + sizes[gap.other]) if gap.free else 0.0
-        centre = theirs + side * (value + reach)
-        if gap.free or gap.across:
+        centre = theirs + side * (value + 0.5 * (sizes[gap.actor] + sizes[gap.other]))
+        if gap.across:
             return np.asarray(centre)
         mine_along = np.sign(np.cos(every.heading[:, gap.actor]))
-        return np.asarray(centre + mine_along * self.ahead[gap.actor] - along * self.ahead[gap.other])
+        return np.asarray(centre - mine_along * self.ahead[gap.actor] + along * self.ahead[gap.other])
 
     def _close_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
         lag = (self._gap_place(gap, table, every) - every.x[:, gap.actor]) * np.sign(
@@ -315,7 +345,7 @@ class Motions:
         roads = self.maps[vehicle]
         s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
         x, y = roads.line.to_plane(s, d)
-        here_s, here_d, heading = self._reference(every, vehicle)
+        here_s, here_d, heading = _pose(every, vehicle)
         here_x, here_y = roads.line.to_plane(here_s, here_d)
         along = (s - here_s) * np.sign(np.cos(heading))
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
@@ -349,21 +379,25 @@ class Motions:
             clock, velocity = across.clock[:, actor], found.speed[:, actor]
             begin = 0.0 if action.begin is None else table[:, action.begin]
             way = clock + begin
-            over = way >= path.ways[:, -1]
+            over = (way >= path.ways[:, -1]) | (way < 0.0)
             if action.times:
                 time = (step + 1) * self.dt if action.absolute else clock
                 times = table[:, list(action.times)]
                 way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
                 over = time >= times[:, -1]
+                velocity = velocity * path.gear(way)
             x, y, turn = path.at(way)
-            turn = np.where(velocity < 0.0, turn + np.pi, turn)
+            turn = turn + across.target[:, actor]
             roads = self.maps[actor]
+            if self.free[actor]:  # without a lane nobody drives on
+                velocity = np.where(over, 0.0, velocity)
             s, d = roads.line.to_road(x, y)
-            pose = move_along_body(roads, s, d, turn - roads.line.heading(s), self.ahead[actor])
+            pose = s, d, turn - roads.line.heading(s)
             parts = {name: np.array(part) for name, part in vars(found).items()}
             for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
                 parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
-            heading[:, actor] = np.where(rows, np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0), heading[:, actor])
+            snapped = pose[2] if self.free[actor] else np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0)
+            heading[:, actor] = np.where(rows, snapped, heading[:, actor])
             found = Vehicles(**parts)
             across = across.finish(actor, rows & over)
         return replace(drive, across=across, heading=heading), found
@@ -376,11 +410,11 @@ class Motions:
         return build_path(action, self.maps[action.actor], self.maps, table, poses)
 
     def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
-        return {other: self._reference(every, other) for other in list_places(place)}
+        return {other: _pose(every, other) for other in list_places(place)}
 
-    def _reference(self, every: Vehicles, vehicle: int) -> Pose:
-        s, d, heading = every.x[:, vehicle], every.y[:, vehicle], every.heading[:, vehicle]
-        return move_along_body(self.maps[vehicle], s, d, heading, -self.ahead[vehicle])
+
+def _pose(vehicles: Vehicles, k: int) -> Pose:
+    return vehicles.x[:, k], vehicles.y[:, k], vehicles.heading[:, k]
 
 
 def _choose(rows: Bools, vehicle: int, moved: Vehicles, every: Vehicles) -> Vehicles:

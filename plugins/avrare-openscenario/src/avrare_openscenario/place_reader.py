@@ -59,18 +59,18 @@ def _read_kind(
         case "RelativeWorldPosition":
             other = find_entity(one, "entityRef", parameters, names)
             one.get("dz")
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             return Place("shifted", number("dx"), number("dy"), heading, None, other, absolute)
         case "RoutePosition" if curves is not None:
             return curves.read_route_place(one)
         case "TrajectoryPosition" if curves is not None:
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             curve = curves.read_curve(one.find("TrajectoryRef") or one, -1, False)
             return Place("curve", number("s"), number("t", 0.0), heading, absolute=absolute, curve=curve)
         case "LanePosition":
             line = find_road(one, parameters, roads)
             lane = parameters.whole(one, "laneId")
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             station, offset = _read_station(one, parameters, line), number("offset", 0.0)
             if lane in line.lanes:
                 index = line.lanes[lane]
@@ -82,23 +82,23 @@ def _read_kind(
         case "RoadPosition":
             line = find_road(one, parameters, roads)
             station = _read_station(one, parameters, line)
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             return Place("road", station, number("t"), heading, absolute=absolute, roads=line)
         case "RelativeLanePosition":
             other = find_entity(one, "entityRef", parameters, names)
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             across = parameters.whole(one, "dLane")
             ahead = number("ds" if one.get("dsLane") is None else "dsLane", 0.0)
             offset = number("offset", 0.0)
             return Place("beside", ahead, offset, heading, across, other, absolute)
         case "RelativeRoadPosition":
             other = find_entity(one, "entityRef", parameters, names)
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             return Place("beside", number("ds"), number("dt"), heading, None, other, absolute)
         case "RelativeObjectPosition":
             other = find_entity(one, "entityRef", parameters, names)
             one.get("dz")
-            heading, absolute = _read_orientation(one, parameters)
+            heading, absolute = read_orientation(one, parameters)
             return Place("ahead", number("dx"), number("dy"), heading, None, other, absolute)
     raise one.unknown(POSITIONS)
 
@@ -140,7 +140,8 @@ def _read_station(element: Element, parameters: Parameters, line: RoadMap) -> Nu
     return parameters.shifted(parameters.number(element, "s"), begin)
 
 
-def _read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
+def read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
+    """Return the heading that a position has, and whether it is one in the plane."""
     found = position.find("Orientation")
     if found is None:
         return parameters.constant(0.0), False

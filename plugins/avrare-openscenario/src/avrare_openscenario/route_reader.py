@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from avrare_openscenario.place_reader import read_orientation
 from avrare_openscenario.routes import follow_lane
 from avrare_openscenario.starts import place_point
 from avrare_openscenario.story import Place, Route
@@ -35,14 +36,14 @@ def read_route_place(reader: ActionReader, position: Element) -> Place:
     own = line.lanes[names[first.lane]]
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
     station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
-    heading = reader.parameters.constant(0.0)
+    heading, absolute = read_orientation(position, reader.parameters)
     if where.tag == "FromLaneCoordinates":
         where.get("laneId")
         offset = reader.parameters.number(where, "laneOffset", 0.0)
-        return Place("lane", station, offset, heading, own, roads=line)
+        return Place("lane", station, offset, heading, own, absolute=absolute, roads=line)
     middle = -abs(first.roads.centres[names[first.lane]])
     across = reader.parameters.shifted(reader.parameters.number(where, "t"), -middle)
-    return Place("road", station, across, heading, roads=line)
+    return Place("road", station, across, heading, absolute=absolute, roads=line)
 
 
 def _read_waypoints(reader: ActionReader, action: Element) -> list[Place]:

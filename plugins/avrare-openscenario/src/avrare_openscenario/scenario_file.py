@@ -12,11 +12,10 @@ from avrare.base.errors import did_you_mean
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
-from avrare_openscenario.opendrive import Network, RoadMap, read_opendrive
+from avrare_openscenario.opendrive import Network, RoadMap, open_plane, read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity
-from avrare_openscenario.routes import follow_lane
-from avrare_openscenario.starts import Starts, nearest_lane, place_all
+from avrare_openscenario.starts import Starts
 from avrare_openscenario.story import (
     Action,
     Gap,
@@ -64,10 +63,12 @@ class ScenarioFile:
 
     Attributes:
         path: The file.
-        road_path: The file of its road.
+        road_path: The file of its road; empty: none.
         catalog_paths: The files of the catalogs that it refers to.
         parameters: Its parameters; all numbers of the storyboard are columns of their table.
-        maps: The road of each vehicle.
+        network: All roads.
+        maps: The road on which each vehicle starts.
+        routes: Roads that a vehicle is to drive over, by its index.
         bodies: Bodies of the vehicles, the ego last.
         ego: Whether the last one is an ego that a stack drives; else all obey the file.
         story: What happens.
@@ -78,7 +79,9 @@ class ScenarioFile:
     road_path: str
     catalog_paths: tuple[str, ...]
     parameters: Parameters
+    network: Network
     maps: tuple[RoadMap, ...]
+    routes: dict[int, Sequence[RoadMap]]
     bodies: tuple[Body, ...]
     ego: bool
     story: Storyboard
@@ -122,15 +125,21 @@ def read_scenario(
         raise header.error("only OpenSCENARIO XML 1.x is read")
     parameters = Parameters(top.find("ParameterDeclarations"), given, path)
     entries = Catalogs(top.find("CatalogLocations"), parameters, path, catalogs, allowed)
-    logic = top.child("RoadNetwork").find("LogicFile")
-    if logic is None:
-        raise top.child("RoadNetwork").error("names no LogicFile", "the lanes must be known")
-    file = road or os.path.join(os.path.dirname(path), parameters.text(logic, "filepath"))
-    logic.get("filepath")
-    if allowed is not None:
-        allowed(file, "RoadNetwork: LogicFile")
-    top.child("RoadNetwork").skip_children("SceneGraphFile")
-    roads = read_lanelet_map(file, logic) if is_lanelet_map(file) else read_opendrive(file)
+    named = top.child("RoadNetwork")
+    named.skip_children("SceneGraphFile", "UsedArea")
+    logic = named.find("LogicFile")
+    if logic is None and road is None:
+        if ego is not None:
+            raise named.error("names no LogicFile", "the lanes must be known")
+        named.note("names no road: vehicles move in the open plane")
+        file, roads = "", open_plane()
+    else:
+        file = road or os.path.join(os.path.dirname(path), parameters.text(logic or named, "filepath"))
+        if logic is not None:
+            logic.get("filepath")
+        if allowed is not None:
+            allowed(file, "RoadNetwork: LogicFile")
+        roads = read_lanelet_map(file, logic or named) if is_lanelet_map(file) else read_opendrive(file)
     bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
     names = [body.name for body in bodies]
     board = top.child("Storyboard")
@@ -138,7 +147,7 @@ def read_scenario(
     driven = None if ego is None else len(names) - 1
     variables = _read_variables(top, parameters)
     reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
-    starts = _read_starts(board.child("Init"), reader.reading)
+    starts = _read_starts(board.child("Init"), reader.reading, board.list_names("Actors", "entityRef"))
     if ego is not None and starts.routes:
         name = names[next(iter(starts.routes))]
         raise board.error(f"the route of {name!r} is not read under a stack", "see docs/openscenario.md")
@@ -146,20 +155,23 @@ def read_scenario(
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
-    maps = _find_roads(story, roads, parameters, starts.routes, ego)
     return ScenarioFile(
-        path, file, tuple(entries.used), parameters, maps, bodies, ego is not None, story, notes
+        path,
+        file,
+        tuple(entries.used),
+        parameters,
+        roads,
+        _find_roads(story, roads, parameters),
+        dict(starts.routes),
+        bodies,
+        ego is not None,
+        story,
+        notes,
     )
 
 
-def _find_roads(
-    story: Storyboard,
-    roads: Network,
-    parameters: Parameters,
-    routes: Mapping[int, Sequence[RoadMap]],
-    ego: str | None,
-) -> tuple[RoadMap, ...]:
-    # The road on which each vehicle starts, or its way from there where other roads follow.
+def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tuple[RoadMap, ...]:
+    # The road on which each vehicle starts.
     def find(place: Place, asked: tuple[int, ...] = ()) -> RoadMap:
         if place.roads is not None or len(roads.maps) == 1:
             return place.roads or roads.maps[0]
@@ -170,20 +182,7 @@ def _find_roads(
         x, y = parameters.table({}, 1)[0, [place.x, place.y]]
         return roads.find_nearest(x, y)
 
-    maps = [find(place) for place in story.places]
-    if ego is not None or not roads.connections:
-        return tuple(maps)
-    table = parameters.table({}, 1)
-    s, d, heading = place_all(story, maps, table, np.zeros(len(maps)))
-    for k, start in enumerate(maps):
-        lane = int(nearest_lane(start, d[0, k], s[0, k]))
-        against = lane in start.road.opposing
-        if (np.cos(heading[0, k]) < 0.0) != against or start.closed:
-            continue
-        if (id(start), -1 if against else 1) in roads.connections:
-            name = next(name for name, index in start.lanes.items() if index == lane)
-            maps[k] = follow_lane(roads, start, name, routes.get(k, ()))
-    return tuple(maps)
+    return tuple(find(place) for place in story.places)
 
 
 def _read_bodies(
@@ -229,7 +228,9 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     wheelbase, axles = None, kind.find("Axles")
     if axles is not None:
         axles.skip()
-        wheelbase = read(axles.child("FrontAxle"), "positionX") - read(axles.child("RearAxle"), "positionX")
+        front = axles.find("FrontAxle")  # a trailer has none
+        if front is not None:
+            wheelbase = read(front, "positionX") - read(axles.child("RearAxle"), "positionX")
     if "y" in centre.attributes and read(centre, "y") != 0.0:
         raise centre.error("the box should lie in the middle of the vehicle: y = 0")
     length, width = read(size, "length"), read(size, "width")
@@ -240,7 +241,7 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     )
 
 
-def _read_starts(init: Element, reader: ActionReader) -> Starts:
+def _read_starts(init: Element, reader: ActionReader, acting: set[str]) -> Starts:
     places: dict[int, Place] = {}
     speeds: dict[int, TargetSpeed] = {}
     adjustments: list[Gap | Teleport] = []
@@ -270,7 +271,11 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
     curves = {action.actor: action for action in later if isinstance(action, Trajectory)}
     for actor, name in enumerate(reader.names):
         if actor not in places and actor in curves:  # it begins where its trajectory does
-            places[actor] = curves[actor].vertices[0]
+            places[actor] = _begin_curve(curves[actor], speeds.get(actor), reader.parameters)
+        if actor not in places and name in acting:  # it moves later
+            nothing = reader.parameters.constant(0.0)
+            places[actor] = Place("plane", nothing, nothing, nothing, absolute=True)
+            init.note(f"{name!r} has no start: it waits at the origin")
         if actor not in places:
             raise init.error(f"{name!r} has no start", "give it a TeleportAction")
     still = TargetSpeed(reader.parameters.constant(0.0))
@@ -282,6 +287,14 @@ def _read_starts(init: Element, reader: ActionReader) -> Starts:
         tuple(later),
         routes,
     )
+
+
+def _begin_curve(curve: Trajectory, speed: TargetSpeed | None, parameters: Parameters) -> Place:
+    # Place at the begin of a trajectory, against it where that begins in reverse gear.
+    nothing = parameters.constant(0.0)
+    backs = speed is not None and parameters.table({}, 1)[0, speed.value] < 0.0
+    heading = parameters.constant(np.pi) if backs and curve.may_reverse else nothing
+    return Place("curve", nothing if curve.begin is None else curve.begin, nothing, heading, curve=curve)
 
 
 def _read_variables(top: Element, parameters: Parameters) -> dict[str, Number]:

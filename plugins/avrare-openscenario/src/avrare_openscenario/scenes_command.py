@@ -17,7 +17,7 @@ import numpy as np
 from avrare.base.errors import ExitCode, UsageError
 from avrare_openscenario.acted_traffic import ActedTraffic
 from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
-from avrare_openscenario.trace import list_stations, write_trace
+from avrare_openscenario.trace import list_departures, write_trace
 from avrare_openscenario.xml_tree import Element, read_xml
 
 _PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)
@@ -107,8 +107,7 @@ def judge_scene(path: str) -> Finding:
         top = read_xml(path, "OpenSCENARIO")
         features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
         file = read_acted(path, _STEP)
-        check_ends(file)
-        notes = file.notes
+        notes = (*file.notes, *list_ends(file))
     except UsageError as error:
         place = _PLACE.fullmatch(error.message)
         if place is None:
@@ -129,22 +128,24 @@ def read_acted(path: str, dt: float) -> ScenarioFile:
     return file
 
 
-def check_ends(file: ScenarioFile) -> None:
-    """Raise an error where a vehicle drives on into another road or a junction, which is not acted out.
+def list_ends(file: ScenarioFile) -> list[str]:
+    """Return notes on the vehicles that come to the end of their roads within 20 s.
 
     Raises:
-        UsageError: Such a vehicle.
+        UsageError: A vehicle is lost: its state is no number.
     """
-    if not any(True in roads.linked and not roads.closed for roads in file.maps):
-        return
+    if not any(True in roads.linked for roads in file.network.maps):
+        return []
+    notes = []
     with np.errstate(all="ignore"):
-        times, stations = list_stations(file, _STEP, _UNTIL)
-    for body, roads, way in zip(file.bodies, file.maps, stations.T, strict=True):
-        left = (roads.linked[0] & (way < 0.0)) | (roads.linked[1] & (way > roads.line.length))
-        if left.any() and not roads.closed:
-            text = f"{body.name!r} leaves road {', '.join(roads.begins)} at {times[left.argmax()]:g} s"
-            hint = "a drive from one road into another is not acted out"
-            raise UsageError(f"{file.path}: {text}", hint)
+        times, beyond = list_departures(file, _STEP, _UNTIL)
+    for body, way in zip(file.bodies, beyond.T, strict=True):
+        if np.isnan(way).any():
+            raise UsageError(f"{file.path}: {body.name!r} is lost at {times[np.isnan(way).argmax()]:g} s")
+        if (way > 0.0).any():
+            end = f"comes to the end of its road at {times[(way > 0.0).argmax()]:g} s"
+            notes.append(f"{file.path}: {body.name!r} {end}, and goes straight on")
+    return notes
 
 
 def _write_trace(args: argparse.Namespace) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
+from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.opendrive import RoadMap
 from avrare_openscenario.story import (
@@ -28,6 +29,8 @@ Integers = NDArray[np.int64]
 def nearest_lane(roads: RoadMap, y: Floats, s: Floats) -> Integers:
     """Return the index of the lane whose centre is nearest to offsets at stations of the same shape."""
     centres = roads.middles(np.asarray(s))
+    if not centres.shape[-1]:
+        return np.full(np.shape(y), -1)
     apart = np.abs(np.asarray(y)[..., None] - centres)
     return np.asarray(np.where(np.isnan(apart), np.inf, apart).argmin(axis=-1))
 
@@ -65,16 +68,13 @@ class Starts:
     routes: Mapping[int, Sequence[RoadMap]]
 
 
-def place_all(
-    story: Storyboard, maps: Sequence[RoadMap], table: Floats, ahead: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return stations, offsets and headings (N, V + 1) of the middles of all vehicles at the start.
+def place_all(story: Storyboard, maps: Sequence[RoadMap], table: Floats) -> Pose:
+    """Return stations, offsets and headings (N, V + 1) of all points of reference at the start.
 
     Args:
         story: Places of the vehicles.
         maps: The road of each vehicle.
         table: (N, K) numbers of the file.
-        ahead: (V + 1,) how far each middle is ahead of the point that a file places [m].
 
     Raises:
         UsageError: Places are relative to each other in a circle.
@@ -83,8 +83,7 @@ def place_all(
     found: dict[int, Pose] = {}
     for k in _order(needs):
         found[k] = place_point(story.places[k], maps[k], maps, table, found)
-    poses = [move_along_body(maps[k], *found[k], ahead[k]) for k in range(len(found))]
-    s, d, heading = (np.stack([pose[part] for pose in poses], axis=1) for part in range(3))
+    s, d, heading = (np.stack([found[k][axis] for k in range(len(found))], axis=1) for axis in range(3))
     return s, d, heading
 
 
@@ -121,12 +120,26 @@ def _order(needs: Sequence[Sequence[int]]) -> list[int]:
 def move_along_body(
     roads: RoadMap, s: Floats, d: Floats, heading: Floats, by: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return poses that are ``by`` further ahead along the bodies."""
-    across = by * np.sin(heading)
-    along = by * np.cos(heading)
+    """Return poses that are ``by`` further ahead along the bodies, which are straight where roads bend."""
+    along, across = by * np.cos(heading), by * np.sin(heading)
     line = roads.road.line
-    moved = s + along if line is None else line.advance(s, d + 0.5 * across, along)
-    return moved, d + across, heading
+    if line is None:
+        return s + along, d + across, heading
+    moved = line.advance(s, d + 0.5 * across, along)
+    bend = line.heading(moved) - line.heading(s)
+    return moved, d + by * np.sin(heading - 0.5 * bend), heading - bend
+
+
+def move_all(maps: Sequence[RoadMap], vehicles: Vehicles, ahead: Floats) -> Vehicles:
+    """Return vehicles (N, V), each moved along its body by ``ahead`` (V,)."""
+    poses = [
+        move_along_body(roads, vehicles.x[:, k], vehicles.y[:, k], vehicles.heading[:, k], ahead[k])
+        for k, roads in zip(range(vehicles.x.shape[1]), maps, strict=False)
+    ]
+    if not poses:
+        return vehicles
+    s, d, heading = (np.stack(values, axis=1) for values in zip(*poses, strict=True))
+    return replace(vehicles, x=s, y=d, heading=heading)
 
 
 def place_point(

@@ -182,6 +182,12 @@ class Trajectory:
     begin: Number | None = None
     absolute: bool = False
 
+    @property
+    def may_reverse(self) -> bool:
+        """Whether a vehicle whose speed is below 0 drives along the line, against its own heading."""
+        given = self.shape is None and self.shares is None and all(place.turned for place in self.vertices)
+        return self.begin is None and not self.times and not given
+
 
 @dataclass(frozen=True)
 class Teleport:
@@ -189,6 +195,13 @@ class Teleport:
 
     actor: int
     place: Place
+
+
+@dataclass(frozen=True)
+class Removal:
+    """Action: a vehicle is taken out of the scene: it stands far away."""
+
+    actor: int
 
 
 @dataclass(frozen=True)
@@ -235,14 +248,23 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Route:
-    """Action: a vehicle is to drive over some roads; in ``Init`` alone."""
+    """Action: a vehicle is to drive over some roads; only where no stack drives."""
 
     actor: int
     roads: tuple[RoadMap, ...]
 
 
 Action: TypeAlias = (
-    SpeedChange | SpeedProfile | LaneChange | Gap | Trajectory | Teleport | Synchronize | Assignment | Route
+    SpeedChange
+    | SpeedProfile
+    | LaneChange
+    | Gap
+    | Trajectory
+    | Teleport
+    | Removal
+    | Synchronize
+    | Assignment
+    | Route
 )
 
 

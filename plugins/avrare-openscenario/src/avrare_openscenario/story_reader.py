@@ -185,8 +185,8 @@ class StoryReader:
             if not actors:
                 element.skip()
             actions = [self.reading.read_private(kind, actor) for actor in actors]
-            if any(isinstance(action, Route) for action in actions):
-                raise kind.error("a route is read in Init alone")
+            if self.ego is not None and any(isinstance(action, Route) for action in actions):
+                raise kind.error("a route is not read under a stack", "see docs/openscenario.md")
         else:
             actions = [self.reading.read_global(kind)]
         return [action for action in actions if action is not None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,8 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.acted_traffic import ActedTraffic
+from avrare_openscenario.opendrive import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import move_along_body
 
 
 def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
@@ -24,22 +24,26 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
         until: End [s].
     """
     traffic = ActedTraffic(file, dt)
-    states = [_describe(traffic, others) for others in _drive(traffic, until)]
+    states = [_describe(traffic.maps, points) for points in _drive(traffic, until)]
     return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
 
 
-def list_stations(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
-    """Return times (T,) and the station (T, V) of each vehicle along its road."""
-    stations = np.concatenate([others.x for others in _drive(ActedTraffic(file, dt), until)])
-    return np.arange(len(stations), dtype=np.float64) * dt, stations
+def list_departures(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
+    """Return times (T,) and how far (T, V) vehicles are beyond an end of their roads, NaN: lost."""
+    traffic = ActedTraffic(file, dt)
+    ways = []
+    for points in _drive(traffic, until):
+        ends = np.array([np.inf if roads.closed else roads.line.length for roads in traffic.maps])
+        ways.append(np.maximum(points.x[0] - ends, np.where(np.isinf(ends), -1.0, -points.x[0])))
+    return np.arange(len(ways), dtype=np.float64) * dt, np.stack(ways)
 
 
 def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
     _, others, memory = traffic.start(1, {})
-    yield others
+    yield memory.points
     for step in range(round(until / traffic.dt)):
         memory, others = traffic.step(memory, np.array([step]), None, others)
-        yield others
+        yield memory.points
 
 
 def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None:
@@ -53,11 +57,10 @@ def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None
                 writer.writerow((f"{time:.6g}", body.name, *(f"{number:.6f}" for number in state)))
 
 
-def _describe(traffic: ActedTraffic, others: Vehicles) -> Floats:
+def _describe(maps: Sequence[RoadMap], points: Vehicles) -> Floats:
     states = []
-    for k, roads in enumerate(traffic.maps):
-        along = others.x[:, k], others.y[:, k], others.heading[:, k]
-        s, d, heading = move_along_body(roads, *along, -traffic.ahead[k])
-        x, y = roads.line.to_plane(s, d)
-        states.append((x[0], y[0], heading[0] + roads.line.heading(s)[0], others.speed[0, k]))
+    for k, roads in enumerate(maps):
+        x, y = roads.line.to_plane(points.x[:, k], points.y[:, k])
+        heading = points.heading[0, k] + roads.line.heading(points.x[:, k])[0]
+        states.append((x[0], y[0], heading, points.speed[0, k]))
     return np.array(states)

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare_openscenario.story import Place, Trajectory
 
+Integers = NDArray[np.int64]
 Pose = tuple[Floats, Floats, Floats]
+_CORNER = 2.0
+"""Most way before and after a corner of a polyline on which a body turns [m]."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,13 @@ class Path:
         x: (N, M) [m].
         y: (N, M) [m].
         heading: (N, M) heading at the points; None: the direction of each segment [rad].
+        corners: Whether a heading holds from its point to the next one, and bodies turn around the points.
     """
 
     x: Floats
     y: Floats
     heading: Floats | None
+    corners: bool = False
 
     @classmethod
     def build(cls, curve: Trajectory, poses: list[Pose]) -> Path:
@@ -40,7 +46,7 @@ class Path:
             shares = np.array(curve.shares).T
             return cls(x @ shares, y @ shares, None)
         turned = all(vertex.turned for vertex in curve.vertices)
-        return cls(x, y, np.unwrap(heading, axis=1) if turned else None)
+        return cls(x, y, heading if turned else None, corners=True)
 
     @cached_property
     def ways(self) -> Floats:
@@ -53,12 +59,32 @@ class Path:
         rows, begin, share = _locate(self.ways, way)
         x0, y0 = self.x[rows, begin], self.y[rows, begin]
         dx, dy = self.x[rows, begin + 1] - x0, self.y[rows, begin + 1] - y0
-        if self.heading is None:
-            heading = np.arctan2(dy, dx)
+        if self.heading is None or self.corners:
+            heading = self._turn(rows, begin, share)
         else:
             before, after = self.heading[rows, begin], self.heading[rows, begin + 1]
             heading = before + share * (after - before)
         return x0 + share * dx, y0 + share * dy, heading
+
+    @cached_property
+    def _directions(self) -> Floats:
+        # Heading (N, M - 1) on each segment.
+        if self.heading is not None:
+            return np.unwrap(self.heading[:, :-1], axis=1)
+        return np.unwrap(np.arctan2(np.diff(self.y, axis=1), np.diff(self.x, axis=1)), axis=1)
+
+    def _turn(self, rows: Integers, begin: Integers, share: Floats) -> Floats:
+        # Heading on a segment, half-way to that of the next or last one where they meet.
+        lengths, headings = np.diff(self.ways, axis=1), self._directions
+        last = headings.shape[1] - 1
+        here, length = headings[rows, begin], lengths[rows, begin]
+        turned = np.array(here)
+        for beside, left in ((begin - 1, share), (begin + 1, 1.0 - share)):
+            other = np.clip(beside, 0, last)
+            reach = np.minimum(_CORNER, 0.5 * np.minimum(length, lengths[rows, other]))
+            near = np.clip(1.0 - left * length / np.maximum(reach, 1e-9), 0.0, 1.0)
+            turned += 0.5 * near * (headings[rows, other] - here)
+        return turned
 
     def when(self, times: Floats, time: Floats) -> tuple[Floats, Floats]:
         """Return the way (N,) and the speed at a time (N,), given those (N, M) of the points."""
@@ -67,6 +93,13 @@ class Path:
         lasting = np.maximum(times[rows, begin + 1] - times[rows, begin], 1e-9)
         waits = (time < times[:, 0]) | (time > times[:, -1])
         return way + share * step, np.where(waits, 0.0, step / lasting)
+
+    def gear(self, way: Floats) -> Floats:
+        """Return 1 (N,) where the heading at a way points along the line, -1 where against it."""
+        rows, begin, _ = _locate(self.ways, way)
+        direction = np.arctan2(np.diff(self.y, axis=1), np.diff(self.x, axis=1))[rows, begin]
+        moves = np.diff(self.ways, axis=1)[rows, begin] > 0.0
+        return np.where(moves & (np.cos(self.at(way)[2] - direction) < 0.0), -1.0, 1.0)
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Return the way (N,) of the points that are nearest to places (N,)."""
@@ -79,7 +112,7 @@ class Path:
         return np.asarray(self.ways[rows, nearest] + (share * np.sqrt(squared))[rows, nearest])
 
 
-def _locate(table: Floats, value: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
+def _locate(table: Floats, value: Floats) -> tuple[Integers, Integers, Floats]:
     # Rows, index of the interval in each, and share of it.
     rows = np.arange(len(table))
     begin = np.clip((table <= value[:, None]).sum(axis=1) - 1, 0, table.shape[1] - 2)

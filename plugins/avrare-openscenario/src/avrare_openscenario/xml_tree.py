@@ -113,6 +113,11 @@ class Element:
         for element in self._walk():
             element.skip_children(*tags)
 
+    def list_names(self, within: str, attribute: str) -> set[str]:
+        """Return what the children of all elements with a name have as an attribute."""
+        children = (child for one in self._walk() if one.tag == within for child in one.children)
+        return {name for child in children if (name := child.attributes.get(attribute)) is not None}
+
     def pass_over(self, note: str) -> None:
         """Skip the element, and note what is left out by it."""
         self.skip()

@@ -1,0 +1,128 @@
+"""Lines of vehicles in a scene that is acted out: chosen anew after lane changes, jumps and routes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Floats
+from avrare_openscenario.opendrive import Leg, Network, RoadMap
+from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.starts import lane_middle, nearest_lane, place_point
+from avrare_openscenario.story import LaneChange, Place
+from avrare_openscenario.trajectories import Pose
+
+_AHEAD = 1.0
+"""Way before the end of its line at which a vehicle looks further [m]."""
+_BEYOND = 100.0
+"""Way beyond that end from which on it looks no more [m]."""
+
+
+class Ways:
+    """Lines of the vehicles of one scene.
+
+    Args:
+        network: All roads.
+        maps: Line of each vehicle at the start; the list is changed as they drive on.
+        routes: Roads that vehicles are to reach, by their indices.
+    """
+
+    def __init__(self, network: Network, maps: list[RoadMap], routes: dict[int, Sequence[RoadMap]]) -> None:
+        self.network, self.maps, self.routes = network, maps, routes
+        self.changed: set[int] = set()
+
+    def assign(self, vehicle: int, roads: Sequence[RoadMap]) -> None:
+        """Give a vehicle a route, which it takes as soon as it changes no lane."""
+        self.routes[vehicle] = roads
+        self.changed.add(vehicle)
+
+    def jump(self, vehicle: int, place: Place, table: Floats, others: dict[int, Pose]) -> None:
+        """Put a vehicle on the line of the place that it is put to."""
+        roads = place.roads
+        if roads is None and place.other >= 0:
+            roads = self.maps[place.other]
+        elif roads is None:
+            line = self.maps[vehicle].line
+            s, d, _ = place_point(place, self.maps[vehicle], self.maps, table, others)
+            x, y = (table[:, place.x], table[:, place.y]) if place.kind == "plane" else line.to_plane(s, d)
+            roads = self.network.find_nearest(float(x[0]), float(y[0]))
+        self.maps[vehicle] = roads
+        self.changed.add(vehicle)
+
+    def renew(self, points: Vehicles, idle: Sequence[bool]) -> Vehicles:
+        """Return the points of reference (1, V) along the lines that vehicles take from where they are.
+
+        Args:
+            points: States (1, V).
+            idle: Whether each vehicle changes no lane and follows no trajectory.
+        """
+        for k, roads in enumerate(self.maps):
+            station = points.x[0, k]
+            if roads.legs and roads.line.length - _AHEAD < station < roads.line.length + _BEYOND:
+                last = roads.legs[-1]
+                if self.network.find_ways(last.roads, last.direction):
+                    self.changed.add(k)
+            if k in self.changed and idle[k]:
+                self.changed.remove(k)
+                points = self._renew(k, points)
+        return points
+
+    def _renew(self, k: int, points: Vehicles) -> Vehicles:
+        leg, s, d, heading = self._find_leg(k, points)
+        if leg is None:
+            return points
+        x, y = leg.roads.line.to_plane(s, d)
+        turned = heading + leg.roads.line.heading(s)
+        line = leg.roads
+        if not line.closed and (self.network.find_ways(line, leg.direction) or line.bends(leg.lane)):
+            line = follow_lane(self.network, line, leg.lane, self.routes.get(k, ()), leg.direction)
+        self.maps[k] = line
+        s, d = line.line.to_road(x, y)
+        parts = {name: np.array(part) for name, part in vars(points).items()}
+        for name, value in (("x", s), ("y", d), ("heading", turned - line.line.heading(s))):
+            parts[name][:, k] = value
+        return Vehicles(**parts)
+
+    def find_target(self, action: LaneChange, points: Vehicles, offset: Floats) -> Floats:
+        """Return the offset (1,) at which a lane change ends, on the vehicle's own line."""
+        leg, s, d, _ = self._find_leg(action.actor, points)
+        now = points.y[:, action.actor]
+        if leg is None:
+            return now + offset
+        roads = leg.roads
+        target = d + offset
+        if action.other < 0:
+            target = lane_middle(roads, np.array([roads.lanes.get(action.lane, -1)]), s) + offset
+        else:
+            other, their_s, their_d, heading = self._find_leg(action.other, points)
+            if other is None:
+                return now
+            if action.exact and other.roads is roads:
+                target = their_d + offset
+            elif not action.exact:
+                along = np.sign(np.cos(heading)).astype(np.int64)
+                lane = nearest_lane(other.roads, their_d, their_s) + along * action.lane
+                if other.roads is not roads:  # the lane of the same id
+                    name = other.roads.name_lane(int(lane[0]))
+                    lane = np.array([roads.lanes.get(name, -1)])
+                target = lane_middle(roads, lane, s) + offset
+        found = self.maps[action.actor].line.to_road(*roads.line.to_plane(s, target))[1]
+        return np.where(np.isfinite(found), found, now)
+
+    def _find_leg(self, k: int, points: Vehicles) -> tuple[Leg | None, Floats, Floats, Floats]:
+        # The lane in which a vehicle is, and its pose along the roads of that lane.
+        roads, station = self.maps[k], points.x[:, k]
+        x, y = roads.line.to_plane(station, points.y[:, k])
+        turned = points.heading[:, k] + roads.line.heading(station)
+        if roads.legs:
+            roads = roads.find_leg(float(station[0])).roads
+        elif roads not in self.network.maps:
+            roads = self.network.find_nearest(float(x[0]), float(y[0]))
+        s, d = roads.line.to_road(x, y)
+        heading = turned - roads.line.heading(s)
+        if not np.isfinite(s[0]) or not roads.lanes:
+            return None, s, d, heading
+        lane = roads.name_lane(int(nearest_lane(roads, d, s)[0]))
+        return Leg(roads, lane, 1 if np.cos(heading[0]) >= 0.0 else -1), s, d, heading
