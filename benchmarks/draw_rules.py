@@ -8,6 +8,7 @@ One picture for each rule: a pass, a fail, the boundary and an exemption, from a
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.transforms import blended_transform_factory
-from traffic_situations import SITUATIONS, Situation
-from traffic_situations.situation import LENGTH, WIDTH
 
 from avrare.driving.geometry import Rectangle
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+
+from traffic_situations import SITUATIONS, Situation
+from traffic_situations.situation import LENGTH, WIDTH
 
 KINDS = ("pass", "fail", "boundary", "exempt")
 EGO, OTHER, PARKED = "#1b6ca8", "#6b7a8f", "#b0443c"

@@ -1,21 +1,19 @@
 """Effect of a flow's weights on an estimate: none, those of stl-ess (Eq. 20), and P/q.
 
-    OMP_NUM_THREADS=1 nice python benchmarks/flows.py run OUT.jsonl [RUNS] [PROBLEM...]
-    OMP_NUM_THREADS=1 python benchmarks/flows.py report OUT.jsonl
-    OMP_NUM_THREADS=1 nice python benchmarks/flows.py learned [SAMPLES]
+    python -m benchmarks.unseen --problems-file benchmarks/flows.py --estimator ess --set chains=100
+    OMP_NUM_THREADS=1 nice python benchmarks/flows.py [SAMPLES]
 
-``run`` makes estimates of ten runs each, one a seed, and writes a line for each; none is made twice, so it
-may be stopped and go on. ``learned`` fits flows to samples of the noise and estimates with them.
+The first makes estimates with exact flows and wrong ones. The second fits flows to samples of the noise and
+estimates with them.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,45 +120,16 @@ def cases() -> dict[str, Case]:
     }
 
 
-def run(path: Path, many: int, names: list[str]) -> None:
-    done = {(line["case"], line["weights"], line["seed"]) for line in lines_of(path)}
-    for seed in range(many):
-        for name, case in cases().items():
-            for weights in ("none", "paper", "importance"):
-                if (name, weights, seed) in done or (names and not any(part in name for part in names)):
-                    continue
-                began = time.process_time()
-                found = avrare.estimate(case.problem(weights), "ess", seed=seed, runs=RUNS, chains=100)
-                line = {
-                    "case": name, "weights": weights, "seed": seed, "probability": found.probability,
-                    "interval": found.interval, "rollouts": found.rollouts, "health": sorted(found.health),
-                    "seconds": time.process_time() - began,
-                }  # fmt: skip
-                with path.open("a") as file:
-                    print(json.dumps(line), file=file)
+def _maker(case: Case, weights: str) -> Callable[[], tuple[avrare.Problem, float]]:
+    return lambda: (case.problem(weights), case.truth)
 
 
-def lines_of(path: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
-def report(path: Path) -> None:
-    print("| noise and flow | weights | estimates | mean / truth | z | cover | health |")
-    print("|---|---|---|---|---|---|---|")
-    lines = lines_of(path)
-    for name, case in cases().items():
-        for weights in ("none", "paper", "importance"):
-            some = [line for line in lines if (line["case"], line["weights"]) == (name, weights)]
-            if len(some) < 2:
-                continue
-            ratio = np.array([line["probability"] for line in some]) / case.truth
-            error = ratio.std(ddof=1) / math.sqrt(len(ratio))
-            cover = np.mean([line["interval"][0] <= case.truth <= line["interval"][1] for line in some])
-            health = sorted({word for line in some for word in line["health"]})
-            print(
-                f"| {name} | {weights} | {len(some)} | {ratio.mean():.3f} ± {error:.3f} | "
-                f"{(ratio.mean() - 1.0) / error:+.1f} | {cover:.2f} | {', '.join(health)} |"
-            )
+CASES = {
+    f"{name}: {weights}": _maker(case, weights)
+    for name, case in cases().items()
+    for weights in ("none", "paper", "importance")
+}
+"""Problems and their probabilities by name."""
 
 
 def learned(samples: int) -> None:
@@ -190,16 +159,5 @@ def learned(samples: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name in ("run", "report"):
-        commands.add_parser(name).add_argument("path", type=Path, metavar="OUT.jsonl")
-    commands.choices["run"].add_argument("runs", type=int, nargs="?", default=20, metavar="RUNS")
-    commands.choices["run"].add_argument("problems", nargs="*", metavar="PROBLEM", help="part of a name")
-    commands.add_parser("learned").add_argument("samples", type=int, nargs="?", default=20_000)
-    args = parser.parse_args()
-    if args.command == "learned":
-        learned(args.samples)
-    else:
-        if args.command == "run":
-            run(args.path, args.runs, args.problems)
-        report(args.path)
+    parser.add_argument("samples", type=int, nargs="?", default=20_000)
+    learned(parser.parse_args().samples)

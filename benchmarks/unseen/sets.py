@@ -38,13 +38,15 @@ def find_names(sets: str, file: str = "") -> list[str]:
 
 def is_static(name: str, file: str = "") -> bool:
     """Return whether a problem has no steps, so that no path can be split."""
-    if name in untuned_names():
+    if not file and name in untuned_names():
         return name.startswith("static")
-    return ":" not in name and find_problem(name, file)[0].steps == 0
+    return (bool(file) or ":" not in name) and find_problem(name, file)[0].steps == 0
 
 
 def find_problem(name: str, file: str = "") -> tuple[Problem, float]:
     """Return a problem and its probability; SCENARIO:SPECIFICATION is one of ``studies.levels.read_case``."""
+    if file:
+        return _read_file(file)[name]()
     if ":" in name:
         return read_case(name)
     if name in CASES:
@@ -55,7 +57,7 @@ def find_problem(name: str, file: str = "") -> tuple[Problem, float]:
     if name in _REFERENCE:
         reference = reference_problem(name)
         return reference.problem(), reference.probability
-    return (_read_file(file) if file else extra.CASES)[name]()
+    return extra.CASES[name]()
 
 
 @cache
