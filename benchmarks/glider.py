@@ -1,18 +1,11 @@
-"""The perching glider (stl-ess, section VI-C): how often it misses the wire, and why. Fig. 12 and 13.
+"""The perching glider (stl-ess, section VI-C): why it misses the wire. Fig. 12 and 13.
 
-    OMP_NUM_THREADS=1 nice python benchmarks/glider.py estimate OUT.json [CASE...]
-    OMP_NUM_THREADS=1 nice python benchmarks/glider.py pictures docs/glider
-    python benchmarks/glider.py report OUT.json
-
-``estimate`` keeps each estimate in OUT.json and makes none twice; ``report`` puts them into the table of
-docs/case-glider.md.
+OMP_NUM_THREADS=1 nice python benchmarks/glider.py docs/glider
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from studies import pages
 from studies.recorded_levels import RecordedLevels
 
 import avrare
@@ -34,20 +26,6 @@ from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "case-glider.md"
-BLIND, PUBLISHED = "simulator.feedback=null", "simulator.feedback={}"
-QUIET = "simulator.noise.actuator=0.15"
-CASES: dict[str, tuple[str, str, list[str]]] = {
-    "start": ("glider", "start, equation 43", []),
-    "start-blind": ("glider", "start, equation 43", [BLIND]),
-    "start-published": ("glider", "start, equation 43", [PUBLISHED]),
-    "actuator": ("glider_actuator", "elevator, 0.3 rad/s", []),
-    "actuator-blind": ("glider_actuator", "elevator, 0.15 rad/s", [QUIET, BLIND]),
-    "actuator-quiet": ("glider_actuator", "elevator, 0.15 rad/s", [QUIET]),
-    "actuator-published": ("glider_actuator", "elevator, 0.3 rad/s", [PUBLISHED]),
-}
-"""Name -> scenario, its noise in words, what is changed in it."""
-OPTIONS: dict[str, dict[str, Any]] = {"mc": {"rollouts": 50_000}, "ess": {"chains": 100, "runs": 10}}
 TAPES = 50_000
 _BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
 
@@ -78,42 +56,8 @@ class Flights:
         return self.z[np.arange(len(self.z)), nearest] > 0.0
 
 
-def problem_of(case: str) -> avrare.Problem:
-    scenario, _, changes = CASES[case]
-    return avrare.load(ROOT / "scenarios" / f"{scenario}.yaml", changes).problem("perches")
-
-
-def estimate(store: Path, cases: list[str]) -> None:
-    found: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
-    for case in cases or CASES:
-        for name, options in OPTIONS.items():
-            if f"{case} {name}" in found or (name == "ess" and PUBLISHED in CASES[case][2]):
-                continue  # so rare that nested levels take too long as well
-            began = time.process_time()
-            result = avrare.estimate(problem_of(case), name, seed=1, **options)
-            entry = result.to_dict() | {"cpu": time.process_time() - began}
-            found[f"{case} {name}"] = {key: value for key, value in entry.items() if key != "diagnostics"}
-            store.write_text(json.dumps(found, indent=1))
-            print(case, name, result.probability, result.interval, result.rollouts, list(result.health))
-
-
-def report(store: Path) -> None:
-    """Put the table between its marks on the page."""
-    found, lines = json.loads(store.read_text()), []
-    lines.append("| noise | feedback | method | p | 95 % | rollouts | CPU s |")
-    lines.append("|---|---|---|---|---|---|---|")
-    for case, (_, noise, changes) in CASES.items():
-        feedback = "none" if BLIND in changes else "published" if PUBLISHED in changes else "soft"
-        for name in OPTIONS:
-            one = found.get(f"{case} {name}")
-            if one is not None:
-                low, high = one["interval"]
-                notes = "".join(f", {word}" for word in one["health"])
-                lines.append(
-                    f"| {noise} | {feedback} | `{name}` | {one['probability']:.2e}{notes} "
-                    f"| {low:.2e} .. {high:.2e} | {one['rollouts']:,} | {one['cpu']:.1f} |"
-                )
-    pages.put(PAGE, pages.fill(PAGE.read_text(), "estimates", lines), store.parent)
+def problem_of(scenario: str) -> avrare.Problem:
+    return avrare.load(ROOT / "scenarios" / f"{scenario}.yaml").problem("perches")
 
 
 def fly(problem: avrare.Problem, tapes: Floats) -> Flights:
@@ -130,15 +74,15 @@ def fly(problem: avrare.Problem, tapes: Floats) -> Flights:
     return Flights(tapes, np.concatenate(xs), np.concatenate(zs))
 
 
-def monte_carlo(case: str) -> Flights:
-    problem = problem_of(case)
+def monte_carlo(scenario: str) -> Flights:
+    problem = problem_of(scenario)
     shape = TAPES, problem.steps + 1, problem.noise_size
     return fly(problem, np.random.default_rng(12).standard_normal(shape))
 
 
 def pictures(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    start, actuator = monte_carlo("start"), monte_carlo("actuator")
+    start, actuator = monte_carlo("glider"), monte_carlo("glider_actuator")
     flights(start, actuator, folder / "flights.png")
     starts(start, folder / "starts.png")
     reasons(actuator, folder / "reasons.png")
@@ -177,7 +121,7 @@ def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
 
 def starts(sample: Flights, picture: Path) -> None:
     """Draw Fig. 12: where failing flights start, by nested levels and by Monte Carlo."""
-    problem = problem_of("start")
+    problem = problem_of("glider")
     recorder = RecordedLevels(NestedLevelsConfig(chains=300, runs=1, second_pass=False), PcnKernel())
     recorder.tapes = []
     from_levels = _levels_of(problem, recorder)
@@ -237,7 +181,7 @@ def reasons(sample: Flights, picture: Path) -> None:
 
 def cures(sample: Flights, picture: Path) -> None:
     """Draw Fig. 13 (b): which failing flights would perch if the noise of one moment had the other sign."""
-    problem, lost = problem_of("actuator"), sample.tapes[sample.fails]
+    problem, lost = problem_of("glider_actuator"), sample.tapes[sample.fails]
     steps = lost.shape[1] - 1
     turned = np.repeat(lost[:, None], steps, axis=1)
     turned[:, np.arange(steps), 1 + np.arange(steps)] *= -1.0
@@ -264,13 +208,5 @@ def _figure(
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("command", choices=("estimate", "pictures", "report"))
-    parser.add_argument("path", type=Path, metavar="OUT")
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
-    args = parser.parse_args()
-    if unknown := set(args.cases) - set(CASES):
-        parser.error(f"there is no case {min(unknown)!r}, only {', '.join(CASES)}")
-    if args.command == "estimate":
-        estimate(args.path, args.cases)
-    else:
-        {"pictures": pictures, "report": report}[args.command](args.path)
+    parser.add_argument("folder", type=Path, help="where the pictures go")
+    pictures(parser.parse_args().folder)

@@ -1,25 +1,21 @@
-"""Case study: a learnt merge policy behind 240 noisy lidar rays, by Monte Carlo, splitting, slice sampling.
+"""Case study: a learnt merge policy behind 240 noisy lidar rays: its training, its cost, its failures.
 
-    OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py estimate mc|ams|ess [--workers 2]
     OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py heldout [--runs 400]
     OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py overhead
-    OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py clusters [--pictures docs/merge-lidar]
-    python benchmarks/merge_lidar.py report
+    OMP_NUM_THREADS=1 python benchmarks/merge_lidar.py clusters --run RUN [--pictures docs/merge-lidar]
 
-``estimate`` keeps its result and the failing tapes in the results folder, from which ``clusters`` draws and
-``report`` prints. All three estimates take about 20 CPU minutes.
+``clusters`` draws from the failing tapes of the folder of a run by Monte Carlo.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from studies import case_table, merge_clusters
+from studies import merge_clusters
 
 import avrare
 from avrare.driving import Vehicles
@@ -29,23 +25,6 @@ from avrare_highway_env.worlds import others_of, read
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "scenarios" / "merge_lidar.yaml"
-OPTIONS: dict[str, dict[str, Any]] = {
-    "mc": {"seed": 7, "rollouts": 6000},
-    "ams": {"seed": 1, "particles": 60, "discard": 6, "runs": 10},
-    "ess": {"seed": 1, "chains": 30, "level_probability": 0.25, "runs": 10},
-}
-
-
-def estimate(name: str, workers: int, folder: Path) -> None:
-    problem = avrare.load(SCENARIO).problem("keeps_up")
-    begin = time.perf_counter()
-    result = avrare.estimate(problem, name, workers=workers, **OPTIONS[name])
-    found = json.loads(result.to_json())
-    found["wall_s"] = time.perf_counter() - begin
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.json").write_text(json.dumps(found, indent=1))
-    np.savez(folder / f"{name}.npz", noise=result.failures.noise)
-    print(name, result.probability, result.interval, result.rollouts, result.simulated_steps, result.health)
 
 
 def heldout(runs: int) -> None:
@@ -140,25 +119,18 @@ def _within(problem: Any, loop: Any, tapes: Any, steps: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("what", choices=["estimate", "heldout", "overhead", "clusters", "report"])
-    parser.add_argument("name", nargs="?", choices=list(OPTIONS))
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--runs", type=int, default=400)
-    parser.add_argument("--results", type=Path, default=ROOT / "runs" / "merge_lidar")
-    parser.add_argument("--pictures", type=Path, help="where clusters draws; by default beside the results")
+    parser.add_argument("what", choices=["heldout", "overhead", "clusters"])
+    parser.add_argument("--runs", type=int, default=400, help="of heldout")
+    parser.add_argument("--run", type=Path, default=Path(), help="folder with the failures of clusters")
+    parser.add_argument("--pictures", type=Path, default=Path(), help="folder that clusters draws into")
     given = parser.parse_args()
     match given.what:
-        case "estimate":
-            for name in [given.name] if given.name else OPTIONS:
-                estimate(name, given.workers, given.results)
         case "heldout":
             heldout(given.runs)
         case "overhead":
             overhead()
         case "clusters":
-            merge_clusters.draw(SCENARIO, given.results, given.pictures or given.results)
-        case "report":
-            case_table.show(given.results, OPTIONS)
+            merge_clusters.draw(SCENARIO, given.run, given.pictures)
 
 
 if __name__ == "__main__":

@@ -139,11 +139,11 @@ def _fastest_of_five(runs: Runs) -> Floats:
     return np.asarray(windows.max(axis=2))
 
 
-def draw(scenario: Path, results: Path, folder: Path) -> None:
-    """Cluster the failing tapes of Monte Carlo (those of splitting are cousins) and draw each cluster."""
+def draw(scenario: Path, run: Path, folder: Path) -> None:
+    """Cluster the failing tapes of a run by Monte Carlo, and draw each cluster."""
     problem = avrare.load(scenario).problem("keeps_up")
     loop = problem.system
-    noise = np.load(results / "mc.npz")["noise"][:EACH].astype(float)
+    noise = np.load(run / "failures.npz")["keeps_up.noise"][:EACH].astype(float)
     ordinary = np.random.default_rng(0).standard_normal((ORDINARY, problem.steps + 1, problem.noise_size))
     usual, runs = drive(loop, ordinary), drive(loop, noise)
     failing = fails(runs)
