@@ -3,6 +3,7 @@
     python -m benchmarks.unseen [--estimator auto] [--sets unseen] [--seeds 100] [--minutes 60]
     python -m benchmarks.unseen report [--sets unseen] [--csv FILE]
     python -m benchmarks.unseen forecast [--sets unseen]
+    python -m benchmarks.unseen adopt --estimator ams --digest 1a2b3c4d5e
 
 Sets are those of ``sets.py``, names of problems, and SCENARIO:SPECIFICATION as in ``studies/levels.py``.
 ``--problems-file`` takes a file of Python with a dict ``CASES`` from names to functions that return a problem
@@ -10,7 +11,8 @@ and its probability.
 
 Every result is a line of a file in the results folder, benchmarks/results/unseen. What is there with the same
 code of the estimator is not run again, so a study may be stopped and resumed; ``--keep`` packs all lines into
-docs/trust/results.zip, with which a new results folder begins.
+docs/trust/results.zip, with which a new results folder begins. ``adopt`` runs one result of each problem of
+other code again: where all are equal to the bit, the results of that code count as of this code.
 
 """
 
@@ -30,7 +32,7 @@ from .problems import CASES
 from .report import print_forecast, print_report, write_summary
 from .sets import find_names, is_static
 from .sources import digest_of
-from .study import RESULTS, Task, find_missing, read_all, run_study
+from .study import RESULTS, Task, adopt, find_missing, read_all, run_study
 
 KEPT = Path(__file__).parents[2] / "docs" / "trust" / "results.zip"
 
@@ -42,7 +44,7 @@ def main(arguments: list[str]) -> None:
     """Run the study, print its report or forecast the time that it takes."""
     parser = argparse.ArgumentParser("python -m benchmarks.unseen", description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("action", nargs="?", choices=["run", "report", "forecast"], default="run")
+    parser.add_argument("action", nargs="?", choices=["run", "report", "forecast", "adopt"], default="run")
     parser.add_argument("--estimator", default="auto", help="names, separated by commas")
     parser.add_argument("--seeds", type=int, default=100, help="results of each problem")
     parser.add_argument("--sets", default="unseen", help="separated by commas")
@@ -68,13 +70,16 @@ def main(arguments: list[str]) -> None:
     ]
     kept.unpack(KEPT, given.results)
     outcomes = read_all(given.results)
-    missing = find_missing(tasks, outcomes)
+    missing, wanted = find_missing(tasks, outcomes), set(tasks)
     if given.action == "forecast":
         print_forecast(missing, outcomes)
         return
+    if given.action == "adopt":
+        other = [outcome for outcome in outcomes if outcome.task in wanted]
+        adopt(other, digest_of(given.estimator), given.results, file)
+        return
     if given.action == "run":
         run_study(missing, given.results, file, given.processes, given.minutes)
-    wanted = set(tasks)
     chosen = [outcome for outcome in read_all(given.results) if outcome.task in wanted]
     hidden = {name for name, case in CASES.items() if case.hidden}
     for estimator in estimators:

@@ -8,7 +8,7 @@ import os
 import time
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -127,6 +127,32 @@ def decide_at(result: avrare.Result, probability: float) -> str:
     return decide_criteria([criterion], lambda _: result, 1.0, {}).get(0, "inconclusive")
 
 
+def adopt(outcomes: Sequence[Outcome], digest: str, folder: Path, file: str) -> None:
+    """Count results of other code as of this code, once one of each problem has been run again.
+
+    Args:
+        outcomes: Results of the other code, of one estimator.
+        digest: Digest of this code.
+        folder: Of the results, where the adopted ones are appended.
+        file: Of the problems.
+
+    Raises:
+        ValueError: A result differs.
+    """
+    for outcome in {outcome.task.problem: outcome for outcome in outcomes}.values():
+        again = run_task(outcome.task, file)
+        if replace(again, seconds=outcome.seconds, chosen=outcome.chosen) != outcome:
+            raise ValueError(f"{outcome.task.problem} seed {outcome.task.seed} differs: run the study anew")
+        print(f"{outcome.task.problem} seed {outcome.task.seed}: equal", flush=True)
+    for outcome in outcomes:
+        _append(replace(outcome, task=outcome.task._replace(digest=digest)), folder)
+
+
+def _append(outcome: Outcome, folder: Path) -> None:
+    with (folder / f"{outcome.task.estimator}.jsonl").open("a", encoding="utf-8") as lines:
+        lines.write("\n" + json.dumps(asdict(outcome)))  # a torn line stays alone
+
+
 def find_missing(tasks: Iterable[Task], outcomes: Iterable[Outcome]) -> list[Task]:
     """Return the tasks without a result."""
     done = {outcome.task for outcome in outcomes}
@@ -141,8 +167,7 @@ def run_study(tasks: Sequence[Task], folder: Path, file: str, processes: int, mi
     with multiprocessing.get_context("spawn").Pool(processes) as pool:
         outcomes = pool.imap_unordered(partial(run_task, file=file), tasks)
         for number, outcome in enumerate(outcomes, start=1):
-            with (folder / f"{outcome.task.estimator}.jsonl").open("a", encoding="utf-8") as lines:
-                lines.write("\n" + json.dumps(asdict(outcome)))  # a torn line stays alone
+            _append(outcome, folder)
             ratio, names = outcome.probability / outcome.truth, " ".join(outcome.warnings)
             text = f"{outcome.task.problem} {outcome.task.estimator} seed {outcome.task.seed}: {ratio:.2f} p"
             print(f"{number}/{len(tasks)} {text}, {outcome.seconds:.1f} s {names}", flush=True)

@@ -14,7 +14,7 @@ from benchmarks.unseen.problems import CASES
 from benchmarks.unseen.report import list_goals, print_forecast, print_report, write_summary
 from benchmarks.unseen.sets import find_names, find_problem
 from benchmarks.unseen.sources import digest_of
-from benchmarks.unseen.study import Outcome, Task, decide_at, find_missing, read_all, run_study
+from benchmarks.unseen.study import Outcome, Task, adopt, decide_at, find_missing, read_all, run_study
 from benchmarks.unseen.truths import FILE, stored
 
 READ_TEXT = Path.read_text
@@ -166,5 +166,9 @@ def test_a_study_runs_what_is_missing(tmp_path, capsys):
     assert [outcome.task for outcome in outcomes] == tasks
     assert all(outcome.covers and outcome.used == 1.0 and outcome.cost == 1000 for outcome in outcomes)
     assert "1/1 toy mc seed 1" in capsys.readouterr().out
+    adopt(outcomes[1:], "d", tmp_path, str(file))
+    assert read_all(tmp_path)[2].task == tasks[1]._replace(digest="d")
+    with pytest.raises(ValueError, match="toy seed 0 differs"):
+        adopt([replace(outcomes[0], probability=0.5)], "d", tmp_path, str(file))
     write_summary(tmp_path / "rows.csv", outcomes)
     assert (tmp_path / "rows.csv").read_text().splitlines()[1].startswith("mc,rollouts=1000,c,toy,6.5e-05,2,")
