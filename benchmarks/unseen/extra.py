@@ -13,6 +13,7 @@ from scipy.stats import chi2, norm
 from avrare import Problem, stl
 from avrare.protocols import Floats
 from avrare.testing.faulty_systems import Scrambled
+from avrare.testing.static_problems import row_sum
 
 STEPS = 20
 
@@ -92,7 +93,8 @@ class Modes(Cubic):
 
     def initial(self, noise: Floats) -> dict[str, Floats]:
         """Decide the rollout."""
-        return {"x": (np.abs(noise @ hadamard(8)) / 8**0.5 / self.levels).max(axis=1)}
+        along = np.stack([row_sum(noise * direction) for direction in hadamard(8) / 8**0.5], axis=1)
+        return {"x": (np.abs(along) / self.levels).max(axis=1)}
 
     @classmethod
     def probability(cls, level: float) -> float:

@@ -86,6 +86,8 @@ def test_monte_carlo_agrees_on_problems_of_the_gate(name):
     noise = np.random.default_rng(2).standard_normal((rows, 1, problem.noise_size))
     low, high = binom.ppf([1e-4, 1 - 1e-4], rows, probability)
     assert low <= problem.replay(noise).violated.sum() <= high
+    whole = problem.robustness(noise[:100])
+    np.testing.assert_array_equal([problem.robustness(row[None])[0] for row in noise[:100]], whole)
 
 
 def test_every_set_has_problems_with_names_of_their_own():
