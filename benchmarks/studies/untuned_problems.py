@@ -18,7 +18,8 @@ import numpy as np
 from avrare import Problem, stl
 from avrare.base.special_functions import bisect
 from avrare.protocols import Floats, System
-from avrare.testing.exact_chain_probabilities import Chain, crossing, panels, survival
+from avrare.testing.exact_chain_probabilities import Chain, crossing, survival
+from benchmarks.unseen.problems.exact import loss, panels
 
 STEPS = 20
 _WALK = Chain(scale=STEPS**-0.5)
@@ -117,11 +118,11 @@ class Modes(System):
 
     def signals(self, state: Chains) -> dict[str, Floats]:
         """Return the signal (N,) of every mode."""
-        found = {}
+        signals = {}
         for i, (mode, level) in enumerate(zip(self.modes, self.levels, strict=True)):
             x = state.x[:, i]
-            found[f"s{i}"] = (x >= level) * 1.0 if self.boolean else mode.unit * mode.shape(x, level)
-        return found
+            signals[f"s{i}"] = (x >= level) * 1.0 if self.boolean else mode.unit * mode.shape(x, level)
+        return signals
 
 
 @dataclass(frozen=True)
@@ -178,33 +179,15 @@ class Regimes(System):
 
     def crossing(self, level: float, steps: int) -> float:
         """Return P(max over t = 1..steps of x_t >= level), by integration over position and regime."""
-        panel = 2.0 * min(self.calm.scale, self.wild.scale)
-        nodes, weights = panels(np.linspace(_LOWEST, level, int((level - _LOWEST) / panel) + 2))
         chains = (self.calm, self.wild)
-        to_wild = np.array([self.enter, 1.0 - self.leave])
-        kernels = [chain.density(nodes[:, None], nodes) * weights for chain in chains]
-        passing = [chain.above(level, nodes) * weights for chain in chains]
-        total = 0.0
-        share = np.array([1.0 - self.at_start, self.at_start])
-        start = np.array([self.calm.start, self.wild.start])
-        densities = None
-        for _ in range(steps):
-            if densities is None:
-                moves = [[share[a] * p for p in (1 - to_wild[a], to_wild[a])] for a in (0, 1)]
-                total += sum(
-                    moves[a][b] * float(chains[b].above(level, start[a])) for a in (0, 1) for b in (0, 1)
-                )
-                densities = [
-                    sum(moves[a][b] * chains[b].density(nodes, start[a]) for a in (0, 1)) for b in (0, 1)
-                ]
-                continue
-            mixed = [
-                (1 - to_wild[0]) * densities[0] + (1 - to_wild[1]) * densities[1],
-                to_wild[0] * densities[0] + to_wild[1] * densities[1],
-            ]
-            total += sum(float(passing[b] @ mixed[b]) for b in (0, 1))
-            densities = [kernels[b] @ mixed[b] for b in (0, 1)]
-        return total
+
+        def density(x: Floats, before: Floats, regime: int) -> Floats:
+            chain = chains[regime]
+            return chain.density(x, before if before.ndim else chain.start)
+
+        grid = panels(_LOWEST, level, min(chain.scale for chain in chains))
+        switches = ((1.0 - self.enter, self.enter), (self.leave, 1.0 - self.leave))
+        return loss(density, grid, steps, switches, (1.0 - self.at_start, self.at_start))
 
 
 def _quantile(probability: float) -> float:
@@ -283,7 +266,7 @@ def _recipes() -> dict[str, partial[Untuned]]:
     many = Chain(decay=0.9, scale=0.19**0.5)
     hidden = Regimes(many, Chain(decay=0.9, scale=4 * 0.19**0.5), 3e-4)
     moved = Regimes(many, Chain(decay=0.9, scale=0.19**0.5, start=3.0), 1e-3)
-    found = [
+    recipes = [
         partial(_modes, "units_100", "units", Mode(2e-4, _OU), Mode(2e-4, _OU, unit=100)),
         partial(_modes, "units_1e4", "units", Mode(2e-4), Mode(2e-4, unit=1e4)),
         partial(_modes, "units_three", "units", Mode(3e-4, unit=30), Mode(1e-4, _OU), Mode(1e-4, unit=1e-3)),
@@ -326,4 +309,4 @@ def _recipes() -> dict[str, partial[Untuned]]:
         partial(_boolean, "boolean_above", "eventually (s0 > 0.5)", 1.0, 0.22),
         partial(_boolean, "boolean_always", "always (s0 < 0.5)", 3.4, 0.0),
     ]
-    return {recipe.args[0]: recipe for recipe in found}
+    return {recipe.args[0]: recipe for recipe in recipes}
