@@ -87,7 +87,6 @@ tiny:
   ess_linear: {plugin: ess_linear, chains: 20, runs: 4}
   is learned: {plugin: is, rollouts: 6000, pilot: 500, stages: 3}
   is relative_error: {plugin: is, relative_error: 0.1}
-  is climb: {plugin: is, rollouts: 6000, pilot: 500, stages: 3, climb: true}
   is gaussian: {plugin: is, rollouts: 2000, proposal: {name: gaussian, mean: 0.4}}
   ce gaussian: {plugin: ce, rollouts: 500}
   smc learned: {plugin: smc, particles: 200, pilot: 500, stages: 2, runs: 4}

@@ -78,9 +78,6 @@ MAKERS = {
     "score": lambda: estimate("ams", runs=2, pilot=200, score="learned", **SMALL),
     "pilot": lambda: estimate("ams", particles=20, discard=4, grow=True),
     "learning": lambda: estimate("is", problem(0.05, Scrambled(STEPS)), rollouts=3000),
-    "climb": lambda: estimate(
-        "is", problem(62.0, Energy(), 23), pilot=600, relative_error=0.5, rollouts=100_000, climb=True
-    ),
     "cause": lambda: estimate("is", rollouts=3000),
     "cause over time": lambda: estimate("smc", problem(0.2), proposal="none", particles=40, runs=2),
     "twin": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=2000),

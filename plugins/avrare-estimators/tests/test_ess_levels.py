@@ -3,7 +3,6 @@ import numpy as np
 from avrare_estimators.common.chains.levels import (
     choose_seeds,
     effective_samples,
-    lasting_variance,
     next_levels,
     r_hat,
 )
@@ -60,24 +59,6 @@ def test_effective_size_detects_chains_that_stand_still():
     assert abs(effective_samples(independent).mean() / 2000 - 1) < 0.1
     assert abs(effective_samples(still).mean() / 200 - 1) < 0.1
     assert effective_samples(np.ones((1, 4, 5), dtype=bool)).tolist() == [20.0]
-
-
-def test_lasting_variance_is_that_of_chains_which_stand_still_and_0_of_independent_samples():
-    rng, ones = np.random.default_rng(1), np.ones((50, 10, 400))
-    independent = rng.uniform(size=ones.shape) < 0.2
-    still = np.repeat(rng.uniform(size=(50, 1, 400)) < 0.2, 10, axis=1)
-    assert lasting_variance(independent, ones).mean() < 0.03
-    assert abs(lasting_variance(still, ones).mean() / (1 / 0.2 - 1) - 1) < 0.1
-    assert lasting_variance(still[:, :1], ones[:, :1]).tolist() == [0.0] * 50
-    assert lasting_variance(np.zeros((1, 10, 4), dtype=bool), np.ones((1, 10, 4))).tolist() == [0.0]
-
-
-def test_lasting_variance_counts_each_hit_by_its_weight():
-    # Both chains always hit, one with three times the weight of the other.
-    hit = np.ones((1, 10, 2), dtype=bool)
-    weights = np.tile([1.5, 0.5], (1, 10, 1))
-    assert lasting_variance(hit, weights)[0] == 0.25
-    assert lasting_variance(hit, np.ones((1, 10, 2)))[0] == 0.0
 
 
 def test_r_hat_is_one_for_independent_samples_only():

@@ -88,15 +88,6 @@ def test_the_file_saves_the_pilot(one_outlier, tmp_path):
     assert again.relative_error < 0.15
 
 
-def test_stages_count_from_where_one_has_shown_a_gain(one_outlier):
-    (shares,) = one_outlier.diagnostics["shares"]
-    assert sum(shares) == pytest.approx(1.0, abs=1e-3)
-    assert shares[0] >= 0.25  # the final sample's
-    stages = one_outlier.diagnostics["stages"][0]
-    assert 1 < len(shares) <= len(stages) - 1  # never the pilot, nor the first stage
-    assert one_outlier.diagnostics["effective_failures"] > 15.0
-
-
 def test_a_first_stage_does_not_count():
     result = estimate(outliers("always (first < 4)"), stages=1, rollouts=3000)
     assert len(result.diagnostics["stages"][0]) == 2
@@ -150,16 +141,15 @@ def test_lasting_noise_pays():
     assert result.relative_error**2 * counted < 0.2 / result.probability
 
 
-def test_a_mode_that_the_file_lacks_is_noticed(tmp_path):
+def test_a_mode_that_the_file_lacks_is_found_by_tail_atoms(tmp_path):
     lacking = TapeMixture.frozen([(1.0, [{wide(0, t): 1.0}]) for t in range(1, STEPS + 1)], (STEPS + 1, 3))
     path = tmp_path / "learned.json"
     path.write_text(json.dumps({"specification": lacking.to_dict()}))
     exact = peak(4.2) + (1.0 - peak(4.2)) * peak(3.6)
     problem = outliers("always (first < 4.2 and second < 3.6)")
     results = [estimate(problem, seed, learned=str(path), rollouts=8000) for seed in range(4)]
-    for result in results:
-        assert result.health
-        assert result.interval[0] <= exact <= result.interval[1]
+    assert all(result.interval[0] <= exact <= result.interval[1] for result in results)
+    assert np.mean([result.probability for result in results]) == pytest.approx(exact, rel=0.2)
 
 
 def test_options_that_do_not_fit():

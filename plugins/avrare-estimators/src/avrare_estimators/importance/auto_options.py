@@ -12,5 +12,5 @@ small, and with less it often falls short."""
 
 def choose_options(relative_error: float | None, pilot: int) -> dict[str, object]:
     """Return the options of a learned proposal that gives up where it gains nothing."""
-    options = {"pilot": max(_LEAST_PILOT, pilot), "stages": _MOST_STAGES, "fall_back": False, "climb": True}
+    options = {"pilot": max(_LEAST_PILOT, pilot), "stages": _MOST_STAGES, "fall_back": False}
     return options | ({"check": _CHECK_SHARE} if relative_error is None else {})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from avrare_estimators.importance.climbing_sampling import ClimbingSampling
 from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.importance_sampling import ImportanceSampling
 from avrare_estimators.importance.learned_sampling import LearnedSampling
@@ -14,5 +13,4 @@ def build(config: IsConfig, scene: object | None = None) -> ImportanceSampling |
     if not config.learns:
         return ImportanceSampling(config)
     file = ProposalFile.read(config.learned) if config.learned is not None else None
-    climbs = file.routes if file is not None else config.climb
-    return ClimbingSampling(config, file) if climbs else LearnedSampling(config, file)
+    return LearnedSampling(config, file)

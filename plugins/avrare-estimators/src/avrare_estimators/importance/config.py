@@ -23,8 +23,6 @@ from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 
 MOST_ROLLOUTS = 300_000
 """Upper bound of a sample with a stopping rule: a failure that is never met must end, too."""
-MOST_CLIMBING_RUNS = 16
-"""Runs that have addresses of their own for the noise of their chains."""
 
 
 def _list_numbers(numbers: object) -> object:
@@ -128,13 +126,8 @@ class IsConfig(WeightedConfig):
         default=None,
         ge=1e-3,
         lt=1.0,
-        description="stop at the first look at which the standard error is at most this share of the "
-        "estimate; learned",
-    )
-    climb: bool = Field(
-        default=False,
-        description="where failures are rarer than a proposal reaches well, sample a level on the way and go "
-        "on to failure by Markov chains; learned",
+        description="draw as many rows as a standard error of this share of the estimate is likely to take; "
+        "learned",
     )
     fall_back: bool = Field(
         default=True,
@@ -179,8 +172,6 @@ class IsConfig(WeightedConfig):
             return self
         if self.target_share < LEAST_DEFENSIVE:
             raise ValueError(f"defensive must be at least {LEAST_DEFENSIVE} for a learned proposal")
-        if self.climb and self.runs > MOST_CLIMBING_RUNS:
-            raise ValueError(f"climb takes at most {MOST_CLIMBING_RUNS} runs; it needs one, of many groups")
         if self.relative_error is not None and self.runs > 1:
             raise ValueError("relative_error is a stopping rule for a single run; leave runs at 1")
         return self

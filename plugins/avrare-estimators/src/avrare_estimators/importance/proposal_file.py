@@ -11,7 +11,6 @@ from avrare.base.stored_files import read_json
 from avrare.estimation.plan.plan import Plan
 from avrare_estimators.common.lessons.stored_proposal import AGAIN, FILE, check_digest, check_shape
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
-from avrare_estimators.importance.route import Route
 
 
 @dataclass(frozen=True)
@@ -20,12 +19,10 @@ class ProposalFile:
 
     Attributes:
         mixtures: The proposals.
-        routes: Routes of the climbs from them, where there are any.
         path: Where they were read.
     """
 
     mixtures: Mapping[str, TapeMixture]
-    routes: Mapping[str, Route]
     path: str = FILE
 
     @staticmethod
@@ -41,17 +38,15 @@ class ProposalFile:
         content = read_json(Path(path), AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
             raise UsageError(f"learned: {path}: holds no proposals", AGAIN)
-        mixtures, routes = {}, {}
+        mixtures = {}
         for name, entry in content.items():
             try:
                 mixtures[name] = TapeMixture.from_dict(entry)
-                if "climb" in entry:
-                    routes[name] = Route.from_dict(entry["climb"], mixtures[name])
             except UsageError as error:
                 raise UsageError(f"learned: {path}: {name}: {error.message}", AGAIN) from None
             if "potentials" not in entry:  # smc's digest is of more than the proposal
                 check_digest(entry, mixtures[name].digest, f"{path}: {name}")
-        return ProposalFile(mixtures, routes, str(path))
+        return ProposalFile(mixtures, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:
         """Return the proposal of a plan's specification.

@@ -165,7 +165,7 @@ def summarise(
     )
     warnings = _health(plan, plain, values, contributions, roots, tally)
     if mean > 0.0 and not plain:
-        warnings |= _disagreement(learning, mean, relative)
+        warnings |= find_differing(learning.lessons.samples if learning is not None else (), mean, relative)
     causes = _find_causes(learned, counted, names)
     diagnostics = _diagnostics(counted, learned, learning, causes) | looks.diagnostics(math.sqrt(relative))
     notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
@@ -259,13 +259,6 @@ def _health(
     if effective < health.LEAST_EFFECTIVE or largest > health.LARGEST_SHARE:
         found |= health.warn("weight_degenerate", reason=health.describe_uneven(effective, largest))
     return found
-
-
-def _disagreement(learning: Learning | None, mean: float, relative: float) -> dict[str, str]:
-    if learning is None:
-        return {}
-    differing = find_differing(learning.lessons.samples, mean, relative)
-    return health.warn("contradicted", reason=f"stages estimate {differing}") if differing else {}
 
 
 def _curve(counted: Sequence[Counted], levels: Sequence[float]) -> list[dict[str, float | None]]:

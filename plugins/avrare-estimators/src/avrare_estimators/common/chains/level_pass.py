@@ -27,7 +27,6 @@ from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, S
 from avrare_estimators.common.chains.levels import (
     choose_seeds,
     effective_samples,
-    lasting_variance,
     next_levels,
     relative_weights,
 )
@@ -81,7 +80,6 @@ class LevelRecord:
         tuning: Tuning of the kernel when the level was done.
         weight_size: (R,) effective size of the samples' weights; N where all are equal.
         largest_weight: (R,) share of the largest weight.
-        lasting: (R,) relative covariance of hits far apart in a chain; 0 where the samples form no chains.
     """
 
     level: Floats
@@ -91,13 +89,12 @@ class LevelRecord:
     tuning: Any
     weight_size: Floats
     largest_weight: Floats
-    lasting: Floats
 
     @staticmethod
     def missing(runs: int) -> LevelRecord:
         """Return the record of runs that had all ended before."""
         none = np.full(runs, np.nan)
-        return LevelRecord(none, np.zeros(runs, dtype=bool), none, none, (), none, none, none)
+        return LevelRecord(none, np.zeros(runs, dtype=bool), none, none, (), none, none)
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,6 @@ class LevelPass:
         steps: Number of steps done at this level.
         samples: Samples of this level so far, (A C) each.
         fresh: (R N, steps + 1, noise_size) the first tapes, while they are asked for.
-        first: First level of a pilot, where it is given.
         most: Largest number of levels: a run that comes so far ends with its share of failures.
     """
 
@@ -141,7 +137,6 @@ class LevelPass:
     steps: int = 0
     samples: tuple[Points, ...] = ()
     fresh: Floats | None = None
-    first: float | None = None
     most: float = math.inf
 
     @staticmethod
@@ -200,30 +195,10 @@ class LevelPass:
         )
 
     @staticmethod
-    def begin_from(
-        plan: Plan,
-        shape: PassShape,
-        kernel: Kernel,
-        points: Points,
-        share: Floats,
-        schedule: tuple[LevelRecord, ...] | None = None,
-        first: float | None = None,
-        most: float = math.inf,
-    ) -> LevelPass:
-        """Begin at given points (R N), which lie above levels of probability ``share`` (R,).
-
-        Args:
-            plan: The task.
-            shape: Size of the pass.
-            kernel: Kernel that moves the chains.
-            points: The points.
-            share: Probabilities; a run with 0 has ended.
-            schedule: Levels and kernels to follow; None for a pilot.
-            first: First level of a pilot; None: it finds its own.
-            most: Largest number of levels.
-        """
-        empty = LevelPass._of_weight(plan, shape, kernel, schedule, share, most)
-        return replace(empty, population=points, first=first)._next_level()
+    def begin_from(plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats) -> LevelPass:
+        """Begin a pilot at given points (R N), which lie above levels of probability ``share`` (R,)."""
+        empty = LevelPass._of_weight(plan, shape, kernel, None, share, math.inf)
+        return replace(empty, population=points)._next_level()
 
     @property
     def proposal(self) -> Floats | None:
@@ -267,12 +242,6 @@ class LevelPass:
         if not self.levels:  # fresh tapes: each is a chain of its own
             return effective_samples(hit[:, None], self.weights[:, None])
         return effective_samples(self.by_chain(hit), self.by_chain(self.weights))
-
-    def lasting(self, hit: Bools) -> Floats:
-        """Return the relative covariance (R,) of hits (R, N) far apart in a chain of the newest level."""
-        if not self.levels:
-            return np.zeros(self.shape.runs)
-        return lasting_variance(self.by_chain(hit), self.by_chain(self.weights))
 
     def by_chain(self, values: Any) -> Any:
         """Return an array (R N,) over the population as (R, P, C)."""
@@ -318,7 +287,6 @@ class LevelPass:
             self.tuning,
             weights.sum(axis=1) ** 2 / np.maximum((weights**2).sum(axis=1), 1e-300),
             weights.max(axis=1) / shape.samples,
-            self.lasting(above),
         )
         active = passed & (weight > 0.0)
         zeros = np.zeros_like(self.rollouts)
@@ -339,8 +307,6 @@ class LevelPass:
         done = len(self.levels)
         if done >= self.most or (self.schedule is not None and done == len(self.schedule)):
             return np.full(self.shape.runs, np.nan), np.zeros(self.shape.runs, dtype=bool)
-        if self.schedule is None and not done and self.first is not None:
-            return np.full(self.shape.runs, self.first), self.active
         if self.schedule is None:
             key = population.key.reshape(self.shape.runs, -1)
             level, more = next_levels(key, self.shape.survivors)

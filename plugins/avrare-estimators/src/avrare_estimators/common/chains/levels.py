@@ -84,24 +84,6 @@ def effective_samples(hit: Bools, weights: Floats | None = None) -> Floats:
     return np.asarray(np.where(scatter > 0.0, np.minimum(size, samples), samples))
 
 
-def lasting_variance(hit: Bools, weights: Floats) -> Floats:
-    """Return the relative covariance (A,) of hits far apart in a chain: what its start still decides there.
-
-    Far apart are samples at least two thirds of the chain's length from each other.
-
-    Args:
-        hit: (A, P, C) sample p of chain c is a hit.
-        weights: (A, P, C) of mean 1.
-    """
-    length, values = hit.shape[1], weights * hit
-    early, late = np.triu_indices(length, max(1, 2 * length // 3))
-    mean = values.mean(axis=(1, 2))
-    if not len(early):
-        return np.zeros(len(hit))
-    product = (values[:, early] * values[:, late]).mean(axis=(1, 2))
-    return np.asarray(np.maximum(product / np.where(mean > 0.0, mean, np.inf) ** 2 - 1.0, 0.0))
-
-
 def r_hat(values: Floats) -> Floats:
     """Return the ratio (A,) of Gelman and Rubin: 1 where chains no longer depend on their starts.
 

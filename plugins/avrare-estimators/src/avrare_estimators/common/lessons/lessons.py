@@ -147,13 +147,6 @@ class Lessons:
         """Estimate of the failure probability from all stages."""
         return float(np.where(self.violated, self.weights, 0.0).mean())
 
-    @property
-    def guessed_probability(self) -> float:
-        """Failure probability, or a guess where too few failures are known: a tenth of the elite's."""
-        if effective_size(self.weights[self.violated]) >= _FEW:
-            return self.probability
-        return float(self.elite[1].sum()) / len(self.violated) / 10.0
-
     def report(self) -> dict[str, object]:
         """Return the entry of the newest stage."""
         rows, elite = self.elite

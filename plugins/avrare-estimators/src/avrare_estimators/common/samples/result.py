@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,10 +19,8 @@ from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
-from avrare_estimators.common.in_turn import take_in_turn
-from avrare_estimators.common.samples.agreement import find_doubts, missed_probability
-from avrare_estimators.common.samples.cross_check import CrossCheckResult
-from avrare_estimators.common.samples.groups import Groups
+from avrare_estimators.common.samples.agreement import find_doubts
+from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
 from avrare_estimators.common.samples.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.common.samples.stages import has_reached
 from avrare_estimators.common.weights import Quality, effective_size, quality
@@ -35,22 +33,20 @@ class RunOutcome:
     Attributes:
         sample: The final sample.
         checked: A cross-check was asked for.
-        cross_check: Its result; None where there was none, or it did not reach failure.
+        cross_check: Its result; None where there was none.
         stages: Learning stages, one entry each.
-        doubts: Health warnings of the run.
         counted: Shares of the estimate that stages of learning have, and their samples. Each share was fixed
             before its sample was drawn, and so was the proposal: every sample alone is unbiased given those
             before it, and with the rest for the final sample so is their sum.
-        climbed: Level at which the sample hands over to chains, and their groups; None: it goes to failure.
+        check_share: Share of the estimate that the cross-check has where it has an answer, fixed before.
     """
 
     sample: Sample
     checked: bool
     cross_check: CrossCheckResult | None
     stages: tuple[dict[str, Any], ...]
-    doubts: dict[str, str] = field(default_factory=dict)
     counted: tuple[tuple[float, Sample], ...] = ()
-    climbed: tuple[float, Groups] | None = None
+    check_share: float = 0.0
 
     @cached_property
     def weights(self) -> Floats:
@@ -59,49 +55,50 @@ class RunOutcome:
 
     @cached_property
     def contributions(self) -> Floats:
-        """(n,) weight of the rows that fail, or from which chains may start; 0 for the others."""
-        if self.climbed is None:
-            return failing_weights(self.sample)
-        return failing_weights(self.sample.reaching(self.climbed[0]))
+        """(n,) weight of the rows that fail; 0 for the others."""
+        return failing_weights(self.sample)
 
     @cached_property
     def parts(self) -> list[tuple[float, Sample]]:
         """Shares of the estimate and their samples, the final one first."""
+        sampled = 1.0 - sum(share for share, _ in self.checks)
         own = 1.0 - sum(share for share, _ in self.counted)
-        return [(own, self.sample), *self.counted]
+        return [(sampled * own, self.sample), *((sampled * share, part) for share, part in self.counted)]
+
+    @cached_property
+    def checks(self) -> list[tuple[float, CrossCheckResult]]:
+        """Share of the cross-check and the check itself, where it counts."""
+        check = self.cross_check
+        return [(self.check_share, check)] if check is not None and check.probabilities else []
 
     @property
     def probability(self) -> float:
         """Estimate of the run, unbiased but for the cut at 1."""
-        if self.climbed is not None:
-            return min(1.0, self.climbed[1].mean)
-        return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
+        sampled = sum(share * float(failing_weights(part).mean()) for share, part in self.parts)
+        checked = sum(share * check.mean for share, check in self.checks)
+        return min(1.0, sampled + checked)
 
     @property
     def error_weight(self) -> float:
         """Weight of the rows that broke down."""
-        if self.climbed is not None:
-            return float(self.climbed[1].errors.mean())
         return float(
             sum(share * np.where(p.error, np.exp(p.log_weights), 0.0).mean() for share, p in self.parts)
         )
 
     @property
     def plain(self) -> bool:
-        """All rows were drawn from the target, and no chains follow: Monte Carlo."""
-        return self.sample.share == 1.0 and self.climbed is None
+        """All rows were drawn from the target: Monte Carlo."""
+        return self.sample.share == 1.0
 
     @property
     def unreached(self) -> bool:
         """Learning ended short of failure."""
-        reached = self.plain or self.climbed is not None
-        return bool(self.stages) and not has_reached(self.stages[-1]) and not reached
+        return bool(self.stages) and not has_reached(self.stages[-1]) and not self.plain
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
-        if self.climbed is not None:
-            return self.climbed[1].variance(unit)
-        return variance_of_sum(self.parts, unit)
+        checked = sum(share**2 * check.variance(unit) for share, check in self.checks)
+        return variance_of_sum(self.parts, unit) + checked
 
 
 def summarise(
@@ -127,12 +124,13 @@ def summarise(
     values = np.array([run.probability for run in runs])
     marks = _pooled_quality(runs)
     mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
-    missed = missed_probability(mean, checks, plan.confidence)
     warnings = _health(plan, runs, marks, tally)
-    if mean > 0.0:
-        own = _interval_of_weights(runs, values, marks)(plan.confidence)
-        warnings |= find_doubts(mean, own, missed, checks, plan.confidence)
-    interval_at = _interval_of_weights(runs, values, marks, missed)
+    interval_at = _interval_of_weights(runs, values, marks)
+    alone = [replace(run, check_share=0.0) for run in runs]
+    sampled = np.array([run.probability for run in alone])
+    if sampled.any():
+        own = _interval_of_weights(alone, sampled, _pooled_quality(alone))(plan.confidence)
+        warnings |= find_doubts(float(sampled.mean()), own, checks, plan.confidence)
     plain = all(run.plain for run in runs)
     if plain:
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
@@ -165,11 +163,11 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
     weights = target_first(lambda run: run.weights)
     failing = target_first(lambda run: run.contributions) > 0.0
     marks = quality(weights, failing, sum(run.sample.target_rows for run in runs))
-    if not any(run.counted for run in runs):
+    if not any(run.counted or run.check_share for run in runs):
         return marks
-    terms = np.concatenate(
-        [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
-    )
+    sampled = [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
+    checked = [share / GROUPS * np.array(check.probabilities) for run in runs for share, check in run.checks]
+    terms = np.concatenate([*sampled, *checked])
     total = float(terms.sum())
     largest = float(terms.max()) / total if total > 0.0 else 0.0
     return replace(marks, effective_failures=effective_size(terms), largest_share=largest)
@@ -181,17 +179,9 @@ def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info)
         found = health.check_weights(
             marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
         )
-    for run in runs:
-        if run.climbed is not None:
-            values = run.climbed[1].values
-            found |= health.check_runs(
-                values.tolist(), int((values == 0.0).sum()), [sum(run.climbed[1].roots)]
-            )
     if any(run.unreached for run in runs):
         stages = max(len(run.stages) for run in runs)
         found |= health.warn("unchecked", reason=f"the elite has not reached failure after {stages} stages")
-    for run in runs:
-        found |= run.doubts
     if all(run.sample.violated.all() for run in runs):
         found |= health.warn("all_failed")
     return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
@@ -208,15 +198,12 @@ def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
 
 
 def _interval_of_weights(
-    runs: Sequence[RunOutcome], values: Floats, marks: Quality, missed: float = 0.0
+    runs: Sequence[RunOutcome], values: Floats, marks: Quality
 ) -> Callable[[float], Interval]:
     mean, errors = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
     freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
-    relative, logs = _relative_variance(runs, values), None
-    if len(runs) == 1 and runs[0].climbed is not None:
-        groups = runs[0].climbed[1].values
-        freedom, logs = len(groups) - 1, intervals.cox(groups)
-    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors + missed, logs=logs)
+    relative = _relative_variance(runs, values)
+    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors)
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object]:
@@ -233,21 +220,9 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object
     }
     if any(run.counted for run in runs):
         found["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
-    if any(run.climbed for run in runs):
-        found["climb"] = [_describe_climb(*run.climbed) for run in runs if run.climbed is not None]
     if any(run.stages for run in runs):
         found["stages"] = [list(run.stages) for run in runs]
     return found
-
-
-def _describe_climb(level: float, groups: Groups) -> dict[str, object]:
-    return {
-        "level": level,
-        "entered": float(groups.entered.mean()),
-        "groups": len(groups.values),
-        "roots": list(groups.roots),
-        "rollouts": groups.rollouts,
-    }
 
 
 def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
@@ -255,26 +230,7 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
     return rows if run.sample.source.replayable else rows[rows < run.sample.target_rows]
 
 
-def _climbed_failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info) -> Failures:
-    """Return failures at which chains have arrived, of all groups alike."""
-    found = [part for run in runs if run.climbed is not None for part in run.climbed[1].failures]
-    if not found:
-        shape = (0, plan.steps + 1, plan.noise.noise_size)
-        return Failures(np.zeros(shape), np.zeros(0), tally.failures, np.zeros(0))
-    noise, robustness, weights, ancestors = (
-        np.concatenate([getattr(part, name) for part in found])
-        for name in ("noise", "robustness", "weights", "ancestors")
-    )
-    kept = take_in_turn(ancestors[:, 0], plan.kept_failures)
-    weights = weights[kept]
-    if weights.any():
-        weights *= float(np.mean([run.probability for run in runs])) / weights.sum()
-    return Failures(noise[kept], robustness[kept], tally.failures, weights, ancestors[kept])
-
-
 def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
-    if any(run.climbed for run in runs):
-        return _climbed_failures(plan, runs, tally)
     found = [_replayable(run, run.sample.violated) for run in runs]
     run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in found])
     chosen = spread(np.arange(len(run_of)), plan.kept_failures)
@@ -306,7 +262,4 @@ def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Wo
         least = float(run.sample.robustness[row[0]])
         if not least >= worst.robustness:
             worst = Worst(run.sample.tapes(row)[0][:, :noise_size], least)
-        for part in run.climbed[1].failures if run.climbed is not None else ():
-            if len(part.robustness) and part.robustness.min() < worst.robustness:
-                worst = Worst(part.noise[int(part.robustness.argmin())], float(part.robustness.min()))
     return worst

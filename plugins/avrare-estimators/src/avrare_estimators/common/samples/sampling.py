@@ -179,11 +179,6 @@ class Sample:
         joined = {name: target_first(name) for name in names}
         return Sample(samples[0].source, tuple(strata), carries=(), **joined)
 
-    def reaching(self, level: float) -> Sample:
-        """Return the sample with all rows above a level of the score in place of failures."""
-        reached = self.violated | (self.score > level) & ~self.error
-        return replace(self, violated=reached)
-
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""
         return replace(self, carries=())

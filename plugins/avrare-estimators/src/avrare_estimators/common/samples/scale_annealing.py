@@ -15,12 +15,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import Integers, Request, Rollouts
+from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
 from avrare_estimators.common.samples.sampling import Sample
 from avrare_estimators.common.samples.sources import Stratum
-from avrare_estimators.common.weights import effective_size, mixture_log_weights, resample
+from avrare_estimators.common.weights import effective_size, resample
 
 MOST_NUMBERS = 50
 """Numbers of a tape up to which its scale is annealed."""
@@ -37,85 +38,67 @@ _ACCEPTED = 0.3
 _STAGE, _STAGES_OF_RUN = 2**31, 2**20
 
 
+def can_anneal(plan: Plan) -> bool:
+    """Return whether the scale of a plan's tapes can be annealed."""
+    return (plan.steps + 1) * plan.noise.noise_size <= MOST_NUMBERS
+
+
 @dataclass(frozen=True)
 class ScaleAnnealing:
     """Groups of walkers on their way from inflated noise to the target (a ``Task``).
 
     Attributes:
-        sample: The sample to compare with.
-        largest: Logarithm of the largest weight that it knows.
+        sample: The sample to compare with, which knows how to ask for rollouts.
         budget: Rollouts left.
         scale: Standard deviation of the noise.
         probabilities: (GROUPS,) estimate of each group so far.
         group: Walkers of a group.
         walkers: (GROUPS * group, steps + 1, noise_size) failing tapes; None while the scale is sought.
-        root: (GROUPS * group,) first rollout that each descends from.
         size: Size of a move.
         move: Moves done at this scale.
         stages: Addresses of noise in use.
         rollouts: Rollouts done.
         pending: The rollouts asked for.
-        log_ratio: log p/q of the walkers at the end; None before.
+        done: The walkers have arrived.
     """
 
     sample: Sample
-    largest: float
     budget: int
     scale: float
     group: int
     probabilities: Floats = field(default_factory=lambda: np.zeros(GROUPS))
     walkers: Floats | None = None
-    root: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     size: float = 0.5
     move: int = 0
     stages: int = 0
     rollouts: int = 0
     pending: Request | None = None
-    log_ratio: Floats | None = None
+    done: bool = False
 
     @staticmethod
-    def begin(samples: Sequence[Sample], budget: int, level: float = math.inf) -> ScaleAnnealing | None:
+    def begin(samples: Sequence[Sample], budget: int) -> ScaleAnnealing | None:
         """Begin the check of a run's last sample; None where it knows no failure or would not end."""
         sample = samples[-1]
-        plan = sample.strata[0].plan
-        known = sample.reaching(level).violated
-        if (plan.steps + 1) * plan.noise.noise_size > MOST_NUMBERS or not known.any():
+        if not can_anneal(sample.strata[0].plan) or not sample.violated.any() or budget < LEAST_ROLLOUTS:
             return None
-        if budget < LEAST_ROLLOUTS:
-            return None
-        largest = float(sample.log_weights[known].max())
         group = min(_MOST_WALKERS, _MOST_WALKERS * budget // ROLLOUTS_TO_VOUCH)
-        return ScaleAnnealing(sample, largest, budget, _SCALES[0], group)._inflate()
+        return ScaleAnnealing(sample, budget, _SCALES[0], group)._inflate()
 
     def tell(self, rollouts: Rollouts) -> ScaleAnnealing:
-        """Continue, or end with the weights of the failures."""
-        assert self.pending is not None
+        """Continue."""
         done = replace(self, rollouts=self.rollouts + len(rollouts.error), pending=None)
         failed = rollouts.violated[:, 0] & ~rollouts.error
         if self.walkers is None:
             return done._after_inflation(failed)
-        if self.scale == 1.0 and self.move == _MOVES:
-            return replace(done, log_ratio=self.sample.source.log_ratio(self.pending, rollouts))
         walkers = np.where(failed[:, None, None], self._moved(), self.walkers)
         alive = np.repeat(self.probabilities > 0.0, self.group)
         accepted = float(failed[alive].mean()) if alive.any() else 0.0
         size = min(max(self.size * math.exp(accepted - _ACCEPTED), 0.05), 0.95)
         return replace(done, walkers=walkers, size=size, move=self.move + 1, stages=self.stages + 1)._go_on()
 
-    def result(self) -> CrossCheckResult | None:
-        """Return the outcome; None where failures did not become common, or the budget was too small."""
-        if self.log_ratio is None:
-            return None
-        weights = mixture_log_weights(self.log_ratio, self.sample.share)
-        unseen = (weights > self.largest).reshape(GROUPS, self.group).mean(axis=1)
-        alive = np.repeat(self.probabilities > 0.0, self.group)
-        return CrossCheckResult(
-            probabilities=tuple(map(float, self.probabilities)),
-            unseen=tuple(map(float, unseen)),
-            lost_scouts=0,
-            roots=len(np.unique(self.root[alive])),
-            rollouts=self.rollouts,
-        )
+    def result(self) -> CrossCheckResult:
+        """Return the outcome."""
+        return CrossCheckResult(tuple(map(float, self.probabilities)) if self.done else (), self.rollouts)
 
     @property
     def first(self) -> int:
@@ -144,25 +127,19 @@ class ScaleAnnealing:
         shares = failed.reshape(GROUPS, self.first).mean(axis=1)
         if not shares.any():
             return self
-        tapes, rows = (
-            self.scale * self._normals(GROUPS * self.first),
-            np.zeros((GROUPS, self.group), np.int64),
-        )
+        tapes = self.scale * self._normals(GROUPS * self.first)
+        rows = np.zeros((GROUPS, self.group), np.int64)
         for group in np.flatnonzero(shares):
             begin = group * self.first
             found = begin + np.flatnonzero(failed[begin : begin + self.first])
             rows[group] = found[resample(np.ones(len(found)), self.group, 0.5)]
-        root = rows.ravel()
-        began = replace(self, probabilities=shares, walkers=tapes[root], root=root, stages=self.stages + 1)
+        began = replace(self, probabilities=shares, walkers=tapes[rows.ravel()], stages=self.stages + 1)
         return began._cool()
 
     def _go_on(self) -> ScaleAnnealing:
         if self.move < _MOVES:
             return self._ask(self._moved())
-        if self.scale > 1.0:
-            return self._cool()
-        assert self.walkers is not None
-        return self._ask(self.walkers)
+        return self._cool() if self.scale > 1.0 else replace(self, done=True)
 
     def _cool(self) -> ScaleAnnealing:
         # 2. The next scale leaves half of the walkers effective; each group draws its walkers anew.
@@ -188,10 +165,9 @@ class ScaleAnnealing:
         rows = np.zeros((GROUPS, self.group), dtype=np.int64)
         for group in np.flatnonzero(self.probabilities):
             rows[group] = group * self.group + resample(weights[group], self.group, float(uniform[group]))
-        chosen = rows.ravel()
         probabilities = self.probabilities * weights.mean(axis=1)
         cooled = replace(self, scale=scale, probabilities=probabilities, move=0)
-        return replace(cooled, walkers=self.walkers[chosen], root=self.root[chosen])._go_on()
+        return replace(cooled, walkers=self.walkers[rows.ravel()])._go_on()
 
     def _moved(self) -> Floats:
         # 3. Moves that leave the inflated law as it is; those that leave failure are refused.

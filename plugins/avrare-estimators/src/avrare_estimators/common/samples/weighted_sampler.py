@@ -16,7 +16,6 @@ from avrare.protocols import Floats
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.common.config import WeightedConfig
 from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
-from avrare_estimators.common.samples.groups import Groups
 from avrare_estimators.common.samples.result import RunOutcome, summarise
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes, wave_rows
 from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
@@ -29,7 +28,7 @@ _LEVELS = 2
 
 
 class Task(Protocol):
-    """Sample, cross-check or climb under way.
+    """Sample or cross-check under way.
 
     Attributes:
         pending: The rollouts asked for; None at the end.
@@ -149,13 +148,16 @@ class WeightedSampler(Estimator):
         return self._finish_run(state, check.result() if check is not None else None)
 
     def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | ScaleAnnealing | None:
-        return CrossCheck.begin(state.samples, self._check_rollouts(state), most)
+        """Return the check by annealing, which no score leads; by a climb where tapes are long."""
+        rollouts = self._check_rollouts(state)
+        annealing = ScaleAnnealing.begin(state.samples, rollouts)
+        return annealing or CrossCheck.begin(state.samples, rollouts, most)
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
-        sample, doubts = state.samples[-1], self._doubts(state)
+        sample = state.samples[-1]
         checked = self.config.check > 0.0 and sample.share < 1.0
         outcome = RunOutcome(
-            sample, checked, result, state.stages, doubts, self._counted(state), self._climbed(state)
+            sample, checked, result, state.stages, self._counted(state), self._check_share(state)
         )
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
@@ -172,17 +174,13 @@ class WeightedSampler(Estimator):
         """Return the rows of the final sample."""
         raise NotImplementedError
 
-    def _doubts(self, state: SamplingState) -> dict[str, str]:
-        """Return the health warnings of a run whose samples are complete."""
-        return {}
-
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
 
-    def _climbed(self, state: SamplingState) -> tuple[float, Groups] | None:
-        """Return the level at which the final sample hands over to chains, and their groups."""
-        return None
+    def _check_share(self, state: SamplingState) -> float:
+        """Return the share of the estimate that the cross-check has."""
+        return 0.0
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check
