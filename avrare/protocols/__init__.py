@@ -11,7 +11,7 @@ from avrare.protocols.kinds import (
     System,
     Tracker,
 )
-from avrare.protocols.values import Bools, Floats, Signals, Verdict
+from avrare.protocols.values import Bools, Floats, Misreading, Signals, Verdict
 
 __all__ = [
     "BASES",
@@ -21,6 +21,7 @@ __all__ = [
     "Estimator",
     "Executor",
     "Floats",
+    "Misreading",
     "PerceptionErrorModel",
     "Signals",
     "Simulator",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.protocols import kinds
 from avrare.protocols.kinds import System
-from avrare.protocols.values import Bools, Floats, Signals
+from avrare.protocols.values import Bools, Floats, Misreading, Signals
 
 BASES: dict[str, type[Any]] = {
     "simulator": kinds.Simulator,
@@ -156,6 +156,10 @@ class SystemWrapper(System):
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
         """Return the counters of the other system."""
         return self.system.counts(self.unwrap(state))
+
+    def misreadings(self, state: object) -> Mapping[str, Misreading]:
+        """Return the misreadings of the other system."""
+        return self.system.misreadings(self.unwrap(state))
 
     def features(self, state: object) -> Floats | None:
         """Return the features of the other system."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Prediction, Scene
-from avrare.protocols.values import Bools, Floats, Signals, Verdict
+from avrare.protocols.values import Bools, Floats, Misreading, Signals, Verdict
 
 WorkT = TypeVar("WorkT")
 ChunkT = TypeVar("ChunkT")
@@ -50,6 +50,13 @@ class _Dynamics(ABC):  # shared by systems and simulators
 
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
         """Return counters (N,) by name, which results sum up; called where a rollout ends. Default: none."""
+        return {}
+
+    def misreadings(self, state: Any) -> Mapping[str, Misreading]:
+        """Return errors that the noise makes, by the names of noise numbers; called where failures are told.
+
+        Default: none, such numbers are told in standard deviations.
+        """
         return {}
 
     def features(self, state: Any) -> Floats | None:

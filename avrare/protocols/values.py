@@ -15,6 +15,27 @@ Signals = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
+class Misreading:
+    """Errors that noise makes in a quantity that a part measures, and the words for them.
+
+    Attributes:
+        values: (N,) the errors; NaN where nothing is read.
+        subject: What is wrong, such as "radar".
+        above: Words for a positive error, such as "reads {} m too long".
+        below: Words for a negative one.
+        usual: (N,) errors without noise. Default: 0.
+        least: Smallest error that is worth words. Default: 0.
+    """
+
+    values: Floats
+    subject: str
+    above: str
+    below: str
+    usual: Floats | float = 0.0
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
 class Verdict:
     """Verdict of a monitor on the samples 0..t.
 

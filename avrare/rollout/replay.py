@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
 from avrare.driving import Scene
-from avrare.protocols import Floats, Signals
+from avrare.protocols import Floats, Misreading, Signals
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Rollouts
 
@@ -29,6 +30,7 @@ class ReplayedRollout:
     robustness: float  # of the samples before the error, if any
     violated: bool
     error: str | None  # reason of the breakdown
+    misreadings: Mapping[str, Misreading]  # (T,), by the name of a noise number
 
     @property
     def outcome(self) -> str:
@@ -53,30 +55,55 @@ def replay_tapes(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
 def _replay_batch(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
     outcome = problem.replay(tapes, keep_carries=True)
     over = np.zeros(len(tapes), dtype=bool)
-    samples: list[tuple[Integers, Signals, Any]] = []
+    samples: list[_Sample] = []
     for _, rows, carry in outcome.carries:
         going = ~over[rows]
         rows, state = rows[going], batch.take(carry.system, going)
         ended = problem.system.ended(state)
         if ended is not None:
             over[rows] = ended
-        samples.append((rows, problem.system.signals(state), state))
+        system = problem.system
+        samples.append(_Sample(rows, system.signals(state), state, system.misreadings(state)))
     return [_extract_row(outcome, samples, row) for row in range(len(tapes))]
 
 
-def _extract_row(
-    outcome: Rollouts, samples: list[tuple[Integers, Signals, object]], row: int
-) -> ReplayedRollout:
-    found = [
-        (int(np.searchsorted(rows, row)), signals, state) for rows, signals, state in samples if row in rows
-    ]
-    names = found[0][1] if found else ()
-    signals = {name: np.stack([sample[name][k] for k, sample, _ in found]) for name in names}
-    states = tuple(batch.take(state, np.array([k])) for k, _, state in found)
+class _Sample(NamedTuple):
+    """Sample of the rows that are still going."""
+
+    rows: Integers
+    signals: Signals
+    state: Any
+    misreadings: Mapping[str, Misreading]
+
+
+def _extract_row(outcome: Rollouts, samples: list[_Sample], row: int) -> ReplayedRollout:
+    found = [(int(np.searchsorted(sample.rows, row)), sample) for sample in samples if row in sample.rows]
+    names = found[0][1].signals if found else ()
+    signals = {name: np.stack([sample.signals[name][k] for k, sample in found]) for name in names}
+    states = tuple(batch.take(sample.state, np.array([k])) for k, sample in found)
     error = "; ".join(outcome.messages) or "no reason given" if outcome.error[row] else None
     return ReplayedRollout(
-        signals, states, float(outcome.robustness[row, 0]), bool(outcome.violated[row, 0]), error
+        signals,
+        states,
+        float(outcome.robustness[row, 0]),
+        bool(outcome.violated[row, 0]),
+        error,
+        _extract_misreadings(found),
     )
+
+
+def _extract_misreadings(found: Sequence[tuple[int, _Sample]]) -> dict[str, Misreading]:
+    # Before the first observation nothing is wrong.
+    words = {name: reading for _, sample in found for name, reading in sample.misreadings.items()}
+    series = {name: np.zeros((2, len(found))) for name in words}
+    for t, (k, sample) in enumerate(found):
+        for name, reading in sample.misreadings.items():
+            usual = np.broadcast_to(reading.usual, reading.values.shape)
+            series[name][:, t] = reading.values[k], usual[k]
+    return {
+        name: replace(reading, values=series[name][0], usual=series[name][1])
+        for name, reading in words.items()
+    }
 
 
 def tabulate_signals(signals: Signals, scene: Scene | None = None) -> tuple[tuple[str, ...], Floats]:

@@ -20,6 +20,7 @@ from avrare.protocols import (
     Bools,
     Controller,
     Floats,
+    Misreading,
     PerceptionErrorModel,
     Signals,
     Simulator,
@@ -31,6 +32,7 @@ from avrare.protocols import (
 from avrare.stack.burn_in import BurnIn
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import check_features, flattened, plan_features, track_features, vehicle_features
+from avrare.stack.misreadings import find_misreadings
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 from avrare.stack.observing import observe
 from avrare.stack.timed_controller import TimedController
@@ -95,10 +97,10 @@ class ClosedLoop(System):
         self._drawn = start.size if start is not None else 0
         self.world_noise = self._drawn + simulator.noise_size
         names = start.noise_names if start is not None else ()
-        names += find_noise_names(simulator, "noise of the simulator:")
+        names += find_noise_names(simulator, "simulator noise")
         perfect = [np.zeros(self._drawn), find_perfect_noise(simulator)]
         if self.perception is not None:
-            names += find_noise_names(self.perception, "noise of perception:")
+            names += find_noise_names(self.perception, "perception noise")
             perfect.append(find_perfect_noise(self.perception))
             self.warnings |= self.perception.warnings
         self._seen = slice(self.world_noise, len(names))
@@ -184,6 +186,13 @@ class ClosedLoop(System):
         drawn = {} if state.drawn is None else {"scenes_redrawn": state.drawn.redraws}
         planned = {} if self.controller is None else self.controller.counts(state.memory)
         return {**drawn, **self.simulator.counts(state.world), **planned}
+
+    def misreadings(self, state: LoopState) -> dict[str, Misreading]:
+        """Return the errors that the simulator declares, and those of what perception saw of the vehicles."""
+        found = dict(self.simulator.misreadings(state.world))
+        if self.perception is not None and self.scene is not None and state.observation is not None:
+            found |= find_misreadings(self.perception, state.world, state.observation, self.scene)
+        return found
 
     def features(self, state: LoopState) -> Floats:
         """Return (N, F) what the parts declare, or else what every driving stack has."""

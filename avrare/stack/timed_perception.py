@@ -60,7 +60,7 @@ class TimedPerception(PerceptionErrorModel):
         self._model, self._timing, self._clock = model, timing, clock
         extra = {"lateness of frames": timing.perception_jitter, "loss of frames": timing.lost_frames}
         self._extra = [name for name, size in extra.items() if size]
-        self.noise_names = (*find_noise_names(model, "noise of perception:"), *self._extra)
+        self.noise_names = (*find_noise_names(model, "perception noise"), *self._extra)
         self.perfect_noise = (*find_perfect_noise(model), *(0.0 for _ in self._extra))
         self.noise_size = len(self.noise_names)
         latest = round_up((timing.perception_latency + _LATEST * timing.perception_jitter) / clock.dt)

@@ -30,6 +30,8 @@ class DrawnWorlds(Worlds):
         super().__init__(partial(_Valued, make, tuple(names)) if names else make, **options)
         self._plain, self._names = (make, options), tuple(names)
         self.noise_size -= len(self._names)
+        if self.noise_names is not None:
+            self.noise_names = self.noise_names[: self.noise_size]
 
     def __reduce__(self) -> tuple[object, ...]:
         make, options = self._plain
@@ -56,6 +58,8 @@ class _Valued(World):
         self.world, self._names = adapt(World, make()), names
         self._own = int(self.world.noise_size)
         self.noise_size = self._own + len(names)
+        if self.world.noise_names is not None:
+            self.noise_names = (*self.world.noise_names, *names)
         self.lacks, self.has_table = self.world.lacks, self.world.has_table
 
     def reset(self, noise: Floats) -> None:

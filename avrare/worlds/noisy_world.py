@@ -90,9 +90,13 @@ class Noisy(World):
             raise UsageError(f"{type(world).__name__} has no displace(delta) to change its initial state")
         self.action, self.observed, self.start = action, observation, initial
         self._begin: list[int] = [int(self.world.noise_size)]
-        for channel in (action, observation, initial):
-            self._begin.append(self._begin[-1] + (channel.size if channel is not None else 0))
-        self.noise_size = self._begin[-1]
+        names = list(self.world.noise_names or (f"noise {k}" for k in range(self._begin[0])))
+        disturbed = {"action": action, "observation": observation, "initial state": initial}
+        for what, channel in disturbed.items():
+            size = channel.size if channel is not None else 0
+            self._begin.append(self._begin[-1] + size)
+            names += [f"{what} noise{f' {k}' if size > 1 else ''}" for k in range(size)]
+        self.noise_size, self.noise_names = self._begin[-1], tuple(names)
         self._error: Any = 0.0
         self.lacks = self.world.lacks
 

@@ -26,12 +26,14 @@ class World(ABC):
 
     Attributes:
         noise_size: Number of standard normal numbers of a reset, and of every step.
+        noise_names: Name of each of them, for reports. Default: None, numbered.
         lacks: Reasons by missing capability (``avrare.protocols.System``). Default: none.
         has_table: True where ``numbers`` and ``named`` are read in place of ``signals`` and ``observation``,
             for speed. Default: False.
     """
 
     noise_size: int
+    noise_names: Sequence[str] | None = None
     lacks: Mapping[str, str] = {}
     has_table: bool = False
 

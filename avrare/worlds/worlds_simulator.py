@@ -62,6 +62,7 @@ class Worlds(Simulator):
 
     Attributes:
         noise_size: Number of noise values of a world.
+        noise_names: Their names, if the worlds declare any.
         lacks: Reasons by missing capability (``avrare.worlds.capabilities``), as the worlds declare.
 
     Raises:
@@ -94,7 +95,7 @@ class Worlds(Simulator):
         self._pool = WorldPool(make, copy, reuse)
         self._watchdog = Watchdog(step_timeout)
         first = _check_world(make(), copy)
-        self.noise_size = int(first.noise_size)
+        self.noise_size, self.noise_names = int(first.noise_size), first.noise_names
         self.lacks = first.lacks
         self._prepare = first.prepare
         self._readout = choose_readout(first)

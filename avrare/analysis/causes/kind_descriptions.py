@@ -7,10 +7,10 @@ from dataclasses import replace
 from avrare.analysis.causes.first_violation import find_first_violation
 from avrare.analysis.causes.kinds import Kind, Kinds
 from avrare.analysis.failures.lost import continue_without_noise
-from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.tape_evaluator import ProgressCallback
 from avrare.protocols import Floats
+from avrare.rollout.noise_words import describe_tape
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import replay_tape
 
@@ -44,7 +44,7 @@ def _describe(
 ) -> Kind:
     tape = noise[kind.representative]
     small = shrink(problem, tape, budget, progress)
-    decisive = "it fails without any noise" if small.after == 0.0 else describe(problem, small.noise)
+    decisive = "it fails without any noise" if small.after == 0.0 else describe_tape(problem, small.noise)
     first = find_first_violation(problem, replay_tape(problem, tape))
     lost = continue_without_noise(problem, tape).describe(first.sample if first.sample >= 0 else None)
     return replace(kind, decisive=decisive, lost=lost)

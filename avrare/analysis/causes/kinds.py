@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -26,21 +27,15 @@ from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
+from avrare.rollout.noise_words import Disturbance, find_common_noise, format_time
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals
-from avrare.stack.noise_names import find_noise_names
 
 METHODS = ("kmeans", "hdbscan")
 _COMPONENTS = 5
 """Principal components of the features in which k-means makes clusters."""
 _FEW = 5
 """Fewer failures of a kind get a warning."""
-_WINDOWS = 8
-_TELLING = 4.0
-"""Noise of a kind is named from this many standard errors on."""
-_NAMED = 2
-_ONE_SIDED = 0.5
-"""Share of the mean square that the mean itself has where noise is told by its mean."""
 _STRAY = 4
 """So few failures are no kind of their own, unless something else is violated first."""
 _APART = 4.0
@@ -131,11 +126,11 @@ class Kinds(Answer, Sequence[Kind]):
         head = f"{self.result.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
         return [
             head,
-            *(line for number, kind in enumerate(self.kinds, 1) for line in _describe(number, kind)),
+            *(line for number, kind in enumerate(self.kinds, 1) for line in _list_lines(number, kind)),
         ]
 
 
-def _describe(number: int, kind: Kind) -> list[str]:
+def _list_lines(number: int, kind: Kind) -> list[str]:
     part = format_estimate(kind.probability, kind.interval)
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
@@ -165,37 +160,51 @@ def find_kinds(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Ki
         text = f"{broken} of {sample.size} failures of {problem.names[0]} end with an error when replayed"
         raise UsageError(text, "the system has changed, or does not depend on its noise alone")
     causes = [find_first_violation(problem, rollout) for rollout in rollouts]
-    features = _make_features(problem, rollouts, causes)
+    failing = _Failing(problem, sample, rollouts, causes)
+    features = failing.features
     components = _compute_components(features)
     labels = _sort(features, components, causes, max_kinds, method)
     shares = np.bincount(labels, sample.shares)
     labels = np.argsort(np.argsort(-shares, kind="stable"), kind="stable")[labels]
-    kinds = [_make_kind(problem, sample, labels == k, features, causes) for k in range(len(shares))]
+    kinds = [_make_kind(failing, labels, k) for k in range(len(shares))]
     return Kinds(result, tuple(kinds), components[:, :2], labels)
 
 
-def _make_features(
-    problem: Problem, rollouts: Sequence[ReplayedRollout], causes: Sequence[FirstViolation]
-) -> Floats:
-    # (F, D): each signal in units of its own spread over failures and time, then the cause, as if each
-    # were one more signal.
-    tables = np.stack([_tabulate(rollout, problem.steps + 1) for rollout in rollouts])
-    finite = np.isfinite(tables)
-    top = np.abs(np.where(finite, tables, 0.0)).max(axis=(0, 1), initial=0.0)
-    tables = np.where(finite, tables, np.where(np.isnan(tables), 0.0, np.sign(tables) * top))
-    spread = tables.std(axis=(0, 1))
-    tables = tables / np.where(spread > 0.0, spread, 1.0)
-    signals = tables.reshape(len(tables), -1) / math.sqrt(max(tables.shape[1], 1))
-    texts = sorted({cause.key for cause in causes})
-    which = np.array([[cause.key == text for text in texts] for cause in causes], dtype=float)
-    when = np.array([cause.sample for cause in causes], dtype=float)[:, None] / max(problem.steps, 1)
-    return np.concatenate([signals, which, when], axis=1)
+@dataclass(frozen=True)
+class _Failing:
+    """The F failures, replayed, each with what is violated first."""
 
+    problem: Problem
+    sample: FailureSample
+    rollouts: Sequence[ReplayedRollout]
+    causes: Sequence[FirstViolation]
 
-def _tabulate(rollout: ReplayedRollout, samples: int) -> Floats:
-    # Signals (samples, K); those of a drive that has ended stay what they were.
-    table = tabulate_signals(rollout.signals)[1]
-    return np.pad(table, ((0, samples - len(table)), (0, 0)), mode="edge")
+    @cached_property
+    def tables(self) -> Floats:
+        """(F, steps + 1, K) signals; those of a drive that has ended stay what they were."""
+        samples = self.problem.steps + 1
+        tables = (tabulate_signals(rollout.signals)[1] for rollout in self.rollouts)
+        padded = [np.pad(table, ((0, samples - len(table)), (0, 0)), mode="edge") for table in tables]
+        stacked = np.stack(padded)
+        finite = np.isfinite(stacked)
+        top = np.abs(np.where(finite, stacked, 0.0)).max(axis=(0, 1), initial=0.0)
+        return np.where(finite, stacked, np.where(np.isnan(stacked), 0.0, np.sign(stacked) * top))
+
+    @cached_property
+    def features(self) -> Floats:
+        """(F, D) signals in units of their spread over failures and time, then the cause, as one more."""
+        spread = self.tables.std(axis=(0, 1))
+        tables = self.tables / np.where(spread > 0.0, spread, 1.0)
+        signals = tables.reshape(len(tables), -1) / math.sqrt(max(tables.shape[1], 1))
+        texts = sorted({cause.key for cause in self.causes})
+        which = np.array([[cause.key == text for text in texts] for cause in self.causes], dtype=float)
+        when = np.array([cause.sample for cause in self.causes], dtype=float)[:, None]
+        return np.concatenate([signals, which, when / max(self.problem.steps, 1)], axis=1)
+
+    def find_key(self, chosen: Bools) -> tuple[str, int]:
+        """Return what is violated first in most of some failures, and in how many."""
+        keys = Counter(self.causes[row].key for row in np.flatnonzero(chosen).tolist())
+        return keys.most_common(1)[0]
 
 
 def _compute_components(features: Floats) -> Floats:
@@ -252,12 +261,11 @@ def _measure_separation(one: Floats, other: Floats) -> float:
     return distance / pooled if pooled > 0.0 else math.inf
 
 
-def _make_kind(
-    problem: Problem, sample: FailureSample, chosen: Bools, features: Floats, causes: Sequence[FirstViolation]
-) -> Kind:
+def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kind:
+    sample, causes, chosen = failing.sample, failing.causes, labels == number
     rows = np.flatnonzero(chosen)
-    distances = np.linalg.norm(features[rows][:, None] - features[rows][None], axis=2).sum(axis=1)
-    medoid = int(rows[np.argmin(distances)])
+    features = failing.features[rows]
+    distances = np.linalg.norm(features[:, None] - features[None], axis=2).sum(axis=1)
     probability, interval = sample.part_interval(chosen)
     ancestors = sample.count_ancestors(chosen)
     warnings = []
@@ -266,69 +274,65 @@ def _make_kind(
         warnings.append(f"it rests on one {first}: it may be much likelier, or rarer, than this")
     elif ancestors < _FEW:
         warnings.append(f"it rests on {ancestors} independent failures")
-    samples = [causes[k].sample for k in rows.tolist() if causes[k].sample >= 0]
-    dt = problem.dt
-    time = float(np.median(samples)) * (dt or 1.0) if samples else math.nan
-    parts = [_describe_causes([causes[k] for k in rows.tolist()], time, "s" if dt else "steps")]
-    parts += describe_noise(problem, sample, chosen)
+    samples = [causes[row].sample for row in rows.tolist() if causes[row].sample >= 0]
+    severities = [causes[row].severity for row in rows.tolist()]
     return Kind(
-        "; ".join(parts),
+        "; ".join(_describe(failing, labels, number, samples)),
         probability,
         interval,
         float(sample.shares[chosen].sum()),
         tuple(rows.tolist()),
         ancestors,
-        medoid,
-        time,
+        int(rows[np.argmin(distances)]),
+        float(np.median(samples)) * (failing.problem.dt or 1.0) if samples else math.nan,
         tuple(warnings),
-        describe_severities([found for k in rows.tolist() if (found := causes[k].severity) is not None]),
+        describe_severities([severity for severity in severities if severity is not None]),
     )
 
 
-def _describe_causes(causes: Sequence[FirstViolation], time: float, unit: str) -> str:
-    [(key, count)] = Counter(cause.key for cause in causes).most_common(1)
-    often = "" if count == len(causes) else f" (in {count} of {len(causes)})"
-    text = f"{key} is violated first{often}" if key else "the specification is violated"
-    if math.isnan(time):
-        return text
-    digits = 0 if unit == "steps" else 1
-    return f"{text}, at about {f't = {time:.{digits}f} s' if unit == 's' else f'step {time:.0f}'}"
+def _describe(
+    failing: _Failing, labels: NDArray[np.int64], number: int, samples: Sequence[int]
+) -> Iterator[str]:
+    """Yield what happens first and when, what sets it apart from kinds in which the same does, and noise."""
+    chosen, dt = labels == number, failing.problem.dt
+    key, count = failing.find_key(chosen)
+    often = "" if count == chosen.sum() else f" (in {count} of {chosen.sum()})"
+    when = f", at about {format_time(round(np.median(samples)), dt)}" if samples else ""
+    yield f"{key} is violated first{often}{when}" if key else f"the specification is violated{when}"
+    others = [k for k in np.unique(labels).tolist() if k != number]
+    alike = [k for k in others if failing.find_key(labels == k)[0] == key]
+    if alike:
+        last = round(np.median(samples)) if samples else failing.problem.steps
+        where = "the other kind" if len(alike) == 1 else "the others"
+        yield f"{_tell_apart(failing, chosen, np.isin(labels, alike), last)} in {where})"
+    for disturbance in describe_noise(failing.problem, failing.sample, chosen, failing.rollouts):
+        yield f"{disturbance.subject} {disturbance.text}"
 
 
-def describe_noise(problem: Problem, sample: FailureSample, chosen: Bools) -> list[str]:
-    """Describe the noise that sets some failures apart from chance, channel by channel and in time windows.
+def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> str:
+    """Return the signal, until a sample, in which some failures differ most clearly from others."""
+    tables = failing.tables[:, : last + 1]
+    spread = np.sqrt(0.5 * (tables[chosen].var(axis=0) + tables[others].var(axis=0)))
+    means = tables[chosen].mean(axis=0), tables[others].mean(axis=0)
+    floor = 1e-3 * tables.std(axis=(0, 1)) + 1e-300
+    step, column = np.unravel_index(np.argmax(np.abs(means[0] - means[1]) / (spread + floor)), spread.shape)
+    name = tabulate_signals(failing.rollouts[0].signals, failing.problem.scene)[0][column]
+    own, other = (float(mean[step, column]) for mean in means)
+    digits = next((digits for digits in range(3, 17) if f"{own:.{digits}g}" != f"{other:.{digits}g}"), 17)
+    time = format_time(int(step), failing.problem.dt)
+    return f"{name} is {own:.{digits}g} at {time} ({other:.{digits}g}"
 
-    Squares and sums of standard normal numbers are compared with what chance gives, to which copies of one
-    ancestor, or failures of one run of splitting, count as one.
+
+def describe_noise(
+    problem: Problem, sample: FailureSample, chosen: Bools, rollouts: Sequence[ReplayedRollout]
+) -> list[Disturbance]:
+    """Describe the noise that sets some failures apart from chance, the most telling first.
+
+    Copies of one ancestor, or failures of one run of splitting, count as one.
     """
     rows = np.flatnonzero(chosen)
-    noise, shares = sample.failures.noise[rows], sample.shares[rows] / sample.shares[rows].sum()
+    shares = sample.shares[rows] / sample.shares[rows].sum()
     families = np.unique(sample.clusters[rows], return_inverse=True)[1].reshape(-1)
     effective = 1.0 / float((np.bincount(families, shares) ** 2).sum())
-    windows = np.array_split(np.arange(noise.shape[1]), min(_WINDOWS, noise.shape[1]))
-    names = find_noise_names(problem.system)
-    dt = problem.dt
-    found = []
-    for window in windows:
-        part = noise[:, window]
-        mean = np.einsum("f,fwc->c", shares, part) / len(window)
-        square = np.einsum("f,fwc->c", shares, part**2) / len(window)
-        count = effective * len(window)
-        shift, size = mean * math.sqrt(count), (square - 1.0) * math.sqrt(count / 2.0)
-        begin, end = int(window[0]), int(window[-1])
-        for channel in range(noise.shape[2]):
-            when = _format_window(begin, end, dt)
-            one_sided = mean[channel] ** 2 >= _ONE_SIDED * square[channel]
-            if one_sided and abs(shift[channel]) >= _TELLING:
-                text = f"{names[channel]} {mean[channel]:+.2g} sigma on average {when}"
-                found.append((abs(float(shift[channel])), text))
-            elif size[channel] >= _TELLING:
-                text = f"{names[channel]} {math.sqrt(square[channel]):.2g} times as large as usual {when}"
-                found.append((float(size[channel]), text))
-    return [text for _, text in sorted(found, reverse=True)[:_NAMED]]
-
-
-def _format_window(begin: int, end: int, dt: float | None) -> str:
-    if dt is None:
-        return f"at step {begin}" if begin == end else f"in steps {begin}-{end}"
-    return f"at t = {begin * dt:.1f} s" if begin == end else f"at t = {begin * dt:.1f}-{end * dt:.1f} s"
+    tapes = sample.failures.noise[rows]
+    return find_common_noise(problem, tapes, [rollouts[row] for row in rows.tolist()], shares, effective)

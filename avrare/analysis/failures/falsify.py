@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.tape_evaluator import ProgressCallback, TapeEvaluator
 from avrare.analysis.failures.tape_reduction import find_design_point
 from avrare.base.errors import UsageError
@@ -22,6 +21,7 @@ from avrare.base.records import Answer, Records
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import open_problem
 from avrare.rollout.noise import NoiseSource
+from avrare.rollout.noise_words import describe_tape
 from avrare.rollout.problem import Problem
 
 BUDGET = 4000
@@ -161,7 +161,7 @@ def _make_result(
         errors=evaluate.errors,
         finished=finished,
         specification=problem.names[0],
-        description="" if best is None else describe(problem, best),
+        description="" if best is None else describe_tape(problem, best),
     )
 
 

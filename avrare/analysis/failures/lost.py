@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.protocols import Bools, Floats
+from avrare.rollout.noise_words import format_steps, format_time
 from avrare.rollout.problem import Problem
 
 _MOST = 120
@@ -54,12 +55,12 @@ class Continuations:
         step = self.lost
         if step is None:
             return self._describe_never()
-        before = "at the start" if step == 0 else f"until {self._when(step - 1)}"
-        text = f"lost at {self._when(step)}: with noise only {before} the rule is kept"
+        before = "at the start" if step == 0 else f"until {format_time(step - 1, self.dt)}"
+        text = f"lost at {format_time(step, self.dt)}: with noise only {before} the rule is kept"
         if step == 0:
-            text = f"lost at {self._when(0)}: without any noise the rule is kept"
+            text = f"lost at {format_time(0, self.dt)}: without any noise the rule is kept"
         if violation is not None and violation > step:
-            text += f"; it is violated {self._span(violation - step)} later"
+            text += f"; it is violated {format_steps(violation - step, self.dt)} later"
         return text
 
     def _describe_never(self) -> str:
@@ -68,16 +69,6 @@ class Continuations:
         if self.violated[0]:
             return "it fails without any noise"
         return "when it was lost is not known: the rollouts with less noise broke down"
-
-    def _when(self, step: int) -> str:
-        return f"step {step}" if self.dt is None else f"t = {step * self.dt:.{self._digits}f} s"
-
-    def _span(self, steps: int) -> str:
-        return f"{steps} steps" if self.dt is None else f"{steps * self.dt:.{self._digits}f} s"
-
-    @property
-    def _digits(self) -> int:
-        return max(1, math.ceil(-math.log10(self.dt) - 1e-9)) if self.dt and self.dt < 1.0 else 1
 
 
 def continue_without_noise(problem: Problem, tape: Floats) -> Continuations:

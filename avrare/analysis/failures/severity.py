@@ -102,21 +102,22 @@ def describe_severities(severities: Sequence[Severity]) -> str:
     if 2 * len(impacts) > len(severities):
         roles = Counter(impact.role for impact in impacts)
         parts = ", ".join(f"{_percent(n / len(impacts))} ego {role}" for role, n in roles.most_common())
+        parts = f"ego {next(iter(roles))}" if len(roles) == 1 else parts
         speed, overlap = (
             _median(getattr(impact, name) for impact in impacts) for name in ("speed", "overlap")
         )
         avoidable = sum(impact.last_time is not None for impact in impacts) / len(impacts)
         return (
             f"{parts}: {speed:.1f} m/s, overlap {overlap:.1f} m, {common}; "
-            f"{FULL_BRAKING:g} m/s2 would have avoided {_percent(avoidable)}"
+            f"{FULL_BRAKING:g} m/s2 in time would have avoided {_percent(avoidable)} of them"
         )
     text = f"violated for {duration:.1f} s, {common}"
     reaches = [severity.reach for severity in severities if severity.reach > 0.0]
     if not reaches:
         return text
     small = sum(reach < _SMALL_REACH for reach in reaches) / len(reaches)
-    touching = f"{_percent(small)} touch the lane by less than {_SMALL_REACH:g} m"
-    return f"{touching} (median {_median(reaches):.1f} m); {text}"
+    touching = f"{_percent(small)} by less than {_SMALL_REACH:g} m, " if small else ""
+    return f"ego reaches into the lane, {touching}median {_median(reaches):.1f} m; {text}"
 
 
 def _median(values: Iterable[float]) -> float:

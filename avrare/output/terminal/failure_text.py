@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from avrare.analysis.failures.noise_description import describe
 from avrare.analysis.failures.shrink import ShrinkResult
+from avrare.rollout.noise_words import describe_tape
 from avrare.rollout.problem import Problem
 
 MAX_BLOB = 1000
@@ -13,14 +13,14 @@ MAX_BLOB = 1000
 def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
     """Return what is left of a failure, in numbers and in words."""
     if shrunk.after == 0.0:
-        description = describe(problem, shrunk.noise)
+        description = describe_tape(problem, shrunk.noise)
         lines = [f"it fails without any noise ({shrunk.rollouts} rollouts): {description}"]
         if shrunk.passing_noise is not None:
-            lines.append(f"it passes with: {describe(problem, shrunk.passing_noise)}")
+            lines.append(f"it passes with: {describe_tape(problem, shrunk.passing_noise)}")
         return lines
     lines = [
         f"shrunk to {shrunk.ratio:.1%} of its norm ({shrunk.before:.3g} -> {shrunk.after:.3g}), "
         f"{shrunk.nonzero} of {shrunk.noise.size} numbers ({shrunk.rollouts} rollouts)",
-        f"what is left: {describe(problem, shrunk.noise)}",
+        f"what is left: {describe_tape(problem, shrunk.noise)}",
     ]
     return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]

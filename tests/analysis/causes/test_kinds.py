@@ -14,6 +14,7 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
 from avrare.estimation.combine.ensemble import combine
 from avrare.estimation.result.result import Failures
+from avrare.rollout.replay import replay_tapes
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.static_problems import Static
 from avrare.testing.walk_problems import walk
@@ -55,6 +56,17 @@ def test_a_kind_is_told_by_what_is_violated_and_by_the_noise_that_does_it(result
     assert "noise 2 " not in likely.text + rare.text
     tape = result.failures.noise[rare.representative, 0]
     assert tape[1] > 2.5
+
+
+def test_kinds_with_the_same_violation_are_told_apart_by_a_signal():
+    problem = avrare.Problem(Walk(scale=1.0), avrare.stl("always (abs(x) < 12)"), steps=20)
+    kinds = find_kinds(avrare.estimate(problem, rollouts=4000, seed=1))
+    assert len(kinds) == 2
+    texts = [kind.text for kind in kinds]
+    assert all(text.startswith("abs(x) < 12 is violated first") for text in texts)
+    assert sorted("; x is -" in text for text in texts) == [False, True]
+    assert all(" in the other kind)" in text for text in texts)
+    assert sorted("-0." in text and "sigma on average for" in text for text in texts) == [False, True]
 
 
 def test_one_mode_is_one_kind():
@@ -178,11 +190,12 @@ def test_noise_of_copies_tells_as_much_as_that_of_their_ancestors():
     weights, families = np.full(64, 0.01 / 64), np.repeat(np.arange(4), 16)
     ancestors = np.stack([np.zeros(64, dtype=int), families], axis=1)
     chosen = np.ones(64, dtype=bool)
-    [text] = describe_noise(two_modes(), sample_of(noise, weights), chosen)
-    assert text.startswith("noise 1 +1 sigma on average")
-    assert describe_noise(two_modes(), sample_of(noise, weights, ancestors), chosen) == []
+    rollouts = replay_tapes(two_modes(), noise)
+    [told] = describe_noise(two_modes(), sample_of(noise, weights), chosen, rollouts)
+    assert (told.subject, told.text) == ("noise 1", "+1 sigma on average at step 0")
+    assert describe_noise(two_modes(), sample_of(noise, weights, ancestors), chosen, rollouts) == []
     of_runs = np.stack([families, np.arange(64)], axis=1)
-    assert describe_noise(two_modes(), sample_of(noise, weights, of_runs, runs=4), chosen) == []
+    assert describe_noise(two_modes(), sample_of(noise, weights, of_runs, runs=4), chosen, rollouts) == []
 
 
 @pytest.mark.parametrize(

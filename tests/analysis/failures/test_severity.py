@@ -108,7 +108,8 @@ def test_reach_and_duration_of_a_violation_without_impact():
     assert found.duration == pytest.approx(0.5)
     assert found.braking == 3.0
     assert "0.2 m in a lane of other" in found.describe()
-    assert describe_severities([found]).startswith("100 % touch the lane by less than 0.3 m (median 0.2 m)")
+    text = describe_severities([found])
+    assert text.startswith("ego reaches into the lane, 100 % by less than 0.3 m, median 0.2 m; ")
 
 
 def test_a_rule_that_is_kept_has_no_severity():
@@ -122,4 +123,4 @@ def test_several_impacts_are_summed_up():
     hit = severity(motion(np.zeros(60)), motion(-30.0 + 2.0 * STEPS, speed=20.0))
     text = describe_severities([near, close, hit])
     assert text.startswith("67 % ego drives into it, 33 % ego stands: 20.0 m/s, overlap 2.0 m")
-    assert text.endswith("6 m/s2 would have avoided 33 %")
+    assert text.endswith("6 m/s2 in time would have avoided 33 % of them")

@@ -54,7 +54,11 @@ class GymWorld(World):
         stream = config.noise.stream
         self.stream = Stream(stream.by, stream.at == "step", stream.numbers)
         self.actions = actions(self.env.action_space, config.noise.action)
-        self.noise_size = self.stream.noise_size + self.actions.noise_size
+        sizes = {"random number": self.stream.noise_size, "action noise": self.actions.noise_size}
+        self.noise_size = sum(sizes.values())
+        self.noise_names = tuple(
+            f"{name} {k}" if size > 1 else name for name, size in sizes.items() for k in range(size)
+        )
         self.lacks = {"noise": _FREE, "branches": _FREE} if stream.by == "free" else {}
         self.size = 1 if isinstance(self.space, spaces.Discrete) else spaces.flatdim(self.space)
         self.observed = [0.0] * self.size
