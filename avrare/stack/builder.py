@@ -132,12 +132,14 @@ def _build_simulator(block: Block) -> Simulator:
 
 def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
     """Raise a ``ScenarioError`` for specifications that every start violates: their probability is 1."""
+    for name, spec in stack.specifications.items():
+        if isinstance(scenario.specifications[name], Formula):
+            with _located(scenario, f"specifications.{name}"):
+                _check_relations(spec)
     signals = _signals_at_start(scenario, stack, np.zeros((1, stack.loop.noise_size)))
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
         with _located(scenario, f"specifications.{name}"):
-            if isinstance(scenario.specifications[name], Formula):
-                _check_relations(spec, signals)
             monitor, verdict = spec.update(spec.start(1), signals)
         settled = spec.margin(monitor) is not None
         if settled and verdict.violated[0] and _fails_from_drawn_starts(scenario, stack, spec):
@@ -170,9 +172,9 @@ def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Signal
         raise ScenarioError([(place, "check the options of its parts")]) from error
 
 
-def _check_relations(spec: Specification, signals: Signals) -> None:
+def _check_relations(spec: Specification) -> None:
     for name in [] if spec.formula is None else spec.formula.signals:
-        if name not in signals and name.endswith(")"):
+        if name.endswith(")"):
             hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"
             raise FormulaError(f"signal {name!r} is missing", f"{hint} instead of {{stl: ...}}")
 

@@ -21,14 +21,14 @@ def test_a_level_is_violated_where_robustness_falls_to_it():
     assert 0 < shifted.violated.sum() < 60
 
 
-@pytest.mark.parametrize("wanted", [1e-3, 1e-4, 1e-5])
-def test_a_level_of_the_lane_change_is_read_from_its_truth(wanted):
-    problem, probability = read_level("lane_change", "no_collision", wanted)
+@pytest.mark.parametrize("wanted", [4e-4, 1e-4, 1e-5])
+def test_a_level_of_a_scenario_is_read_from_its_truth(wanted):
+    problem, probability = read_level("glider_actuator", "perches", wanted)
     assert probability == pytest.approx(wanted, rel=0.01)
     assert isinstance(problem.monitors[0], Level)
     assert problem.monitors[0].level < 0
-    _, own = read_level("lane_change", "no_collision", None)
-    assert 1e-3 < own < 5e-3
+    _, own = read_level("glider_actuator", "perches", None)
+    assert own == pytest.approx(7.86e-4)
 
 
 def test_a_case_is_a_name_or_a_path_and_has_a_truth_or_a_number():

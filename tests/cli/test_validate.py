@@ -10,7 +10,7 @@ import pytest
 from avrare.cli.main import main
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
-PARKED = "simulator.vehicles=[{name: parked, x: 40.0, y: 1.75}]"
+PARKED = "simulator.vehicles=[{name: parked, x: 140.0, y: 1.75}]"
 
 
 def test_the_scenarios_validate_without_warnings(capsys):

@@ -79,7 +79,7 @@ def test_a_scenario_is_the_same_from_wherever_it_is_called(scenario, monkeypatch
 
 
 def test_failures_and_baselines_are_of_a_scenario_from_wherever_it_is_called(scenario):
-    lane_change = Path(__file__).parents[2] / "scenarios" / "lane_change.yaml"
+    lane_change = Path(__file__).parents[2] / "scenarios" / "lane_change_published.yaml"
     scenario.write_text(dump(load(lane_change, ["perception.model=own.npz"]).resolved))
     (scenario.parent / "own.npz").write_bytes(b"1")
     first, second = load(scenario), load("../scenes/a.yaml")

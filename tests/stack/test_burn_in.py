@@ -14,13 +14,13 @@ from avrare.scenario.load import load
 from avrare.stack.burn_in import BurnIn, rewind
 from avrare.stack.closed_loop import SamplingLaw, WeightedLoop
 
-SCENARIO = Path(__file__).parents[2] / "scenarios" / "lane_change.yaml"
+SCENARIO = Path(__file__).parents[2] / "scenarios" / "lane_change_published.yaml"
 BURNING = ("tracker.start=burn_in", "tracker.burn_in=2.0")
 PARAMETRIC = ("perception={plugin: parametric}", *BURNING)
 
 
 def loop_of(*settings):
-    return LoadedScenario(load(str(SCENARIO), settings)).stack.loop
+    return LoadedScenario(load(str(SCENARIO), ("controller.backend=riccati", *settings))).stack.loop
 
 
 def first_row(loop, n, seed=0):
@@ -43,7 +43,7 @@ def test_the_last_world_of_a_burn_in_is_the_start_and_the_first_is_a_step_after_
     worlds = [before for before, _ in loop.burn_in.worlds(world, noise)]
     assert len(worlds) == 20
     np.testing.assert_array_equal(worlds[-1].ego.x, world.ego.x)
-    np.testing.assert_allclose(worlds[0].ego.x, world.ego.x - 1.9 * 21.4)
+    np.testing.assert_allclose(worlds[0].ego.x, world.ego.x - 1.9 * 21.6)
     np.testing.assert_array_equal(worlds[0].others.x[:, 0], world.others.x[:, 0])  # it is parked
 
 

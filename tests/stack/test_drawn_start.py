@@ -146,7 +146,7 @@ def test_fully_correlated_options_move_together():
 
 
 def test_the_shipped_scenario_keeps_its_laws():
-    scenario = load(Path(__file__).parents[2] / "scenarios" / "lane_change_distributed.yaml")
+    scenario = load(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
     assert len(scenario.definition.simulator.draws.laws) == 8
 
 

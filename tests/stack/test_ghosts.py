@@ -91,7 +91,7 @@ def test_the_controller_is_built_for_all_tracks():
     assert len(known.names) == 3 + 4
     state = loop.initial(np.zeros((2, loop.noise_size)))
     assert loop.tracker.predict(state.track, 2).x.shape == (2, 7, 3)
-    assert loop.noise_size == 12 + 3 * 5
+    assert loop.noise_size == 22 + 3 * 5
 
 
 @pytest.mark.slow

@@ -190,7 +190,7 @@ def test_a_scenario_takes_the_method_that_fits(lane_change):
 
 
 def test_a_number_that_decides_what_can_happen_at_all_is_compared_in_pairs():
-    settings = ["steps=6", "controller.horizon=8", "specifications.near={stl: 'always (ego_x < -20)'}"]
+    settings = ["steps=6", "controller.horizon=8", "specifications.near={stl: 'always (ego_x < 8)'}"]
     settings += ["perception.plugin=parametric"]
     found = avrare.sensitivity(SCENARIO, ["perception.error_limit"], "near", overrides=settings, rollouts=4)
     assert [row.method for row in found.rows] == ["paired"]

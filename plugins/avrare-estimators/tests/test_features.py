@@ -14,7 +14,7 @@ from avrare.rollout.request import Request
 from avrare.stack.features import track_features
 
 ROWS, STEPS = 5, 3
-LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change.yaml"
+LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml"
 
 
 @pytest.fixture(scope="module")

@@ -8,19 +8,19 @@ from avrare.analysis.causes.tape_runs import draw_tapes
 from avrare.rollout.observation_ratios import log_ratios
 from avrare_gp_pem.runtime import normal
 
-SCENARIO = "scenarios/lane_change.yaml"
+SCENARIO = "scenarios/lane_change_published.yaml"
 MODELS = {
     "parametric": ["perception.plugin=parametric"],
     "persistent": [
         "perception.plugin=parametric",
         "perception.persistence={detection: 0.5, position: 0.4, detection_lasting: 0.2}",
     ],
-    "measured": [],
+    "measured": ["perception.model=measured", "perception.persistence=measured"],
 }
 
 
 def load(model, *more):
-    return avrare.load(SCENARIO, ["steps=12", *MODELS[model], *more])
+    return avrare.load(SCENARIO, ["steps=12", "controller.backend=riccati", *MODELS[model], *more])
 
 
 def perception(model, name, value):

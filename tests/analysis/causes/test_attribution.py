@@ -111,7 +111,7 @@ def test_the_same_seed_gives_the_same_numbers_for_any_chunk():
 
 
 def test_groups_of_a_driving_scenario_have_its_names():
-    problem = avrare.load("scenarios/lane_change.yaml").problem("no_collision")
+    problem = avrare.load("scenarios/lane_change_published.yaml").problem("no_collision")
     groups = {group.name: group for group in list_groups(problem)}
     assert groups["detection"].sort == "error"
     assert groups["all noise of parked"].mask[0].sum() == 4
