@@ -1,4 +1,4 @@
-"""The lane change: plausible without noise, and what fails depends on stack and traffic, not on one number."""
+"""The lane change: plausible without noise; what fails is of stack and traffic, not of one number."""
 
 import sys
 from pathlib import Path
