@@ -18,6 +18,12 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
 
+
+def draw_about(option: str, value: float) -> str:
+    """Return the override by which an option is drawn next to a value, and reads the tape as before."""
+    return f"{option}={{law: uniform, low: {value - 1e-6}, high: {value + 1e-6}}}"
+
+
 RULES = ("safe_distance", "no_abrupt_braking", "traffic_flow", "left_traffic", "no_collision")
 CHANGES = {
     "as it is": [],
@@ -47,10 +53,10 @@ CHANGES = {
     "delay 0.2 s, compensated": ["timing.actuation_delay=0.2", "timing.compensated=true"],
     "lag of actuators 0.2 s": ["actuators={acceleration_lag: 0.2, turn_lag: 0.2}"],
     "power 60 W/kg": ["actuators.power_max=60"],
-    "friction 0.4": ["simulator.ego.friction=0.4"],
-    "friction 0.3": ["simulator.ego.friction=0.3"],
-    "weather 1.5": ["simulator.weather=1.5"],
-    "weather 3": ["simulator.weather=3.0"],
+    "friction 0.4": [draw_about("simulator.ego.friction", 0.4)],
+    "friction 0.3": [draw_about("simulator.ego.friction", 0.3)],
+    "weather 1.5": [draw_about("simulator.weather", 1.5)],
+    "weather 3": [draw_about("simulator.weather", 3)],
     "ghosts 0.03": [
         "perception.ghosts={rate: 0.03, persistence: 0.5, forward: [0.0, 120.0]}",
         "tracker.association=hungarian",

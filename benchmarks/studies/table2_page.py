@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,6 @@ SIGMAS, ROUNDING = 3.0, 1e-9
 """Standard errors that a mean weight may be from 1, and what is no difference."""
 TEMPLATE = Path(__file__).with_name("table2.md")
 """The page's text, with places for the tables."""
-SCENE_TEMPLATE = Path(__file__).with_name("table2_scene.md")
-"""What the page of another scene says before its tables."""
-LEAST_TRUTH = 1e-4
-"""Rules that are rarer are left out of such a page: slice sampling alone would take hours."""
-_LEAST_RUNS = 10
-"""Repetitions from which their scatter gives a standard error."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +33,12 @@ class Study:
     """Stored outcomes of the study.
 
     Attributes:
-        scenario: Its name.
         digest: Its fingerprint.
         steps: Of a rollout.
         truth: Rule -> the entry of the ground truth's file.
         outcomes: (rule, method) -> what its repetitions gave.
     """
 
-    scenario: str
     digest: str
     steps: int
     truth: dict[str, dict[str, Any]]
@@ -63,7 +55,7 @@ def ground_truth(truths: Path, scenario: Scenario) -> dict[str, Any]:
         kept = json.loads(file.read_text(encoding="utf-8"))
         if "system" in kept and _part_of(kept["system"], scenario.resolved):
             return dict(kept)
-    raise SystemExit("no ground truth of this scenario: see --truth-command")
+    raise SystemExit("no ground truth of this scenario: benchmarks/ground_truth.py makes it")
 
 
 def _part_of(known: Any, whole: Any) -> bool:
@@ -84,32 +76,16 @@ def read(results: Path, kept: dict[str, Any]) -> Study:
         key = (rule, method.replace("_", " ").replace(":", "/"))
         outcomes.setdefault(key, []).append(json.loads(file.read_text(encoding="utf-8")))
     truth = {entry["specification"]: entry for entry in kept["estimates"]}
-    return Study(kept["scenario"], digest, kept["system"]["steps"], truth, outcomes)
+    return Study(digest, kept["system"]["steps"], truth, outcomes)
 
 
 def page(study: Study) -> str:
     """Return the whole of docs/table2.md."""
     text = TEMPLATE.read_text(encoding="utf-8")
-    parts = {"table": _table(study), "accuracy": _accuracy(study, RULES, METHODS), "weights": _weights(study)}
+    parts = {"table": _table(study), "accuracy": _accuracy(study), "weights": _weights(study)}
     for name, lines in parts.items():
         text = text.replace(f"[{name}]", "\n".join(lines))
     return text
-
-
-def rules_of(truths: Iterable[dict[str, Any]]) -> tuple[str, ...]:
-    """Return the rules of a ground truth that are not rarer than ``LEAST_TRUTH``."""
-    return tuple(entry["specification"] for entry in truths if entry["probability"] >= LEAST_TRUTH)
-
-
-def page_of_scene(study: Study, methods: tuple[str, ...]) -> str:
-    """Return the tables for a scene that is not the paper's."""
-    rules = rules_of(study.truth.values())
-    text = SCENE_TEMPLATE.read_text(encoding="utf-8")
-    lines = [text.format(name=study.scenario, digest=study.digest, least=LEAST_TRUTH)]
-    lines += [f"| | {' | '.join(rules)} |", "|---|" + "---|" * len(rules)]
-    lines += [_row(name, [_mean_and_spread(study, rule, name) for rule in rules]) for name in methods]
-    lines += [_row("**truth**, 95 % interval", [_with_interval(study.truth[rule]) for rule in rules]), ""]
-    return "\n".join([*lines, *_accuracy(study, rules, methods), ""])
 
 
 def _table(study: Study) -> Iterator[str]:
@@ -136,12 +112,12 @@ def _mean_and_spread(study: Study, rule: str, method: str) -> str:
     return f"{_short(values.mean())} ± {_short(values.std(ddof=1))}{number}"
 
 
-def _accuracy(study: Study, rules: tuple[str, ...], methods: tuple[str, ...]) -> Iterator[str]:
+def _accuracy(study: Study) -> Iterator[str]:
     yield "| rule | method | mean / truth | z | relative RMSE | steps, in rollouts | relMSE x steps |"
     yield "|---|---|---|---|---|---|---|"
-    for rule in rules:
+    for rule in RULES:
         truth, error = _truth(study, rule)
-        for method in methods:
+        for method in METHODS:
             values = _values(study, rule, method)
             if len(values) < 2 or not truth:
                 continue
@@ -149,8 +125,8 @@ def _accuracy(study: Study, rules: tuple[str, ...], methods: tuple[str, ...]) ->
             steps = sum(spent) / len(values) / study.steps
             z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
             square = ((values / truth - 1.0) ** 2).mean()
-            told = f"{z:+.1f}" if len(values) >= _LEAST_RUNS and values.std() else ""
-            cells = (f"{values.mean() / truth:.2f}", told, f"{math.sqrt(square):.2f}")
+            score = f"{z:+.1f}" if values.std() else ""
+            cells = (f"{values.mean() / truth:.2f}", score, f"{math.sqrt(square):.2f}")
             yield f"| {rule} | {method} | {' | '.join(cells)} | {steps:,.0f} | {square * steps:,.0f} |"
 
 
@@ -173,8 +149,7 @@ def _valid(one: dict[str, Any]) -> bool:
 
 def _values(study: Study, rule: str, method: str) -> np.ndarray:
     outcomes = study.outcomes.get((rule, method), [])
-    runs = (one.get("run_probabilities", [one["probability"]]) for one in outcomes)
-    return np.array([value for values in runs for value in values])
+    return np.array([outcome["probability"] for outcome in outcomes])
 
 
 def _truth(study: Study, rule: str) -> tuple[float, float]:
