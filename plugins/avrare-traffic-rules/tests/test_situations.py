@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from traffic_situations import SITUATIONS
 
 from avrare_traffic_rules.rulebook import shipped
+from traffic_situations import SITUATIONS
 
 IDS = [f"{situation.rule}: {situation.title}" for situation in SITUATIONS]
 BOUNDARIES = [situation for situation in SITUATIONS if situation.kind == "boundary"]

@@ -49,8 +49,8 @@ class TrafficConfig(Options):
     bend_acceleration: float | None = Field(
         default=None,
         gt=0.0,
-        description="lateral acceleration that limits speeds in bends of roundabout and intersection [m/s^2]; "
-        "default: no limit, as in highway-env: up to 16 and 10 m/s, which no car drives there",
+        description="lateral acceleration that limits speeds in bends of roundabout and intersection "
+        "[m/s^2]; default: no limit, as in highway-env: up to 16 and 10 m/s, which no car drives there",
     )
 
 
