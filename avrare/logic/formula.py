@@ -20,7 +20,7 @@ from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.lint import LintWarning
-from avrare.logic.syntax.parser import parse_with_warnings
+from avrare.logic.syntax.parser import parse, parse_with_warnings
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Bools, Floats, Signals, Specification
 
@@ -29,12 +29,19 @@ class FormulaWarning(UserWarning):
     """Warning that a formula may not mean what its author intends."""
 
 
-def stl(text: str, dt: float | Fraction = 1.0, until: str = "closed", *, warn: bool = True) -> Formula:
+_FINEST_STEP = Fraction(1, 10**9)
+"""Step [s] of which all bounds are multiples, where the step is not known yet."""
+
+
+def stl(
+    text: str, dt: float | Fraction | None = None, until: str = "closed", *, warn: bool = True
+) -> Formula:
     """Parse a formula of signal temporal logic.
 
     Args:
         text: Formula, in rtamt's syntax or close to it: ``always[0:3s] (p > 0.2)``.
-        dt: Sampling period [s]; bounds must be whole multiples of it.
+        dt: Sampling period [s]; bounds must be whole multiples of it. None: the step of the system that a
+            problem pairs the formula with, 1 s where there is none.
         until: ``"closed"``: until and since need their left operand at the witness too (Donze and Maler,
             stl-ams, stl-ess); ``"half-open"``: they do not (rtamt).
         warn: True to issue lint warnings as ``FormulaWarning``; ``Formula.warnings`` has them anyway.
@@ -44,12 +51,12 @@ def stl(text: str, dt: float | Fraction = 1.0, until: str = "closed", *, warn: b
     """
     if until not in ("closed", "half-open"):
         raise FormulaError(f"until is {until!r}", 'use until="closed" or until="half-open"')
-    node, found = parse_with_warnings(text, dt)
+    _, found = parse_with_warnings(text, _FINEST_STEP if dt is None else dt)
     if warn:
         for warning in found:
             hint = f"\nhint: {warning.hint}" if warning.hint else ""
             warnings.warn(FormulaWarning(warning.message + hint), stacklevel=2)
-    return Formula(text, dt, until, node, found)
+    return Formula(text, dt, until, found)
 
 
 @dataclass(frozen=True)
@@ -62,17 +69,48 @@ class Formula:
 
     Attributes:
         text: Text as the user wrote it.
-        dt: Sampling period [s].
+        dt: Sampling period [s]; None: 1 s, until ``at`` gives it that of a system.
         until: ``"closed"`` or ``"half-open"``.
-        node: Syntax tree.
         warnings: Lint warnings about the text.
+        derived: Syntax tree of a formula that was derived from the text's; None: that of the text.
     """
 
     text: str
-    dt: float | Fraction
+    dt: float | Fraction | None
     until: str
-    node: nodes.Node
     warnings: tuple[LintWarning, ...] = ()
+    derived: nodes.Node | None = None
+
+    @property
+    def period(self) -> float | Fraction:
+        """Time of a sample [s]: ``dt``, or 1 s."""
+        return 1.0 if self.dt is None else self.dt
+
+    @functools.cached_property
+    def node(self) -> nodes.Node:
+        """Syntax tree, with bounds in samples."""
+        return parse(self.text, self.period) if self.derived is None else self.derived
+
+    def at(self, dt: float) -> Formula:
+        """Return the formula with the step of a system [s].
+
+        Raises:
+            FormulaError: A bound is no multiple of the step, or the formula has another sampling period.
+        """
+        if self.dt is None:
+            return stl(self.text, dt, self.until, warn=False)
+        try:
+            fits = parse(self.text, dt) == self.node
+        except FormulaError:  # a bound is no multiple of the step
+            fits = False
+        if not fits:
+            text = (
+                f"{self.text!r} takes {float(self.dt):g} s for a sample, but a step of the system is {dt:g} s"
+            )
+            raise FormulaError(
+                text, f"leave dt out, or give the formula the step: avrare.stl(..., dt={dt:g})"
+            )
+        return self
 
     def __str__(self) -> str:
         return to_text(self.node)

@@ -9,9 +9,9 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from avrare.base.errors import FormulaError, UsageError, did_you_mean
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.driving import Scene
-from avrare.logic.formula import Formula, FormulaMonitor, stl
+from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.protocols import Floats, Specification, System, adapt, overrides
 from avrare.rollout.child_process import run_guarded, run_here
 from avrare.rollout.chunk_size import choose_chunk
@@ -80,16 +80,15 @@ class Problem:
         if not (score is None or isinstance(score, Formula) or callable(score) or score in SCORES):
             raise UsageError(f"unknown score {score!r}", did_you_mean(str(score), SCORES))
         self.steps = int(steps)
-        self.score = score
+        self.score = score.at(self.dt) if isinstance(score, Formula) and self.dt is not None else score
         self.named_chunk = None if chunk is None else int(chunk)
         named = specification if isinstance(specification, Mapping) else {"specification": specification}
         if not named:
             raise UsageError("a problem needs at least one specification")
-        for formula in (*named.values(), score):
-            if isinstance(formula, Formula) and self.dt is not None:
-                _check_period(formula, self.dt)
         self.names = tuple(named)
-        self.monitors: tuple[Specification, ...] = tuple(_as_monitor(spec) for spec in named.values())
+        self.monitors: tuple[Specification, ...] = tuple(
+            _as_monitor(spec, self.dt) for spec in named.values()
+        )
         self._scored: tuple[Specification, ...] | None = None
         self._sizes: tuple[Sizes | None, ...] | None = None
         self._twin: Twin | None = None
@@ -370,20 +369,9 @@ def _check_step(name: str, dt: object) -> None:
     raise UsageError(f"{name}.dt must be a positive number, not {dt!r}", hint)
 
 
-def _check_period(formula: Formula, dt: float) -> None:
-    try:
-        node = stl(formula.text, dt, formula.until, warn=False).node
-    except FormulaError:  # a bound is no multiple of the step
-        node = None
-    if node != formula.node:
-        period, hint = float(formula.dt), f"give the formula the step: avrare.stl(..., dt={dt:g})"
-        text = f"{formula.text!r} takes {period:g} s for a sample, but a step of the system is {dt:g} s"
-        raise FormulaError(text, hint)
-
-
-def _as_monitor(specification: Formula | Specification) -> Specification:
+def _as_monitor(specification: Formula | Specification, dt: float | None) -> Specification:
     if isinstance(specification, Formula):
-        return FormulaMonitor(specification)
+        return FormulaMonitor(specification if dt is None else specification.at(dt))
     if not (hasattr(specification, "start") and hasattr(specification, "update")):
         raise UsageError(
             f"{specification!r} is no specification",

@@ -156,11 +156,14 @@ def test_a_formula_with_another_time_of_a_sample_is_refused(text):
     coarse = stl(text, dt=0.5)
     with pytest.raises(UsageError, match=r"takes 0.5 s for a sample, but a step .* 0.1 s") as caught:
         avrare.Problem(Clocked(), coarse, steps=20)
-    assert caught.value.hint == "give the formula the step: avrare.stl(..., dt=0.1)"
+    assert caught.value.hint == "leave dt out, or give the formula the step: avrare.stl(..., dt=0.1)"
     with pytest.raises(UsageError, match="for a sample"):
         avrare.Problem(Clocked(), stl("always (x < 3)"), steps=20, score=coarse)
     avrare.Problem(Clocked(), stl(text, dt=0.1), steps=20)
     avrare.Problem(Walk(), coarse, steps=20)
+    bound, fine = avrare.Problem(Clocked(), stl(text), steps=20), stl(text, dt=0.1)
+    assert str(bound.monitors[0].formula) == str(fine)
+    assert str(avrare.Problem(Clocked(), fine, steps=20, score=stl(text)).score) == str(fine)
 
 
 def test_a_formula_without_times_fits_any_step():

@@ -186,7 +186,7 @@ def formulas(draw, depth=4, bound=0, exact_signs=False):
 
 
 def make(node, until="closed"):
-    return Formula(to_text(node), 1.0, until, node)
+    return Formula(to_text(node), 1.0, until, derived=node)
 
 
 def random_signals(seed, rows=3, steps=STEPS):

@@ -80,7 +80,7 @@ class CauseFinder:
             chosen[quantifier.variable] = str(label), label if isinstance(label, int) else names.index(label)
         bound, inputs = _bind_variables(node, chosen, self.inputs)
         at_sample = dataclasses.replace(
-            self.formula, node=nodes.Window("always", cause.sample, cause.sample, bound)
+            self.formula, derived=nodes.Window("always", cause.sample, cause.sample, bound)
         )
         explanation = at_sample.explain(inputs, self.members)
         if not explanation.violated:

@@ -58,7 +58,7 @@ class Stretches:
 
     @property
     def _alone(self) -> Formula:
-        return dataclasses.replace(self.formula, node=self.body)
+        return dataclasses.replace(self.formula, derived=self.body)
 
     def evaluate(self) -> tuple[Floats, Bools]:
         """Return the body's robustness and truth (samples,)."""
@@ -81,4 +81,4 @@ class Stretches:
         """Explain the body at one sample; the explanation's samples count from the first that is returned."""
         first, inputs = self.around(sample, sample + 1)
         here = nodes.Window("always", sample - first, sample - first, self.body)
-        return first, inputs, dataclasses.replace(self.formula, node=here).explain(inputs, members)
+        return first, inputs, dataclasses.replace(self.formula, derived=here).explain(inputs, members)

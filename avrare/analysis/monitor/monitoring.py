@@ -181,7 +181,7 @@ def _find_causes(
     stretches = _make_stretches(specification, recording, formula)
     if stretches is None or stretches.fits:
         inputs = select_inputs(specification, recording)
-        body = None if inner is None else dataclasses.replace(formula, node=inner).robustness(inputs)[0]
+        body = None if inner is None else dataclasses.replace(formula, derived=inner).robustness(inputs)[0]
         explanation = formula.explain(inputs, members)
         causes = CauseFinder(formula, inputs, members, body)
         first = causes.find(explanation, earliest=True) if violated else None

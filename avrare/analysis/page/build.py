@@ -267,7 +267,7 @@ def _build_rule(run: Run, name: str) -> Rule | None:
     specification = run.problem.monitor(name)
     formula, words = specification.formula, specification.words
     if formula is not None and not words:
-        words = to_words(formula.node, float(formula.dt))
+        words = to_words(formula.node, float(formula.period))
     text = "" if formula is None else formula.text.strip()
     return Rule("" if len(words) > _MAX_WORDS_LENGTH else words, text)
 

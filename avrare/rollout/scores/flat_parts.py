@@ -46,7 +46,7 @@ def find_flat_parts(
     )
     parts = split_requirements(normalize(formula.node))
     judged = split_requirements(normalize(judge.node))
-    flat = [is_flat(replace(judge, node=part), signals, by_sample) for part in judged]
+    flat = [is_flat(replace(judge, derived=part), signals, by_sample) for part in judged]
     may_fail = [bool(nodes.signals(part)) for part in parts]  # what reads no signal is true, or always broken
     return tuple(
         to_text(part) for part, found, may in zip(parts, flat, may_fail, strict=True) if found and may
@@ -68,6 +68,6 @@ def is_flat(part: Formula, signals: dict[str, Floats], by_sample: bool) -> bool:
     whole = part.robustness(signals)
     kept = whole[:, 0] >= 0.0
     if by_sample and isinstance(part.node, nodes.Window) and part.node.op == "always":
-        whole = replace(part, node=part.node.child).robustness(signals)
+        whole = replace(part, derived=part.node.child).robustness(signals)
     seen = whole[kept] if by_sample else whole[kept, :1]
     return len(seen) >= PROBE_ROWS // 2 and bool((seen == seen[0]).all())

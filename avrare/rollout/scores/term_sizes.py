@@ -138,7 +138,7 @@ class ScaledMonitor(Specification):
             for k, (term, size) in enumerate(zip(terms, sizes, strict=True))
         }
         self.sizes = dict(zip(terms, sizes, strict=True))
-        self.formula: Formula = replace(formula, node=_divide(formula.node, names))
+        self.formula: Formula = replace(formula, derived=_divide(formula.node, names))
         self._constants = {names[term].name: size for term, size in self.sizes.items()}
         self._monitor = FormulaMonitor(self.formula)
 
