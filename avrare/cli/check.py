@@ -60,8 +60,8 @@ def execute(args: argparse.Namespace) -> int:
     """Check the scenarios together, or a catalogue; report, and return the exit code of the verdict."""
     if any(map(is_catalogue, args.scenarios)):
         return check_catalogue.execute(args)
-    budget, spend = Budget.parse(args.budget), Budget.parse(args.spend)
-    looks = plan_looks(budget, spend)
+    budget = Budget.parse(args.budget)
+    looks = plan_looks(budget, args.looks)
     out = _out_folder(args)
     _make_folders(args, out)
     targets = _load_targets(args)
@@ -69,14 +69,14 @@ def execute(args: argparse.Namespace) -> int:
     again = out is not None and args.resume is not None and _is_finished(out, names)
     if out and not args.plan and not again:
         refuse_overwrite(out, _CHECK, names, args.resume is not None)
-    with _saved_chunks(args, targets, budget or spend) as saved:
+    with _saved_chunks(args, targets, budget, looks) as saved:
         if out and again:
             _begin_again(out)
         try:
             with Stopping() as stop:
                 machine = _machine(args, stop, saved)
                 if args.plan:
-                    return _plan(args, targets, budget, machine)
+                    return _plan(args, targets, None if args.looks else budget, machine)
                 outcome = check_targets(targets, looks, machine, args.save)
         except Interrupted:
             raise Interrupted(*_explain_interruption(saved)) from None
@@ -122,14 +122,14 @@ def _begin_again(out: Path) -> None:
 
 @contextmanager
 def _saved_chunks(
-    args: argparse.Namespace, targets: Sequence[CheckTarget], budget: Budget | None
+    args: argparse.Namespace, targets: Sequence[CheckTarget], budget: Budget | None, looks: Sequence[Look]
 ) -> Iterator[Checkpoint | None]:
     """Open the checkpoint of ``--resume``; a check with another baseline or other looks is another one."""
     if args.resume is None:
         yield None
         return
     baselines = {one.name: one.baseline.path.name if one.baseline else None for one in targets}
-    identity = {"looks": len(plan_looks(None, budget if args.spend else None)), "baselines": baselines}
+    identity = {"looks": len(looks), "baselines": baselines}
     scenarios = [one.definition for one in targets]
     with rundir.begin_checkpoint(Path(args.resume), scenarios, budget, True, identity) as checkpoint:
         yield checkpoint

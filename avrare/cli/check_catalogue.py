@@ -15,7 +15,7 @@ _OF_SCENARIOS = (
     "set",
     "estimator",
     "seed",
-    "spend",
+    "looks",
     "baseline",
     "save",
     "require_baseline",

@@ -23,7 +23,7 @@ docs/ci.md.
 
 examples:
   avrare check scenarios/*.yaml --junit report.xml --markdown summary.md
-  avrare check drive.yaml --spend rollouts=80000    # up to four looks, until all verdicts are clear
+  avrare check drive.yaml --budget rollouts=80000 --looks   # up to four looks, until all are clear
   avrare check drive.yaml --plan                    # estimate the cost of a verdict
   avrare check drive.yaml --save                    # save a new baseline
 

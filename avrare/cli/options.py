@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from avrare.analysis.compare import REPEAT
 from avrare.analysis.failures import FAILURES_FOLDER
+from avrare.base.errors import UsageError
 from avrare.cli.epilogs import EPILOGS
+from avrare.estimation.plan.budget import Budget
 from avrare.plugin.component import KINDS
 
 if TYPE_CHECKING:
     from avrare.output.terminal.console import Mode
 
+MIN_ROLLOUTS = 2
 Options: TypeAlias = dict[str, "str | tuple[str, dict[str, Any]] | Options"]
 """Usage -> help, or (help, settings of ``add_argument``); a title, or ``|`` for alternatives -> group."""
 
@@ -32,6 +35,19 @@ def at_least(minimum: int) -> Callable[[str], int]:
         return number
 
     return integer
+
+
+def read_rollouts(text: str) -> int:
+    """Return N of a budget ``rollouts=N`` (an argparse type)."""
+    try:
+        budget = Budget.parse(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(f"must be rollouts=N, not {text!r}: {error.message}") from None
+    if budget is None or budget.kind != "rollouts" or budget.amount < MIN_ROLLOUTS:
+        raise argparse.ArgumentTypeError(
+            f"must be rollouts=N with N of at least {MIN_ROLLOUTS}, not {text!r}"
+        )
+    return int(budget.amount)
 
 
 NATURAL: dict[str, Any] = {"type": at_least(0)}
@@ -76,7 +92,7 @@ FAILURES: Options = {
 }
 SEARCH: Options = {
     **FAILURES,
-    "--budget N": ("maximal number of rollouts", {"type": at_least(2)}),
+    "--budget KIND=N": ("most rollouts, as rollouts=N", {"type": read_rollouts}),
     "--write-blob FILE": "write the failure as text that --blob reads",
 }
 
@@ -100,7 +116,7 @@ OPTIONS: dict[str, Options] = {
         **SCENARIOS,
         "scenarios SCENARIO": ("scenario file, or one catalogue with thresholds", {"nargs": "+"}),
         **RUN,
-        "--spend KIND=N": "maximal budget, spent in up to four interim looks until every verdict is decided",
+        "--looks": "spend the budget in up to four interim looks, until every verdict is decided",
         "baselines": {
             "--baseline DIR": "baseline folder (DIR/NAME for several scenarios); implies a comparison",
             "--save": "save this run as the new baseline",
@@ -199,7 +215,10 @@ OPTIONS: dict[str, Options] = {
                 {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
             ),
             "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
-            "--budget N": ("with --shrink: rollouts for each of them (default 3000)", {"type": at_least(2)}),
+            "--budget KIND=N": (
+                "with --shrink: most rollouts for each of them, as rollouts=N (default 3000)",
+                {"type": read_rollouts},
+            ),
         },
         "attribution": {
             "--fresh N": (

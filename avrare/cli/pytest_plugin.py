@@ -96,7 +96,7 @@ class ScenarioFile(pytest.File):
         from avrare.analysis.check.targets import plan_looks
         from avrare.estimation.combine.specifications import Execution
 
-        return decide([self.target], plan_looks(None, None), Execution())
+        return decide([self.target], plan_looks(None), Execution())
 
 
 class CriterionItem(pytest.Item):
@@ -181,5 +181,5 @@ def _estimate(
         raise UsageError(f"workers must be at least 1, not {workers}")
     overrides = [set] if isinstance(set, str) else list(set)
     built = LoadedScenario(load(folder / scenario, overrides))
-    (look,) = plan_looks(Budget.parse(budget), None)
+    (look,) = plan_looks(Budget.parse(budget))
     return estimate_look(built, [specification], look, Execution(partial(build_executor, workers)))[0]

@@ -173,10 +173,10 @@ def test_a_health_warning_prevents_a_pass_and_a_first_baseline(drive, check):
 
 
 def test_spending_continues_until_every_row_is_decided(drive, check):
-    clear, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000")
+    clear, content = check(drive(BOUND % 0.2), "--looks", "--budget", "rollouts=8000")
     assert (clear, content["looks"]) == (0, 1)
     assert content["results"][0]["estimates"][0]["rollouts"] == 1000
-    unclear, content = check(drive(BOUND % 0.05), "--spend", "rollouts=8000")
+    unclear, content = check(drive(BOUND % 0.05), "--looks", "--budget", "rollouts=8000")
     assert (unclear, content["looks"]) == (3, 4)
     entry = content["results"][0]["estimates"][0]
     assert entry["rollouts"] == entry["simulated_steps"] == 8000
@@ -185,15 +185,15 @@ def test_spending_continues_until_every_row_is_decided(drive, check):
 
 
 def test_a_saved_baseline_takes_every_look(drive, check):
-    _, content = check(drive(BOUND % 0.2), "--spend", "rollouts=8000", "--save")
+    _, content = check(drive(BOUND % 0.2), "--looks", "--budget", "rollouts=8000", "--save")
     assert content["looks"] == 4
     saved = json.loads(Path("baselines/drive/0001.json").read_text())
     assert saved["estimates"][0]["rollouts"] == 8000
 
 
-def test_splitting_under_spend_pools_its_runs(drive, check):
+def test_splitting_with_looks_pools_its_runs(drive, check):
     words = ["--estimator", "ams", "--set", "estimator.particles=50", "--set", "estimator.discard=5"]
-    words += ["--set", "estimator.specifications=[in_lane]", "--spend", "rollouts=20000"]
+    words += ["--set", "estimator.specifications=[in_lane]", "--looks", "--budget", "rollouts=20000"]
     code, content = check(drive(BOUND % 0.0505), *words)
     entry = content["results"][0]["estimates"][0]
     assert code in (0, 3)
@@ -225,7 +225,7 @@ def test_nothing_depends_on_workers(drive, check):
             text = text.replace(f'"seconds": {row["seconds"]}', "")
         return text
 
-    words = [drive(BOUND % 0.1), "--spend", "rollouts=8000"]
+    words = [drive(BOUND % 0.1), "--looks", "--budget", "rollouts=8000"]
     assert plain(check(*words)[1]) == plain(check(*words, "--workers", "2")[1])
 
 
@@ -263,9 +263,9 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
     ("words", "message"),
     [
         (["--workers", "0"], "--workers"),
-        (["--budget", "steps=9", "--spend", "steps=9"], "remove one of them"),
-        (["--spend", "stepz=4"], "steps"),
-        (["--spend", "rollouts=4"], "divided into looks"),
+        (["--looks"], "several looks need a budget"),
+        (["--looks", "--budget", "stepz=4"], "steps"),
+        (["--looks", "--budget", "rollouts=4"], "divided into looks"),
         (["--set", "regression={ratio: 2, exclude: 1.5}"], "exclude (1.5) must be greater than ratio (2)"),
         (["--set", "regression.ration=2"], "ratio"),
         (["--set", "regression.ratio=.inf"], "finite"),

@@ -47,7 +47,7 @@ def stored(folder):
 @pytest.mark.parametrize(("chunk", "workers"), [(1, "1"), pytest.param(4, "2", marks=pytest.mark.slow)])
 def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt, capfd, chunk, workers):
     # undecided at the first look, so that the interruption falls into the first look or the second
-    words = ["check", drive(BOUND % "0.052"), "--spend", "rollouts=8000"]
+    words = ["check", drive(BOUND % "0.052"), "--looks", "--budget", "rollouts=8000"]
     whole = main([*words, "--out", "whole"])
     assert interrupt(chunk, *words, "--resume", "torn") == 2
     err = capfd.readouterr().err
@@ -98,11 +98,14 @@ def test_a_finished_check_of_others_is_refused(drive, capsys):
 
 
 def test_another_check_is_not_resumed(drive, interrupt, capfd):
-    words = ["check", drive(BOUND % "0.052"), "--spend", "rollouts=8000"]
+    words = ["check", drive(BOUND % "0.052"), "--looks", "--budget", "rollouts=8000"]
     assert interrupt(1, *words, "--resume", "torn") == 2
     capfd.readouterr()
     for changed, difference in (
-        ([*words[:2], "--spend", "rollouts=4000"], 'budget "rollouts=8000.0" -> "rollouts=4000.0"'),
+        (
+            [*words[:2], "--looks", "--budget", "rollouts=4000"],
+            'budget "rollouts=8000.0" -> "rollouts=4000.0"',
+        ),
         ([*words[:2], "--budget", "rollouts=8000"], "check.looks 4 -> 1"),
         ([*words, "--seed", "7"], "scenarios.drive.seed"),
     ):

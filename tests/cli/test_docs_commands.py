@@ -62,7 +62,7 @@ NOT_RUN = {
 SMALLER = {
     "problem:": ["--repeat", "2", "--budget", "steps=100000"],
     "--until": ["--budget", "rollouts=500"],
-    "falsify": ["--set", "steps=20", "--budget", "600"],
+    "falsify": ["--set", "steps=20", "--budget", "rollouts=600"],
 }
 """Word in a command -> options that make it short: the last one counts."""
 

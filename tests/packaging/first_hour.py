@@ -101,7 +101,17 @@ def job_in_ci():
     Path("swing.yaml").write_text(
         Path("swing.yaml").read_text().replace("\n# thresholds:", f"\n{threshold}#")
     )
-    words = ["check", "swing.yaml", "--spend", "rollouts=400", "--junit", "report.xml", "--out", "gate"]
+    words = [
+        "check",
+        "swing.yaml",
+        "--looks",
+        "--budget",
+        "rollouts=400",
+        "--junit",
+        "report.xml",
+        "--out",
+        "gate",
+    ]
     told = run(
         *AVRARE, *words, codes=(1,), GITHUB_ACTIONS="true", GITHUB_STEP_SUMMARY=os.path.abspath("summary.md")
     )

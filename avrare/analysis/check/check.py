@@ -29,7 +29,7 @@ def check(
     overrides: Sequence[str] = (),
     estimator: str | None = None,
     budget: Budget | Mapping[str, float] | str | None = None,
-    spend: Budget | Mapping[str, float] | str | None = None,
+    looks: bool = False,
     baseline: str | os.PathLike[str] | None = None,
     save: bool = False,
     require_baseline: bool = False,
@@ -48,7 +48,7 @@ def check(
         overrides: Settings as for ``--set``.
         estimator: Name of another estimator, with its default options.
         budget: Budget of each estimate, as for ``avrare.estimate``.
-        spend: Largest budget, spent in up to four looks until every verdict is decided.
+        looks: Spend the budget in up to four looks, until every verdict is decided.
         baseline: Baseline folder, with a folder for each of several scenarios; None: beside each scenario.
         save: Save the results as new baselines.
         require_baseline: Refuse a scenario without a baseline.
@@ -66,17 +66,17 @@ def check(
     if not scenarios:
         raise UsageError("there is no scenario to check", 'avrare.check("scenario.yaml")')
     if any(map(is_catalogue, scenarios)):
-        given = {"overrides": overrides, "estimator": estimator, "spend": spend, "baseline": baseline}
+        given = {"overrides": overrides, "estimator": estimator, "looks": looks, "baseline": baseline}
         flags = {"save": save, "require_baseline": require_baseline, "accept_changes": accept_changes}
         path = choose_catalogue(scenarios, **given, **flags).path
         rates = rate(path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe)
         return decide_rates(rates, strict)
-    looks = plan_looks(Budget.parse(budget), Budget.parse(spend))
+    planned_looks = plan_looks(Budget.parse(budget), looks)
     with safe_mode(safe):
         loaded = load_scenarios(scenarios, as_settings(overrides), estimator)
         targets = load_targets(loaded, baseline, save=save, require=require_baseline, accept=accept_changes)
     execution = Execution(partial(build_executor, workers, executor), watch or show_nothing)
-    outcome = check_targets(targets, looks, execution, save)
+    outcome = check_targets(targets, planned_looks, execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)
 
 

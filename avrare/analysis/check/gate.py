@@ -222,7 +222,7 @@ def _explain_share(look: Look) -> Iterator[None]:
     except UsageError as error:
         if look.share == 1.0 or "does not pay" not in error.message:
             raise
-        hint = f"the budget to spend is divided into looks; the first has {look.share:g} of it"
+        hint = f"the budget is divided into looks; the first has {look.share:g} of it"
         raise UsageError(error.message, hint) from None
 
 

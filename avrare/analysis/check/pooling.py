@@ -1,4 +1,4 @@
-"""Pooling of independent batches of the same estimate, as ``--spend`` draws them."""
+"""Pooling of independent batches of the same estimate, as ``--looks`` draws them."""
 
 from __future__ import annotations
 

@@ -173,18 +173,18 @@ class Look:
         return (seed + (self.number - 1) * _SEED_STRIDE) % _SEED_RANGE
 
 
-def plan_looks(budget: Budget | None, spend: Budget | None) -> list[Look]:
-    """Return the looks that share ``spend``; None: the only look, with ``budget``.
+def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:
+    """Return the only look, or several that share the budget.
 
     Raises:
-        UsageError: Both are given.
+        UsageError: There is no budget to share.
     """
-    if budget and spend:
-        raise UsageError("budget cannot be combined with spend", "remove one of them")
-    if spend is None:
+    if not several:
         return [Look(1, 1.0, budget)]
+    if budget is None:
+        raise UsageError("several looks need a budget to share", "add a budget, for example rollouts=8000")
     return [
-        Look(number, share, Budget(spend.kind, spend.amount * share))
+        Look(number, share, Budget(budget.kind, budget.amount * share))
         for number, share in enumerate(SHARES, 1)
     ]
 

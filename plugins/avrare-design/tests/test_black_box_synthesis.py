@@ -222,7 +222,7 @@ def test_estimates_prove_it_where_the_start_is_rare(path, capsys):
         (["--parameter", "gain", "--budget", "rollouts=9"], "--budget is no option for a linear system"),
         (["--parameter", "gain", "--parameter", "mean"], "one parameter of a linear system at a time"),
         (["--parameter", GAIN, "--set", 'specifications.near.stl="always (x < 99)"'], "no failure was found"),
-        (["--parameter", GAIN, "--proof", "seconds=3"], "--proof seconds=3: must be rollouts=N"),
+        (["--parameter", GAIN, "--proof", "seconds=3"], "--proof must be rollouts=N"),
         (["--parameter", GAIN, "--target", "nan"], "a probability between 0 and 1, not nan"),
         (["--parameter", GAIN, "--out", "nowhere/x.yaml"], "there is no folder nowhere"),
     ],

@@ -200,13 +200,13 @@ def test_a_criterion_without_an_estimate_stays_undecided():
 
 
 def test_looks_share_budget_and_error_rate():
-    planned = plan_looks(None, Budget("rollouts", 8000))
+    planned = plan_looks(Budget("rollouts", 8000), several=True)
     assert [one.budget.amount for one in planned] == [1000, 1000, 2000, 4000]
     assert sum(one.share for one in planned) == 1.0
     assert len({one.seed(7) for one in planned}) == 4
     assert planned[0].seed(7) == 7
     assert all(0 <= one.seed(2**63 - 1) < 2**63 for one in planned)
-    (only,) = plan_looks(Budget("steps", 10), None)
+    (only,) = plan_looks(Budget("steps", 10))
     assert (only.share, only.budget.amount) == (1.0, 10)
 
 

@@ -119,7 +119,9 @@ def test_replay_refuses_a_damaged_result(avrare):
 
 
 def test_shrinking_stores_what_is_left(avrare, stored):
-    code, out, _ = avrare("replay", SCENARIO, *CHANGES, "--failure", stored, "--shrink", "--budget", "400")
+    code, out, _ = avrare(
+        "replay", SCENARIO, *CHANGES, "--failure", stored, "--shrink", "--budget", "rollouts=400"
+    )
     assert code == 0
     ratio = float(re.search(r"shrunk to ([\d.]+)% of its norm", out)[1])
     assert ratio < 60.0
@@ -140,7 +142,7 @@ def test_the_exported_rollout_breaks_the_same_formula(avrare, stored):
 
 @pytest.mark.slow
 def test_falsify_finds_prints_and_stores_a_failure(avrare):
-    words = ["falsify", SCENARIO, *CHANGES, "--budget", "900", "--write-blob", "found.txt"]
+    words = ["falsify", SCENARIO, *CHANGES, "--budget", "rollouts=900", "--write-blob", "found.txt"]
     code, out, _ = avrare(*words)
     assert code == 1
     norm = float(re.search(r"most likely failure found: norm (\S+)", out)[1])
@@ -154,7 +156,9 @@ def test_falsify_finds_prints_and_stores_a_failure(avrare):
 
 def test_falsify_that_finds_nothing(avrare):
     impossible = "specifications={far: {stl: 'always (y < 1e6)'}}"
-    code, out, _ = avrare("falsify", SCENARIO, "--set", impossible, "--set", "steps=5", "--budget", "150")
+    code, out, _ = avrare(
+        "falsify", SCENARIO, "--set", impossible, "--set", "steps=5", "--budget", "rollouts=150"
+    )
     assert code == 0
     assert "no failure found in 150 rollouts" in out
     assert not Path(".avrare").exists()
@@ -175,12 +179,12 @@ def test_falsify_that_finds_nothing(avrare):
         (["replay", SCENARIO, "--blob", "@."], "cannot be read"),
         (["replay", SCENARIO, "--failure", "abc", "--specification", "x"], "--specification requires --run"),
         (["replay", "--run", "none"], "none: no result.json in it"),
-        (["replay", SCENARIO, "--failure", "a", "--budget", "0"], "--budget"),
+        (["replay", SCENARIO, "--failure", "a", "--budget", "rollouts=0"], "--budget"),
         (["replay", "--run", "none", "--blob", "x"], "--blob cannot be combined with --run"),
         (["replay", "none.yaml", "--blob", "avrare1.AAAA"], "the blob is damaged"),
         (["replay", SCENARIO, "--failure", "a", "--csv", ""], "--csv must be a file"),
         (["falsify", SCENARIO, "--seed", "-1"], "--seed must be at least 0"),
-        (["falsify", SCENARIO, "--budget", "1"], "--budget"),
+        (["falsify", SCENARIO, "--budget", "rollouts=1"], "--budget"),
         (["falsify", SCENARIO, "--specification", "clean"], "no specification 'clean'"),
         (["falsify", "none.yaml"], "none.yaml: no such file"),
         (["failures"], "ACTION"),

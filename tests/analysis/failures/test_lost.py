@@ -130,9 +130,9 @@ def test_replay_says_when_it_was_lost(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main(["replay", "--run", "run", "--lost"]) == 0
     assert "lost at t = " in capsys.readouterr().out
-    assert main(["why", "run", "--budget", "300"]) == 4
+    assert main(["why", "run", "--budget", "rollouts=300"]) == 4
     assert "--budget requires --shrink" in capsys.readouterr().err
-    assert main(["why", "run", "--shrink", "--budget", "300", "--fresh", "0", "--out", "run"]) == 0
+    assert main(["why", "run", "--shrink", "--budget", "rollouts=300", "--fresh", "0", "--out", "run"]) == 0
     said = capsys.readouterr().out
     assert "needs only: " in said
     assert "lost at t = " in said

@@ -120,7 +120,7 @@ TASKS = {
         ["rate", "catalogue.yaml", "--quiet", "--resume", "out"], codes=(0, 3),
     ),
     "falsify": Task(
-        ["falsify", "walk.yaml", "--specification", "near", "--budget", "40", "--failures", "stored",
+        ["falsify", "walk.yaml", "--specification", "near", "--budget", "rollouts=40", "--failures", "stored",
          "--write-blob", "b"],
         lambda: (_failures(), Path("b").read_text()), ("walk.yaml",), codes=(0, 1),
     ),

@@ -237,7 +237,7 @@ def _strike_failure(random) -> Words:
     commands = [
         "list", "blob {id}", "replay walk.yaml --failure {id}",
         "run walk.yaml --no-pictures --out o --set estimator.rollouts=20",
-        "replay walk.yaml --failure {id} --shrink --budget 5",
+        "replay walk.yaml --failure {id} --shrink --budget rollouts=5",
     ]  # fmt: skip
     words = pick(random, commands).format(id=path.stem[:8]).split()
     words = words if words[0] in ("replay", "run") else ["failures", *words]

@@ -17,14 +17,13 @@ from avrare.cli.options import (
     add_rows,
     display,
     permit_negative_lists,
+    read_rollouts,
 )
 from avrare.cli.output import show_or_write
 from avrare.output.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
-from avrare_design.commands.sensitivity import read_rollouts
 from avrare_design.require import require
 
-_ROLLOUTS = 20_000
 _OPTIONS: Options = {
     **SCENARIO,
     **SET,
@@ -32,7 +31,10 @@ _OPTIONS: Options = {
     "--probability BOUND": "bound to keep, for example '< 1e-4'",
     "--specification NAME": "specification; required if there are several",
     "--between LOW,HIGH": "values to look between (default: a fifth and five times the scenario's)",
-    "--budget rollouts=N": "budget of all estimates together (default 20000)",
+    "--budget KIND=N": (
+        "budget of all estimates together, as rollouts=N (default 20000)",
+        {"type": read_rollouts, "default": 20_000},
+    ),
     "--seed N": ("seed of the first estimate (default 0)", {**NATURAL, "default": 0}),
     **WORKERS,
     **RESUMABLE,
@@ -67,7 +69,7 @@ def execute(args: argparse.Namespace) -> int:
         args.specification,
         between=_read_ends(args.between),
         overrides=args.set,
-        rollouts=read_rollouts(args.budget, _ROLLOUTS),
+        rollouts=args.budget,
         seed=args.seed,
         workers=args.workers,
         out=args.out,

@@ -7,17 +7,25 @@ from pathlib import Path
 
 from avrare.analysis.causes.resumption import identify_run, keep_outcomes
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode
 from avrare.cli.failure_output import progress_line
-from avrare.cli.options import NATURAL, REPEATABLE, RESUMABLE, SCENARIO, SET, WORKERS, Options, add_rows
+from avrare.cli.options import (
+    NATURAL,
+    REPEATABLE,
+    RESUMABLE,
+    SCENARIO,
+    SET,
+    WORKERS,
+    Options,
+    add_rows,
+    read_rollouts,
+)
 from avrare.cli.output import show_or_write
-from avrare.estimation.plan.budget import Budget
 from avrare.results.run import Run
 from avrare.scenario.fingerprint import identify
 from avrare.scenario.load import load
 from avrare_design.scenario_parameters import sensitivity
 
-_ROLLOUTS = 2000
 _OPTIONS: Options = {
     **SCENARIO,
     **SET,
@@ -28,7 +36,10 @@ _OPTIONS: Options = {
         REPEATABLE,
     ),
     "--run DIR": "run of this scenario, whose stored failures are used in place of fresh tapes",
-    "--budget rollouts=N": "fresh tapes, of each paired comparison too (default 2000)",
+    "--budget KIND=N": (
+        "fresh tapes, of each paired comparison too, as rollouts=N (default 2000)",
+        {"type": read_rollouts, "default": 2000},
+    ),
     "--step SHARE": (
         "relative distance of the two values of a paired comparison (default 0.1)",
         {"type": float, "default": 0.1},
@@ -46,11 +57,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Estimate the derivatives, print them and write them."""
-    definition, rollouts = load(args.scenario, args.set), read_rollouts(args.budget, _ROLLOUTS)
+    definition = load(args.scenario, args.set)
     task = {
         "specification": args.specification,
         "parameters": args.parameter,
-        "rollouts": rollouts,
+        "rollouts": args.budget,
         "step": args.step,
         "seed": args.seed or 0,
         "scenario": identify(definition),
@@ -65,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
                 args.specification,
                 overrides=args.set,
                 run=args.run,
-                rollouts=rollouts,
+                rollouts=args.budget,
                 step=args.step,
                 seed=args.seed or 0,
                 runner=TapeRunner(args.workers, progress, journal=journal("tapes")),
@@ -81,13 +92,3 @@ def execute(args: argparse.Namespace) -> int:
         show_or_write(args, "sensitivity.json", content, found.lines())
     most = definition.max_error_rate
     return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)
-
-
-def read_rollouts(text: str | None, default: int, option: str = "--budget") -> int:
-    """Return the rollouts of an option such as ``--budget rollouts=N``."""
-    budget = Budget.parse(text)
-    if budget is None:
-        return default
-    if budget.kind != "rollouts" or budget.amount < 1:
-        raise UsageError(f"{option} {text}: must be rollouts=N", f"for example {option} rollouts=5000")
-    return int(budget.amount)

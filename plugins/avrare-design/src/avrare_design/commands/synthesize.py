@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from avrare.base.errors import ExitCode, PluginError, UsageError
-from avrare.cli.options import at_least
+from avrare.cli.options import at_least, read_rollouts
 from avrare.cli.output import say
 
 _GROUP = "avrare_design.synthesis"
@@ -74,7 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="random directions of a gradient, for many numbers (0: each number by itself)",
     )
-    stack("--proof", metavar="rollouts=N", help="fresh tapes of the paired proof (rollouts=10000)")
+    stack(
+        "--proof",
+        type=read_rollouts,
+        metavar="KIND=N",
+        help="fresh tapes of the paired proof, as rollouts=N (10000)",
+    )
     stack("--workers", type=at_least(1), default=1, metavar="N", help="processes (1)")
     linear = parser.add_argument_group("linear systems").add_argument
     linear("--rate", type=float, metavar="R", help="of the descent on log p (1 / slope^2 at the start)")
@@ -121,10 +126,8 @@ def _execute_linear(args: argparse.Namespace) -> int:
 def _execute_any(args: argparse.Namespace) -> int:
     from avrare.analysis.causes.tape_runs import TapeRunner
     from avrare.cli.failure_output import progress_line
-    from avrare_design.commands.sensitivity import read_rollouts
     from avrare_design.synthesis import synthesize
 
-    proof = None if args.proof is None else read_rollouts(args.proof, 0, "--proof")
     with progress_line() as progress:
         synthesis = synthesize(
             args.scenario,
@@ -140,7 +143,7 @@ def _execute_any(args: argparse.Namespace) -> int:
             maximise=args.maximise,
             seed=args.seed,
             run=args.run,
-            proof=proof,
+            proof=args.proof,
             workers=args.workers,
             runner=TapeRunner(args.workers, progress),
             show=say,
