@@ -1,4 +1,4 @@
-"""A small network that balances the pendulum, to be improved by ``avrare synthesize`` (docs/synthesis.md).
+"""A small network that balances the pendulum, to be improved by ``avrare synthesise`` (docs/synthesis.md).
 
     python benchmarks/small_policy.py FOLDER
 

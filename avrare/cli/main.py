@@ -40,7 +40,7 @@ PROVIDED = {
     "monitor": ("avrare-recordings", "evaluate a rule or formula on a recorded drive or a failure"),
     "sensitivity": ("avrare-design", "estimate how the probability changes with parameters"),
     "require": ("avrare-design", "find the parameter value that keeps a probability below a bound"),
-    "synthesize": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
+    "synthesise": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
     "pem": ("avrare-pem-training", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
     "scenes": ("avrare-single-track", "tell which OpenSCENARIO files are read, or act one out"),

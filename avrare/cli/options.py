@@ -65,8 +65,9 @@ OVERRIDES: Options = {
 }
 SCENARIOS: Options = {"scenarios SCENARIO": ("scenario file", {"nargs": "+"}), **OVERRIDES}
 WORKERS: Options = {"--workers N": ("processes (default 1)", {"type": at_least(1), "default": 1})}
+SEED: Options = {"--seed N": ("random seed (default: the scenario's)", NATURAL)}
 RUN: Options = {
-    "--seed N": ("random seed; default: the scenario's", {"type": int}),
+    **SEED,
     **WORKERS,
     "--executor NAME": "executor: serial, processes or ray (with options: ray,address=auto); "
     "default: processes if workers > 1, else serial",
@@ -161,7 +162,7 @@ OPTIONS: dict[str, Options] = {
             "ams.particles=100 for every ams; scenario.steps=20 for the scenario; may be repeated",
             REPEATABLE,
         ),
-        "--seed N": ("seed of the first repetition; default: the scenario's, or 0", NATURAL),
+        **SEED,
         **WORKERS,
         "--out DIR": "write comparison.json, .md and .png",
         "--json": "print comparison.json and nothing else on stdout",
@@ -198,7 +199,7 @@ OPTIONS: dict[str, Options] = {
         **SET,
         **SAFE,
         "--specification NAME": "specification to violate; required if there are several",
-        "--seed N": ("random seed (default 0)", {**NATURAL, "default": 0}),
+        **SEED,
         **SEARCH,
     },
     "failures": {},
@@ -230,8 +231,8 @@ OPTIONS: dict[str, Options] = {
                 "another version of the scenario, run on the same tapes; may be repeated, for one NAME too",
                 REPEATABLE,
             ),
-            "--seed N": ("seed of the fresh noise; default: that of the run", NATURAL),
         },
+        **SEED,
         **WORKERS,
         **RESUMABLE,
     },

@@ -15,7 +15,7 @@ FUNCTIONS = {
     "monitor_all": "avrare-recordings",
     "require": "avrare-design",
     "sensitivity": "avrare-design",
-    "synthesize": "avrare-design",
+    "synthesise": "avrare-design",
 }
 """Name of a function of ``avrare`` -> the distribution that provides it."""
 

@@ -12,14 +12,14 @@ BROKEN = """\
 | a | `avrare run scenarios/lane_chang.yaml` |
 | a | `avrare compare problem:d_rw_L3.9 --estimators mc,ams --budget steps=1e6` |
 | a | `avrare compare problem:d_rw_L3.8 --estimators mc,amz --budget steps=1e6` |
-| a | `avrare synthesize scenarios/cartpole.yaml --specification off --parameter controller.gain` |
-| a | `avrare synthesize scenarios/cartpole.yaml --parameter controller.gane` |
+| a | `avrare synthesise scenarios/cartpole.yaml --specification off --parameter controller.gain` |
+| a | `avrare synthesise scenarios/cartpole.yaml --parameter controller.gane` |
 | a | `pytest tests/logic/test_nothing.py` |
 | a | `python benchmarks/nothing.py` |
 | a | `python benchmarks/case_gaussian.py betaz betas.json betas.png` |
 | a | `python benchmarks/table2.py --repeats 3` |
 | a | `python benchmarks/stl.py --fast` |
-`avrare synthesize --parametre gain`
+`avrare synthesise --parametre gain`
 [a](nothing.md)
 [a](slice-sampling.md#nothing)
 [a](#nothing)

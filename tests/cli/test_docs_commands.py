@@ -48,7 +48,7 @@ NOT_RUN = {
     r"avrare run .* --set perception.tail_scale=.*": "thousands of drives; avrare-gp-pem's tests",
     r"avrare run scenarios/lane_change_distributed.yaml .*": "thousands; tests/stack/test_drawn_start.py",
     r"avrare flow fit .*": "avrare-flows' tests fit flows",
-    r"avrare synthesize .*": "a descent of minutes; avrare-design's tests synthesise",
+    r"avrare synthesise .*": "a descent of minutes; avrare-design's tests synthesise",
     r"avrare why .*": "needs a large run; tests/cli/test_why.py and tests/analysis",
     r"avrare (sensitivity|require) .*": "needs perception; plugins/avrare-design/tests",
     r"avrare compare .* against.tracker.*": "needs a tracker; tests/analysis/compare",

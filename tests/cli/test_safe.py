@@ -44,7 +44,7 @@ COMMANDS = {
     "failures add": "failures add run",
     "monitor": "monitor drive.csv --scenario s.yaml --specification near",
     "monitor run": "monitor run",
-    "synthesize": "synthesize s.yaml --parameter feedforward",
+    "synthesise": "synthesise s.yaml --parameter feedforward",
     "resume": "run --resume interrupted",
     "why": "why run",
     "sensitivity": "sensitivity s.yaml --parameter simulator.dt",
@@ -162,7 +162,7 @@ def test_every_command_with_a_scenario_has_it():
     for name, options in OPTIONS.items():
         if options and name not in exempt:
             assert "--safe" in options, name
-    assert "--safe" in command_parser("synthesize").format_help()
+    assert "--safe" in command_parser("synthesise").format_help()
 
 
 def test_baselines_stay_in_the_folder(folder, capsys):

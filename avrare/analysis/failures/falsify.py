@@ -19,7 +19,7 @@ from avrare.analysis.failures.tape_reduction import find_design_point
 from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
 from avrare.protocols import Floats
-from avrare.rollout.loaded_scenario import open_problem
+from avrare.rollout.loaded_scenario import ScenarioProblem, open_problem
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.noise_words import describe_tape
 from avrare.rollout.problem import Problem
@@ -104,7 +104,7 @@ def falsify(
     specification: str | None = None,
     *,
     overrides: Sequence[str] = (),
-    seed: int = 0,
+    seed: int | None = None,
     budget: int = BUDGET,
     progress: ProgressCallback | None = None,
     safe: bool = False,
@@ -118,7 +118,8 @@ def falsify(
         subject: Scenario file, or a problem.
         specification: Name; None: the only one.
         overrides: Settings of the file, as for ``--set``.
-        seed: Seed of the search; the same seed finds the same failure.
+        seed: Seed of the search, for which it finds the same failure again; None: the scenario's, 0 for a
+            problem without one.
         budget: Largest number of rollouts.
         progress: Called after each chunk of rollouts.
         safe: As for ``avrare.load``.
@@ -129,6 +130,8 @@ def falsify(
     if not isinstance(budget, (int, np.integer)) or budget < 1:
         raise UsageError(f"budget must be a number of rollouts of at least 1, not {budget!r}", "such as 600")
     problem = open_problem(subject, specification, overrides, safe)
+    if seed is None:
+        seed = problem.scenario.definition.seed if isinstance(problem, ScenarioProblem) else 0
     evaluate = TapeEvaluator(problem, budget, progress)
     evaluate.activity = "running without noise"
     zeros = np.zeros(evaluate.shape)

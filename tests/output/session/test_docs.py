@@ -67,7 +67,7 @@ def test_the_table_has_a_row_for_every_command_that_is_a_function():
     commands = (
         "validate run check rate compare compare_versions falsify replay why sensitivity require monitor"
     )
-    assert functions == {*commands.split(), "synthesize", "monitor_all", "report"}
+    assert functions == {*commands.split(), "synthesise", "monitor_all", "report"}
 
 
 @pytest.mark.parametrize(("call", "name"), ROWS)

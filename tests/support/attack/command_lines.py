@@ -4,7 +4,7 @@ from attack.mutation import WORDS, mutate_text, pick
 from avrare.cli.main import COMMANDS, PROVIDED
 from avrare.cli.options import OPTIONS
 
-_LONG = {"new", "pem", "flow", "synthesize", "compare"}
+_LONG = {"new", "pem", "flow", "synthesise", "compare"}
 """Commands that compute for seconds, or write packages."""
 _VALUES = {
     "SCENARIO": ["walk.yaml", "walk.yaml", "none.yaml", "run", "run/scenario.yaml", "drive.csv"],

@@ -124,10 +124,10 @@ TASKS = {
          "--write-blob", "b"],
         lambda: (_failures(), Path("b").read_text()), ("walk.yaml",), codes=(0, 1),
     ),
-    "synthesize": Task(
-        ["synthesize", "linear.yaml", "--parameter", "mean", "--steps", "1", "--chains", "10", "--runs", "2",
-         "--out", "better.yaml"],
-        lambda: Path("better.yaml").read_text(), ("linear.yaml",),
+    "synthesise": Task(
+        ["synthesise", "linear.yaml", "--parameter", "mean", "--steps", "1", "--chains", "10", "--runs", "2",
+         "--out", "better"],
+        lambda: Path("better/scenario.yaml").read_text(), ("linear.yaml",),
     ),
     "pem fit": Task(
         fits.FIT, lambda: Path("fitted/model.npz").read_bytes(), ("detections.csv",), prepare=fits.shorten,

@@ -122,12 +122,12 @@ def _synthesis(random):
     tree = reduce_sizes(mutate_tree(as_tree(Path("linear.yaml").read_text()), random, ()))
     Path("linear.yaml").write_bytes(as_text(tree))
     parameter = pick(random, [*_PLACES, "mean", "simulator.initial.mean", "steps", "x.y"])
-    words = ["--parameter", parameter, "--steps", "1", "--out", "better.yaml"]
+    words = ["--parameter", parameter, "--steps", "1", "--out", "better"]
     if "." in parameter:
         words += ["--budget", "rollouts=60", "--proof", "40"]
     else:
         words += ["--chains", str(pick(random, [0, 5, 10])), "--runs", "2"]
-    return ["synthesize", "linear.yaml", *words]
+    return ["synthesise", "linear.yaml", *words]
 
 
 def small_ensemble(path: Path) -> None:

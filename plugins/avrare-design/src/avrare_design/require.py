@@ -42,7 +42,7 @@ def require(
     between: tuple[float, float] | None = None,
     overrides: Sequence[str] = (),
     rollouts: int = 20_000,
-    seed: int = 0,
+    seed: int | None = None,
     workers: int = 1,
     out: str | os.PathLike[str] | None = None,
     show: Watch | None = None,
@@ -58,7 +58,7 @@ def require(
             the scenario's.
         overrides: Settings as for ``--set``.
         rollouts: Budget of all estimates together.
-        seed: Seed of the first estimate; each has its own.
+        seed: Seed of the first estimate; each has its own. None: the scenario's.
         workers: Number of processes.
         out: Folder that keeps finished chunks until the answer is there; the same call resumes from them.
         show: Progress display.
@@ -71,6 +71,7 @@ def require(
     limit = _read_limit(probability)
     between = between or _choose_range(parameter, value)
     definition = scenario.scenario.definition
+    seed = definition.seed if seed is None else seed
     task = {
         "parameter": parameter,
         "specification": name,

@@ -138,7 +138,7 @@ def sensitivity(
     run: str | os.PathLike[str] | None = None,
     rollouts: int = 2000,
     step: float = 0.1,
-    seed: int = 0,
+    seed: int | None = None,
     runner: TapeRunner | None = None,
 ) -> Sensitivities:
     """Estimate d log p / d parameter for parameters of a scenario.
@@ -151,7 +151,7 @@ def sensitivity(
         run: Run folder of this scenario whose stored failures serve the score function; None: fresh tapes.
         rollouts: Fresh tapes, of the score function without ``run``, and of each paired comparison.
         step: Relative distance to the two values that a paired comparison takes.
-        seed: Seed of the fresh tapes.
+        seed: Seed of the fresh tapes; None: the scenario's.
         runner: Runs and counts the tapes.
 
     Raises:
@@ -159,6 +159,7 @@ def sensitivity(
     """
     scenario, tapes = ParametricScenario(path, as_settings(overrides)), runner or TapeRunner()
     name, definition = scenario.specification(specification), scenario.scenario.definition
+    seed = definition.seed if seed is None else seed
     problem, confidence = scenario.scenario.problem(name), definition.confidence
     by_score = knows_score(problem)
     chosen = list(as_settings(parameters)) or (scenario.default_parameters() if by_score else [])

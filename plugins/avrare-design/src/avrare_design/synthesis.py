@@ -114,7 +114,7 @@ class Synthesis(Answer):
         return [f"{reason}: nothing is changed"]
 
 
-def synthesize(
+def synthesise(
     path: str | os.PathLike[str],
     parameters: Sequence[str] | str,
     specification: str | None = None,
@@ -162,7 +162,7 @@ def synthesize(
     """
     chosen = as_settings(parameters)
     if any("." not in parameter for parameter in chosen):
-        hint = "`avrare synthesize` takes it; numbers of any scenario have a path such as controller.gain"
+        hint = "`avrare synthesise` takes it; numbers of any scenario have a path such as controller.gain"
         raise UsageError(f"{', '.join(chosen)}: a parameter without a dot is that of a linear system", hint)
     settings = [f"estimator.plugin={estimator}"] if estimator else []
     scenario = ParametricScenario(path, (*as_settings(overrides), *settings))

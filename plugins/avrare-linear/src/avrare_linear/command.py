@@ -1,4 +1,4 @@
-"""Route of ``avrare synthesize`` for linear systems: descent along exact gradients."""
+"""Route of ``avrare synthesise`` for linear systems: descent along exact gradients."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def execute(args: argparse.Namespace) -> int:
         written = "the scenario, unchanged"
     else:
         _compare(problem, _changed(problem, args.parameter, best), seed + _SEED_OFFSET, 2 * args.chains)
-    if args.out is not None:
-        _write(Path(args.out), scenario.definition.resolved, args.parameter, best)
-        print(f"{args.out}: {written}")
+    if args.file is not None:
+        _write(args.file, scenario.definition.resolved, args.parameter, best)
+        print(f"{args.file}: {written}")
     return int(ExitCode.PASS)
 
 

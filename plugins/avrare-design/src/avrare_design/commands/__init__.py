@@ -1,1 +1,1 @@
-"""Commands of this distribution: ``avrare sensitivity``, ``avrare require``, ``avrare synthesize``."""
+"""Commands of this distribution: ``avrare sensitivity``, ``avrare require``, ``avrare synthesise``."""

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import (
-    NATURAL,
     RESUMABLE,
     SCENARIO,
+    SEED,
     SET,
     WORKERS,
     Options,
@@ -35,7 +35,7 @@ _OPTIONS: Options = {
         "budget of all estimates together, as rollouts=N (default 20000)",
         {"type": read_rollouts, "default": 20_000},
     ),
-    "--seed N": ("seed of the first estimate (default 0)", {**NATURAL, "default": 0}),
+    **SEED,
     **WORKERS,
     **RESUMABLE,
     "--plain": "no colours, nothing redrawn: for logs",

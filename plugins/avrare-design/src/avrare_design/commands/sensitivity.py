@@ -10,10 +10,10 @@ from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import ExitCode
 from avrare.cli.failure_output import progress_line
 from avrare.cli.options import (
-    NATURAL,
     REPEATABLE,
     RESUMABLE,
     SCENARIO,
+    SEED,
     SET,
     WORKERS,
     Options,
@@ -44,7 +44,7 @@ _OPTIONS: Options = {
         "relative distance of the two values of a paired comparison (default 0.1)",
         {"type": float, "default": 0.1},
     ),
-    "--seed N": ("seed of the fresh tapes (default 0)", {**NATURAL, "default": 0}),
+    **SEED,
     **WORKERS,
     **RESUMABLE,
 }
@@ -58,12 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Estimate the derivatives, print them and write them."""
     definition = load(args.scenario, args.set)
+    seed = definition.seed if args.seed is None else args.seed
     task = {
         "specification": args.specification,
         "parameters": args.parameter,
         "rollouts": args.budget,
         "step": args.step,
-        "seed": args.seed or 0,
+        "seed": seed,
         "scenario": identify(definition),
         "run": None if args.run is None else identify_run(Run.read(args.run)),
     }
@@ -78,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
                 run=args.run,
                 rollouts=args.budget,
                 step=args.step,
-                seed=args.seed or 0,
+                seed=seed,
                 runner=TapeRunner(args.workers, progress, journal=journal("tapes")),
             )
         content = {
