@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,17 +52,16 @@ def _path(scenario: str) -> str:
     return scenario if scenario.endswith(".yaml") else str(ROOT / "scenarios" / f"{scenario}.yaml")
 
 
-def read_case(name: str, settings: Sequence[str] = ()) -> tuple[Problem, float]:
+def read_case(name: str) -> tuple[Problem, float]:
     """Return the problem of SCENARIO:SPECIFICATION, with @P or =P behind, and its known probability.
 
     SCENARIO is a name in ``scenarios/`` or the path of a YAML file. With @P the level that a share P of the
-    truth's rollouts falls to; =P says what the probability is, where there is no truth, or where ``settings``
-    (KEY=VALUE) change the scenario.
+    truth's rollouts falls to; =P says what the probability is where there is no truth.
     """
     scenario, _, rule = name.partition(":")
     if "=" in rule:
         rule, _, known = rule.partition("=")
-        return LoadedScenario(load(_path(scenario), list(settings))).problem(rule), float(known)
+        return LoadedScenario(load(_path(scenario))).problem(rule), float(known)
     rule, _, probability = rule.partition("@")
     return read_level(scenario, rule, float(probability) if probability else None)
 

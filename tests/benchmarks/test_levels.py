@@ -37,5 +37,5 @@ def test_a_case_is_a_name_or_a_path_and_has_a_truth_or_a_number():
     path = str(ROOT / "scenarios" / "glider_actuator.yaml")
     _, level = read_case(f"{path}:perches@1e-4")
     assert level == pytest.approx(1e-4)
-    problem, given = read_case("glider_actuator:perches=0.5", ["steps=20"])
-    assert (problem.steps, given) == (20, 0.5)
+    _, given = read_case("glider_actuator:perches=0.5")
+    assert given == 0.5
