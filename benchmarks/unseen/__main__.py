@@ -57,7 +57,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--digest", default="", help="by default that of the estimator's code")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
     parser.add_argument("--keep", action="store_true", help=f"pack the results into {KEPT.name}")
-    parser.add_argument("--csv", type=Path, help="file that the report's rows go to")
+    parser.add_argument("--csv", type=Path, help="file for a row of every problem, of all code")
     given = parser.parse_args(arguments)
     options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
     text, file = json.dumps(options, sort_keys=True), given.problems_file
@@ -87,7 +87,7 @@ def main(arguments: list[str]) -> None:
     if given.keep:
         kept.pack(KEPT, given.results)
     if given.csv:
-        write_summary(given.csv, chosen)
+        write_summary(given.csv, read_all(given.results))
 
 
 if __name__ == "__main__":

@@ -61,17 +61,16 @@ def print_report(estimator: str, outcomes: Sequence[Outcome], hidden: Collection
 
 
 def write_summary(file: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write the rows of all estimators and problems as CSV."""
-    groups: dict[tuple[str, str, str, str], list[Outcome]] = defaultdict(list)
+    """Write a row for each estimator, its budget, options and code, and problem, as CSV."""
+    groups: dict[tuple[str, ...], list[Outcome]] = defaultdict(list)
     for outcome in outcomes:
         task = outcome.task
-        groups[task.estimator, task.budget, task.problem, task.digest].append(outcome)
+        groups[task.estimator, task.budget, task.options, task.digest, task.problem].append(outcome)
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("w", encoding="utf-8", newline="") as text:
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["estimator", "budget", "code", *COLUMNS])
-        for (estimator, budget, problem, digest), group in sorted(groups.items()):
-            writer.writerow([estimator, budget, digest, problem, *summarise(group)])
+        writer.writerow(["estimator", "budget", "options", "code", *COLUMNS])
+        writer.writerows([*key, *summarise(group)] for key, group in sorted(groups.items()))
 
 
 def summarise(outcomes: Sequence[Outcome]) -> list[str]:

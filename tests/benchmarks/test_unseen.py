@@ -173,4 +173,6 @@ def test_a_study_runs_what_is_missing(tmp_path, capsys):
     with pytest.raises(ValueError, match="toy seed 0 differs"):
         adopt([replace(outcomes[0], probability=0.5)], "d", tmp_path, str(file))
     write_summary(tmp_path / "rows.csv", outcomes)
-    assert (tmp_path / "rows.csv").read_text().splitlines()[1].startswith("mc,rollouts=1000,c,toy,6.5e-05,2,")
+    assert (
+        (tmp_path / "rows.csv").read_text().splitlines()[1].startswith("mc,rollouts=1000,{},c,toy,6.5e-05,2,")
+    )
