@@ -59,7 +59,8 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--keep", action="store_true", help=f"pack the results into {KEPT.name}")
     parser.add_argument("--csv", type=Path, help="file for a row of every problem, of all code")
     given = parser.parse_args(arguments)
-    options = {key: ast.literal_eval(value) for key, value in (one.split("=", 1) for one in given.set)}
+    pairs = (setting.split("=", 1) for setting in given.set)
+    options = {key: ast.literal_eval(value) for key, value in pairs}
     text, file = json.dumps(options, sort_keys=True), given.problems_file
     names = [name for name in find_names(given.sets, file) if fnmatch(name, given.problems)]
     estimators, static = given.estimator.split(","), {name for name in names if is_static(name, file)}
@@ -83,7 +84,9 @@ def main(arguments: list[str]) -> None:
     chosen = [outcome for outcome in read_all(given.results) if outcome.task in wanted]
     hidden = {name for name, case in CASES.items() if case.hidden}
     for estimator in estimators:
-        print_report(estimator, [one for one in chosen if one.task.estimator == estimator], hidden)
+        print_report(
+            estimator, [outcome for outcome in chosen if outcome.task.estimator == estimator], hidden
+        )
     if given.keep:
         kept.pack(KEPT, given.results)
     if given.csv:

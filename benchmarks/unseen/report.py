@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, median, stdev
 
@@ -78,14 +78,14 @@ def summarise(outcomes: Sequence[Outcome]) -> list[str]:
     truth = outcomes[0].truth
     quiet = [outcome for outcome in outcomes if not outcome.warnings]
     warned = [outcome for outcome in outcomes if outcome.warnings]
-    ratios = [outcome.probability / truth for outcome in outcomes]
-    ends = median(map(_end_ratio, warned)) if warned else None
+    ratios = [outcome.ratio for outcome in outcomes]
     work, most = measure_work(outcomes)
+    chosen = Counter(outcome.chosen for outcome in outcomes)
     used = [outcome.used for outcome in outcomes if outcome.used is not None]
     return [
         f"{truth:.1e}",
         str(len(outcomes)),
-        " ".join(f"{name} {n}" for name, n in Counter(one.chosen for one in outcomes).items() if name),
+        " ".join(f"{name} {number}" for name, number in chosen.items() if name),
         f"{mean(ratios):.3f}",
         _z(ratios),
         f"{median(ratios):.2f}",
@@ -96,10 +96,10 @@ def summarise(outcomes: Sequence[Outcome]) -> list[str]:
         _percent([outcome.covers for outcome in warned]),
         str(sum(outcome.misses for outcome in quiet)),
         str(sum(outcome.misses for outcome in warned)),
-        f"{ends:.3g}" if ends else "",
+        _median([outcome.end_ratio for outcome in warned]),
         f"{work:.3f}",
         f"{most:.3f}",
-        _percent([_passes(outcome) for outcome in outcomes]),
+        _percent([outcome.passes for outcome in outcomes]),
         f"{max(used):.2f}" if used else f"{max(outcome.cost for outcome in outcomes):,.0f}",
         f"{mean(outcome.seconds for outcome in outcomes):.2f}",
     ]
@@ -108,44 +108,43 @@ def summarise(outcomes: Sequence[Outcome]) -> list[str]:
 def list_goals(outcomes: Sequence[Outcome], hidden: Collection[str] = ()) -> list[list[str]]:
     """Return the goals of the intervals: each with its limit and what was measured."""
     groups = _group(outcomes)
+    judged = {name: group for name, group in groups.items() if len(group) >= LEAST_RESULTS}
     quiet = [outcome for outcome in outcomes if not outcome.warnings]
     warned = [outcome for outcome in outcomes if outcome.warnings]
-    plain = [outcome for outcome in outcomes if outcome.task.problem not in hidden]
     combined = [outcome for outcome in outcomes if outcome.task.problem in hidden]
-    low = [
-        f"{name} {sum(hits)}/{len(hits)}"
-        for name, group in sorted(groups.items())
-        if len(hits := [one.covers for one in group if not one.warnings]) >= LEAST_QUIET
-        and mean(hits) < _least_share(len(hits))
-    ]
-    wide = [_end_ratio(one) for one in warned if one.truth >= LEAST_PROBABILITY]
-    judged = {name: group for name, group in groups.items() if len(group) >= LEAST_RESULTS}
+    plain = [outcome for outcome in outcomes if outcome.task.problem not in hidden]
+    frequent = [outcome for outcome in warned if outcome.truth >= LEAST_PROBABILITY]
     works = {name: measure_work(group) for name, group in judged.items()}
-    small = [works[name][0] for name, group in judged.items() if group[0].truth < SMALL_PROBABILITY]
+    rare = [works[name][0] for name, group in judged.items() if group[0].truth < SMALL_PROBABILITY]
+    scores = filter(None, (_z([outcome.ratio for outcome in group]) for group in judged.values()))
+    low = [f"{name} {sum(hits)}/{len(hits)}" for name, hits in _hits(groups) if _covers_too_little(hits)]
     dear = [f"{name} {work:.2f} (<= {most:.2f})" for name, (work, most) in works.items() if most > 1.5]
-    scores = [_z([one.probability / one.truth for one in group]) for group in judged.values()]
     passes = [outcome for outcome in combined if outcome.verdict == "pass" and not outcome.covers]
     return [
-        ["largest |z| of a mean", "<= 3.5", _largest(abs(float(z)) for z in scores if z)],
+        ["largest |z| of a mean", "<= 3.5", _largest(abs(float(score)) for score in scores)],
         ["problems whose quiet coverage is too low", "none", ", ".join(low) or "none"],
-        ["coverage without a warning [%]", ">= 94.5", _percent([one.covers for one in quiet], 1)],
-        ["confidently wrong", "<= 1 in 1,000", _share([_is_confident(one) for one in plain])],
-        ["of hidden combinations", "<= 1 in 20", _share([_is_confident(one) for one in combined])],
+        ["coverage without a warning [%]", ">= 94.5", _percent([outcome.covers for outcome in quiet], 1)],
+        ["confidently wrong", "<= 1 in 1,000", _share([outcome.misleads for outcome in plain])],
+        ["of hidden combinations", "<= 1 in 20", _share([outcome.misleads for outcome in combined])],
         ["of these a pass", "none", str(len(passes))],
-        ["warned [%]", "<= 15", _percent([bool(one.warnings) for one in outcomes], 1)],
-        ["warned and narrow", "none", _share([one.misses for one in warned])],
-        [f"ends of warned intervals, p >= {LEAST_PROBABILITY:g}", "<= 100", _median(wide)],
+        ["warned [%]", "<= 15", _percent([bool(outcome.warnings) for outcome in outcomes], 1)],
+        ["warned and narrow", "none", _share([outcome.misses for outcome in warned])],
+        [
+            f"ends of warned intervals, p >= {LEAST_PROBABILITY:g}",
+            "<= 100",
+            _median([outcome.end_ratio for outcome in frequent]),
+        ],
         ["work over Monte Carlo's, each problem", "<= 1.5", ", ".join(dear) or f"all of {len(works)}"],
-        [f"work, median of p < {SMALL_PROBABILITY:g}", "<= 0.3", _median(small)],
-        ["passes of a threshold at p [%]", "<= 3.6", _percent([_passes(one) for one in outcomes], 1)],
-        ["largest cost over the budget", "<= 1.1", _largest(one.used for one in outcomes)],
+        [f"work, median of p < {SMALL_PROBABILITY:g}", "<= 0.3", _median(rare)],
+        ["passes of a threshold at p [%]", "<= 3.6", _percent([outcome.passes for outcome in outcomes], 1)],
+        ["largest cost over the budget", "<= 1.1", _largest(outcome.used for outcome in outcomes)],
     ]
 
 
 def measure_work(outcomes: Sequence[Outcome]) -> tuple[float, float]:
     """Return mean cost times squared error over Monte Carlo's, and its upper 95 % bound by bootstrap."""
     truth = outcomes[0].truth
-    values = np.array([one.cost * (one.probability - truth) ** 2 for one in outcomes])
+    values = np.array([outcome.cost * (outcome.probability - truth) ** 2 for outcome in outcomes])
     values /= truth * (1.0 - truth)
     rows = np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))
     return float(values.mean()), float(np.quantile(values[rows].mean(axis=1), 0.975))
@@ -180,16 +179,14 @@ def _least_share(results: int) -> float:
     return float(binom.ppf(0.001, results, CONFIDENCE)) / results
 
 
-def _end_ratio(outcome: Outcome) -> float:
-    return outcome.high / outcome.low if outcome.low > 0 else math.inf
+def _hits(groups: Mapping[str, Sequence[Outcome]]) -> Iterator[tuple[str, list[bool]]]:
+    """Yield whether each interval without a warning covers, by problem."""
+    for name, group in sorted(groups.items()):
+        yield name, [outcome.covers for outcome in group if not outcome.warnings]
 
 
-def _is_confident(outcome: Outcome) -> bool:
-    return outcome.misses and not outcome.warnings
-
-
-def _passes(outcome: Outcome) -> bool:
-    return outcome.verdict.startswith("pass")
+def _covers_too_little(hits: Sequence[bool]) -> bool:
+    return len(hits) >= LEAST_QUIET and mean(hits) < _least_share(len(hits))
 
 
 def _z(ratios: Sequence[float]) -> str:

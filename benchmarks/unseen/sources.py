@@ -19,7 +19,7 @@ LIBRARIES = ("avrare.estimation", "avrare_")
 def digest_of(estimator: str) -> str:
     """Return a digest of the modules of an estimator and of all that they import; comments do not count.
 
-    ``auto`` begins whatever it may choose, so the modules of its candidates are among its own.
+    Those of all that ``auto`` may choose are among its own.
     """
     components = [default_registry().find("estimator", estimator).component]
     if estimator == "auto":

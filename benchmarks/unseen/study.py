@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import os
 import time
@@ -82,6 +83,26 @@ class Outcome:
     def misses(self) -> bool:
         """True where the interval misses the truth by more than a factor of three."""
         return self.high * 3.0 < self.truth or self.low > self.truth * 3.0
+
+    @property
+    def misleads(self) -> bool:
+        """True where it does so without a warning."""
+        return self.misses and not self.warnings
+
+    @property
+    def passes(self) -> bool:
+        """True where a threshold at exactly the truth passes."""
+        return self.verdict.startswith("pass")
+
+    @property
+    def ratio(self) -> float:
+        """Estimate over the truth."""
+        return self.probability / self.truth
+
+    @property
+    def end_ratio(self) -> float:
+        """Upper over lower end of the interval."""
+        return self.high / self.low if self.low > 0.0 else math.inf
 
 
 def read_outcomes(file: Path) -> list[Outcome]:
@@ -168,8 +189,8 @@ def run_study(tasks: Sequence[Task], folder: Path, file: str, processes: int, mi
         outcomes = pool.imap_unordered(partial(run_task, file=file), tasks)
         for number, outcome in enumerate(outcomes, start=1):
             _append(outcome, folder)
-            ratio, names = outcome.probability / outcome.truth, " ".join(outcome.warnings)
-            text = f"{outcome.task.problem} {outcome.task.estimator} seed {outcome.task.seed}: {ratio:.2f} p"
+            problem, names = outcome.task.problem, " ".join(outcome.warnings)
+            text = f"{problem} {outcome.task.estimator} seed {outcome.task.seed}: {outcome.ratio:.2f} p"
             print(f"{number}/{len(tasks)} {text}, {outcome.seconds:.1f} s {names}", flush=True)
             if time.monotonic() > end:
                 break
