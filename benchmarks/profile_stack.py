@@ -58,8 +58,6 @@ def main(path: str, rollouts: int, settings: list[str]) -> None:
     for name in PARTS:
         if getattr(loop, name) is not None:
             setattr(loop, name, Timed(getattr(loop, name), spent, name))
-    if loop._persistent is not None:  # the same model, asked in another way
-        loop._persistent = Timed(loop._persistent, spent, "perception")
     monitors = tuple(Timed(spec, spent, "monitors") for spec in scenario.stack.specifications.values())
     noise: Any = Timed(NoiseSource(0, problem.noise_size), spent, "noise")
     began = time.process_time()
