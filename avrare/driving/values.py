@@ -106,6 +106,7 @@ class Road:
         stop_signs: x of the stop lines at which a stop sign stands [m].
         crossings: Conflict areas in which others have priority over the ego.
         light_lines: x of the stop lines of traffic lights [m]; the signal ``light_k`` is the k-th's colour.
+        paths: (K, 2) centre lines of lanes in the plane, for pictures of a road without ``lane_centres`` [m].
     """
 
     lane_centres: tuple[float, ...]
@@ -121,6 +122,7 @@ class Road:
     stop_signs: tuple[float, ...] = ()
     crossings: tuple[Crossing, ...] = ()
     light_lines: tuple[float, ...] = ()
+    paths: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ class Simulator(_Dynamics):
 
     Attributes:
         dt: Time of a step [s].
-        junction: Scene of an intersection for specifications, in place of a road. Default: None.
+        junction: Scene without lanes, in the plane, in place of ``scene``. Default: None.
         noise_size, noise_names, perfect_noise, scene, lacks, warnings: As of a ``System``.
     """
 

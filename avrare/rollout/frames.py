@@ -27,6 +27,11 @@ def extract_frames(problem: Problem, rollout: ReplayedRollout) -> list[Frame]:
     loop = problem.system
     if problem.scene is None or not isinstance(loop, ClosedLoop):
         return []
+    return make_frames(loop, rollout)
+
+
+def make_frames(loop: ClosedLoop, rollout: ReplayedRollout) -> list[Frame]:
+    """Return the perceived, predicted and planned motion at every step of a loop with vehicles."""
     controller = loop.controller
     horizon = controller.horizon if controller is not None else 0
     frames = []

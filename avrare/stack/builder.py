@@ -82,11 +82,12 @@ def build_stack(scenario: Scenario) -> Stack:
     scene = simulator.scene
     with _located(scenario, "timing"):
         clock = Clock.of(scenario.timing or Timing(), simulator.dt)
-    parts = _build_parts(scenario, scene, clock)
-    specifications, judged = {}, scene or simulator.junction
+    plane = scene or simulator.junction
+    parts = _build_parts(scenario, plane, clock)
+    specifications = {}
     for name, part in scenario.specifications.items():
         with _located(scenario, f"specifications.{name}"):
-            specifications[name] = build_specification(part, judged, simulator.dt)
+            specifications[name] = build_specification(part, plane, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
     return Stack(ClosedLoop(simulator, *parts, start), scene, specifications)
@@ -276,11 +277,13 @@ def _located(scenario: Scenario, path: str) -> Iterator[None]:
 def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> PartT:
     """Build the part that a block describes, which offers what its ``contract`` says.
 
-    ``scene`` is the simulator's, None if it has no road.
+    ``scene`` is the simulator's, None if it has no road; a controller for vehicles needs one with lanes.
     """
-    if block.component.driving and scene is None:
+    has_lanes = scene is not None and bool(scene.road.lane_centres)
+    if block.component.driving and not (has_lanes if contract is Controller else scene):
+        needed = "a road with lanes" if contract is Controller else "a road"
         raise UsageError(
-            f"{block.component.kind} {block.plugin!r} is for vehicles on a road, and this simulator has none",
+            f"{block.component.kind} {block.plugin!r} is for vehicles on {needed}; this simulator has none",
             "choose a driving simulator, such as single_track, or remove this part",
         )
     with _plugin_errors(block, "loaded"):

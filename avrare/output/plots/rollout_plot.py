@@ -16,7 +16,7 @@ from avrare.driving.lanes import list_lanes
 from avrare.driving.markings import list_markings
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure, plain
-from avrare.rollout.frames import Frame, extract_frames
+from avrare.rollout.frames import Frame, make_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.replay import replay_tapes
 
@@ -27,6 +27,7 @@ _MOMENTS = 6
 _WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
 _MAX_ROAD = 300.0  # length of a road [m] above which the plot follows the ego, since cars would be specks
 _BEHIND, _AHEAD = 70.0, 150.0  # distances from the ego that are drawn then [m]
+_MARGIN = 15.0  # around the ego's way where there are no lanes [m]
 _EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
 _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
 
@@ -43,15 +44,19 @@ def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) 
             tapes.append((f"worst_{result.specification}", title, result.worst.noise))
     rollouts = replay_tapes(problem, np.stack([tape for _, _, tape in tapes]))
     paths = [folder / f"{name}.png" for name, _, _ in tapes]
-    assert problem.scene is not None
+    loop = scenario.stack.loop
+    scene = loop.scene or loop.simulator.junction
+    assert scene is not None
     for path, (_, title, _), rollout in zip(paths, tapes, rollouts, strict=True):
-        plot_drive(extract_frames(problem, rollout), problem.scene, f"{scenario.name}: {title}").save(path)
+        plot_drive(make_frames(loop, rollout), scene, f"{scenario.name}: {title}").save(path)
     return paths
 
 
 def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
-    """Draw a few moments of a rollout below one another."""
-    chosen = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
+    """Draw a few moments of a rollout below one another, or side by side where there are no lanes."""
+    if not scene.road.lane_centres:
+        return _plot_plane(frames, scene, title)
+    chosen = _choose_moments(frames)
     figure = make_figure(_WIDTH, _MIN_ROW_HEIGHT * len(chosen) + 0.9)
     follow = scene.road.end - scene.road.begin > _MAX_ROAD
     axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=not follow, sharey=True))
@@ -71,6 +76,51 @@ def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
     handles, labels = axes[-1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
     return Plot(figure)
+
+
+def _choose_moments(frames: Sequence[Frame]) -> list[Frame]:
+    return [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, _MOMENTS).round().astype(int))]
+
+
+def _plot_plane(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
+    chosen = _choose_moments(frames[: _find_end(frames) + 1])
+    figure = make_figure(_WIDTH, 0.67 * _WIDTH)
+    places = np.array([[frame.world.ego.x[0], frame.world.ego.y[0]] for frame in frames])
+    low, high = places.min(axis=0), places.max(axis=0)
+    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max()) + _MARGIN
+    axes = figure.subplots(2, _MOMENTS // 2, sharex=True, sharey=True, squeeze=False).ravel()
+    for ax in axes[len(chosen) :]:
+        ax.set_axis_off()
+    for ax, frame in zip(axes, chosen, strict=False):
+        _draw_paths(ax, scene)
+        draw_frame(ax, frame, scene)
+        ax.set_xlim(middle[0] - reach, middle[0] + reach)
+        ax.set_ylim(middle[1] - reach, middle[1] + reach)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.suptitle(plain(title), fontsize=11, x=0.01, ha="left")
+    figure.legend(handles, labels, loc="outside lower center", ncols=7, fontsize=8, frameon=False)
+    return Plot(figure)
+
+
+def _find_end(frames: Sequence[Frame]) -> int:
+    """Return the first of the last frames that show the same."""
+    last = frames[-1].world
+    for index in range(len(frames) - 1, 0, -1):
+        world = frames[index - 1].world
+        if not (np.array_equal(world.ego.x, last.ego.x) and np.array_equal(world.others.x, last.others.x)):
+            return index
+    return 0
+
+
+def _draw_paths(ax: Axes, scene: Scene) -> None:
+    for path in scene.road.paths:
+        slope = np.gradient(path, axis=0)
+        aside = 0.5 * scene.road.lane_width * slope[:, ::-1] * (-1.0, 1.0)
+        aside /= np.hypot(*slope.T)[:, None]
+        ax.fill(*np.concatenate([path + aside, (path - aside)[::-1]]).T, color="#e8ebee", lw=0, zorder=0)
+    ax.set_aspect("equal")
+    ax.tick_params(labelsize=7)
+    hide_spines(ax, "top", "right", "left", "bottom")
 
 
 def draw_road(ax: Axes, scene: Scene) -> None:

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from avrare.base.batch import take
 from avrare.base.errors import UsageError
-from avrare.driving import Vehicles
+from avrare.driving import Prediction, Vehicles
 from avrare_highway_env.config import PathFollowerConfig
 from avrare_highway_env.path_follower import Path, PathFollower, build
 from avrare_highway_env.sensing import Ego
@@ -142,3 +142,31 @@ def test_without_others_the_road_is_free():
 def test_other_simulators_are_refused(state):
     with pytest.raises(UsageError, match="path_follower needs the states of the other vehicles"):
         PathFollower(PathFollowerConfig(waypoints=NORTH)).act(None, state, None)
+
+
+def test_exact_predictions_are_as_good_as_the_truth():
+    rng = np.random.default_rng(4)
+    crowd = [(x, y, heading, speed) for x, y, heading, speed in zip(
+        rng.uniform(-20, 20, 40), rng.uniform(-20, 40, 40), rng.uniform(-3, 3, 40), rng.uniform(2, 9, 40),
+        strict=True,
+    )]  # fmt: skip
+    driver, here = follower(foresight=3.0), (2.0, -30.0, np.pi / 2, 7.0)
+    for other in crowd:
+        seen, times = ego(here, [other]), 0.1 * np.arange(31)
+        x, y, heading, speed = other
+        prediction = Prediction(
+            (x + speed * np.cos(heading) * times)[None, None],
+            (y + speed * np.sin(heading) * times)[None, None],
+        )
+        assert driver.horizon == 30
+        np.testing.assert_allclose(driver.act(None, seen, prediction)[0], driver.act(None, seen, None)[0])
+
+
+def test_what_has_no_track_is_not_there_and_what_stands_is_parallel_to_the_path():
+    driver, seen = follower(foresight=3.0), ego((2.0, -30.0, np.pi / 2, 8.0))
+    free = driver.act(None, seen, None)[0][0, 0]
+    nobody = np.full((1, 1, 31), np.inf)
+    assert driver.act(None, seen, Prediction(nobody, nobody))[0][0, 0] == free
+    ahead, beside = (Prediction(np.full((1, 1, 31), x), np.full((1, 1, 31), -15.0)) for x in (2.0, 4.7))
+    assert driver.act(None, seen, ahead)[0][0, 0] < -0.5
+    assert driver.act(None, seen, beside)[0][0, 0] == free

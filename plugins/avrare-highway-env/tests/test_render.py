@@ -1,12 +1,18 @@
 """Pictures without a display."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from highway_runs import run, simulator, tape
 from PIL import Image
 
+import avrare
 from avrare.base.errors import UsageError
+from avrare.output.plots.rollout_plot import draw_run
 from avrare_highway_env.render import frames, save_gif
+
+SCENARIOS = Path(__file__).parents[3] / "scenarios"
 
 
 def full(t, n):
@@ -45,3 +51,15 @@ def test_the_driver_that_draws_nothing_is_refused(monkeypatch):
     sim = simulator(scene="merge", start_seed=1)
     with pytest.raises(UsageError, match="black"):
         frames(sim, [sim.reset(np.zeros((1, 0)))])
+
+
+@pytest.mark.parametrize("name", ["roundabout", "intersection"])
+def test_drives_without_lanes_are_drawn_from_above(name, tmp_path):
+    scenario = avrare.load(SCENARIOS / f"{name}.yaml", ["steps=6", "tracker.burn_in=0.3"])
+    (picture,) = draw_run(scenario, [], tmp_path)
+    assert picture.name == "nominal.png"
+    pixels = np.asarray(Image.open(picture).convert("RGB"), dtype=int)
+    asphalt = np.abs(pixels - (0xE8, 0xEB, 0xEE)).sum(axis=-1) < 4
+    ego = np.abs(pixels - (0x1B, 0x6C, 0xA8)).sum(axis=-1) < 60
+    assert asphalt.mean() > 0.03
+    assert ego.sum() > 20

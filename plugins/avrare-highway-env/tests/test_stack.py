@@ -87,7 +87,7 @@ def test_traffic_rules_agree_with_highway_env():
 
 def test_rules_for_straight_roads_are_refused_on_other_roads(tmp_path, policy):
     world = scenario(tmp_path, policy, "scene: roundabout", "{plugin: traffic_rules, rule: R_G1}")
-    with pytest.raises(ScenarioError, match="needs a driving simulator"):
+    with pytest.raises(ScenarioError, match="this simulator has no lanes"):
         world.problem("rule")
 
 

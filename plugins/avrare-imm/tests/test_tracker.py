@@ -1,5 +1,6 @@
 """The tracker as the closed loop uses it."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -159,3 +160,26 @@ def test_component_resolves_and_imports_nothing_heavy():
         "sys.exit(f'imported {heavy}' if heavy else 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_without_lanes_a_crossing_car_is_followed_in_any_direction():
+    plane = dataclasses.replace(scene(1), road=Road((), 4.0))
+    tracker = build(ImmConfig(start="empty", velocity="none", gate=4.0, lateral_noise=1.0), plane)
+    zero = np.zeros((20, 1))
+    for heading in (0.0, 1.0, np.pi / 2, 2.5, -1.8):
+        rng = np.random.default_rng(2)
+        vx, vy = 9.0 * np.cos(heading), 9.0 * np.sin(heading)
+        track = tracker.start(world(zero, zero, zero + heading, zero + 9.0, zero))
+        for k in range(1, 31):
+            x, y = vx * plane.dt * k, vy * plane.dt * k
+            seen = Observation(
+                zero == 0.0, x + rng.normal(0, 0.3, zero.shape), y + rng.normal(0, 0.3, zero.shape), zero
+            )
+            track = tracker.update(track, seen)
+        prediction = tracker.predict(track, 20)
+        assert np.abs(prediction.x[..., 0] - x).mean() < 0.4
+        assert np.abs(prediction.y[..., 0] - y).mean() < 0.4
+        moved = np.stack(
+            [prediction.x[..., 20] - prediction.x[..., 0], prediction.y[..., 20] - prediction.y[..., 0]]
+        )
+        np.testing.assert_allclose(moved.mean(axis=(1, 2)) / (20 * plane.dt), [vx, vy], atol=0.8)

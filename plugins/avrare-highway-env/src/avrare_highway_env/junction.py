@@ -45,6 +45,11 @@ def crossing_road(network: RoadNetwork, turn: str) -> Road:
     return Road((), width, crossings=crossings)
 
 
+def list_paths(network: RoadNetwork) -> tuple[Floats, ...]:
+    """Return the centre lines (K, 2) of all lanes in the plane [m]."""
+    return tuple(_border(lane, 0.0) for lane in network.lanes_list())
+
+
 def label_vehicles(environment: AbstractEnv) -> None:
     """Give each new vehicle the least free slot, which it keeps, and the number of its way."""
     others = [one for one in environment.road.vehicles if one is not environment.vehicle]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from avrare.base.errors import UsageError
-from avrare.driving import Prediction, Vehicles
+from avrare.driving import Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_highway_env.actions import ACCELERATION, STEERING
 from avrare_highway_env.config import PathFollowerConfig
 from avrare_highway_env.sensing import Ego
+from avrare_highway_env.worlds import ABSENT
 
 _EXTENSION = 1e4
 """Length of the straight extension after the last waypoint [m]."""
@@ -64,6 +66,8 @@ _LENGTH, _WIDTH = 5.0, 2.0
 """Size of every vehicle of highway-env [m]; the length is also the wheelbase."""
 _MIN_GAP = 0.1
 """Lower bound of the gap in the model [m]."""
+_STANDING = 0.5
+"""Speed up to which a predicted vehicle is taken for parallel to the path [m/s]."""
 _PREDICTIONS = 4
 """Number of times, up to the foresight, at which the other vehicles are predicted."""
 
@@ -71,16 +75,20 @@ _PREDICTIONS = 4
 class PathFollower:
     """Follows a path at a cruise speed and keeps its distance to the nearest vehicle on it; no memory.
 
-    It uses the true states of the other vehicles, not the lidar.
+    It goes by the predictions of a tracker, and where there is none by the true states of the other vehicles;
+    it does not see the lidar.
+
+    Args:
+        config: Options.
+        dt: Step of the predictions [s].
 
     Attributes:
-        horizon: 0, since it needs no predictions.
+        horizon: Steps of predictions, up to the foresight.
     """
 
-    horizon = 0
-
-    def __init__(self, config: PathFollowerConfig) -> None:
-        self.config = config
+    def __init__(self, config: PathFollowerConfig, dt: float = 0.1) -> None:
+        self.config, self.dt = config, dt
+        self.horizon = max(round(config.foresight / dt), 1)
         self.path = Path(config.waypoints)
 
     def start(self, n: int) -> None:
@@ -98,7 +106,7 @@ class PathFollower:
                 "the controller path_follower needs the states of the other vehicles",
                 "use it with the simulator highway_env",
             )
-        wanted = self._accelerate(ego) / ACCELERATION, self._steer(ego) / STEERING
+        wanted = self._accelerate(ego, prediction) / ACCELERATION, self._steer(ego) / STEERING
         return np.clip(np.stack(wanted, axis=1), -1.0, 1.0), None
 
     def _steer(self, ego: Vehicles) -> Floats:
@@ -112,10 +120,10 @@ class PathFollower:
         across = np.cos(ego.heading) * dy - np.sin(ego.heading) * dx
         return np.arctan(2.0 * _LENGTH * across / (dx**2 + dy**2))
 
-    def _accelerate(self, ego: Ego) -> Floats:
+    def _accelerate(self, ego: Ego, prediction: Prediction | None) -> Floats:
         """Return the acceleration of Treiber, Hennecke and Helbing (2000) [m/s^2]."""
         config, v = self.config, ego.speed
-        gap, leader = self._leader(ego)
+        gap, leader = self._leader(ego, self._foresee(ego.others, prediction))
         comfort = 2.0 * np.sqrt(config.acceleration * config.deceleration)
         room = np.maximum(v * config.time_gap + v * (v - leader) / comfort, 0.0)
         braking = ((config.standstill_gap + room) / gap) ** 2
@@ -123,14 +131,29 @@ class PathFollower:
         wanted = config.acceleration * (1.0 - free - braking)
         return np.asarray(np.maximum(wanted, -v / config.stopping_time))
 
-    def _leader(self, ego: Ego) -> tuple[Floats, Floats]:
+    def _foresee(self, others: Vehicles, prediction: Prediction | None) -> Iterator[Vehicles]:
+        """Yield the other vehicles at some times up to the foresight; their headings and speeds stay."""
+        times = np.linspace(0.0, self.config.foresight, _PREDICTIONS if self.config.foresight else 1)
+        if prediction is None:
+            vx, vy = others.speed * np.cos(others.heading), others.speed * np.sin(others.heading)
+            for time in times:
+                yield replace(others, x=others.x + time * vx, y=others.y + time * vy)
+            return
+        x, y = (np.where(np.isfinite(place), place, ABSENT) for place in (prediction.x, prediction.y))
+        dx, dy = x[..., -1] - x[..., 0], y[..., -1] - y[..., 0]
+        speed = np.hypot(dx, dy) / (self.dt * self.horizon)
+        _, _, direction = self.path.project(x[..., 0], y[..., 0])
+        heading = np.where(speed > _STANDING, np.arctan2(dy, dx), direction)
+        for time in times:
+            step = min(round(time / self.dt), self.horizon)
+            yield Vehicles(x[..., step], y[..., step], heading, speed, np.zeros_like(speed))
+
+    def _leader(self, ego: Ego, foreseen: Iterable[Vehicles]) -> tuple[Floats, Floats]:
         """Return gap [m] and speed [m/s] of the nearest vehicle ahead on the path; inf and 0 if free."""
-        others, here = ego.others, self.path.project(ego.x, ego.y)[0]
+        here = self.path.project(ego.x, ego.y)[0]
         gaps, speeds = [np.full((len(here), 1), np.inf)], [np.zeros((len(here), 1))]  # free path
-        for later in np.linspace(0.0, self.config.foresight, _PREDICTIONS if self.config.foresight else 1):
-            x = others.x + later * others.speed * np.cos(others.heading)
-            y = others.y + later * others.speed * np.sin(others.heading)
-            along, off, direction = self.path.project(x, y)
+        for others in foreseen:
+            along, off, direction = self.path.project(others.x, others.y)
             turned = others.heading - direction
             # half extents of the rectangle along and across the path
             cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
@@ -144,6 +167,6 @@ class PathFollower:
         return gap[rows, nearest], speed[rows, nearest]
 
 
-def build(config: PathFollowerConfig, scene: object | None = None) -> PathFollower:
+def build(config: PathFollowerConfig, scene: Scene | None = None) -> PathFollower:
     """Build the controller of a scenario."""
-    return PathFollower(config)
+    return PathFollower(config) if scene is None else PathFollower(config, scene.dt)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
-from avrare.driving import Scene, Vehicles
+from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_highway_env.actions import native_action
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.drivers import MoodyDriver
-from avrare_highway_env.junction import crossing_road, label_vehicles, read_ways
-from avrare_highway_env.scenes import scene_of, setting_of
+from avrare_highway_env.junction import crossing_road, label_vehicles, list_paths, read_ways
+from avrare_highway_env.scenes import LANE_WIDTH, scene_of, setting_of
 from avrare_highway_env.sensing import Ego, Sensors
 from avrare_highway_env.tape import TapeRandom
 from avrare_highway_env.worlds import EGO, capture, gap_ahead, others_of, read, restore
@@ -72,7 +72,7 @@ class HighwayEnvSimulator(Simulator):
         noise_size: Numbers per row, depending on the options.
         scene: Road, sizes and names if the lanes are straight, else None.
         warnings: Health warning of speeds that no car drives.
-        junction: What the rules of intersections need of the scene intersection, else None.
+        junction: Plane without lanes of intersection and roundabout, with the ways over the intersection.
         environment: Environment of highway-env, in the state of the last particle.
     """
 
@@ -115,11 +115,15 @@ class HighwayEnvSimulator(Simulator):
             self._lengths, self._widths = self.scene.lengths, self.scene.widths
 
         self.junction: Scene | None = None
-        if config.scene == "intersection":
-            road, (length, width) = crossing_road(self.environment.road.network, config.way), self._ego_size
+        if self.scene is None:
+            network, road = self.environment.road.network, Road((), LANE_WIDTH)
+            if config.scene == "intersection":
+                road = crossing_road(network, config.way)
+            road = replace(road, paths=list_paths(network))
             names = tuple(f"vehicle_{slot}" for slot in range(capacity))
             sizes_of = self._lengths, self._widths, np.ones(capacity, dtype=bool)
-            self.junction = Scene(config.dt, road, length, width, names, *sizes_of)
+            self.junction = Scene(config.dt, road, *self._ego_size, names, *sizes_of)
+        self._numbered = config.scene == "intersection"
 
     def reset(self, noise: Floats) -> HighwayWorld:
         """Return the worlds at t = 0 from noise (N, noise_size)."""
@@ -255,7 +259,7 @@ class HighwayEnvSimulator(Simulator):
         ways: list[list[float]] = []
         for row in range(len(noise)):
             move(row)
-            if self.junction is not None:
+            if self._numbered:
                 label_vehicles(self.environment)
                 ways.append(read_ways(self.environment, self.setting.capacity))
             snapshots[row] = capture(self.environment)
@@ -272,5 +276,5 @@ class HighwayEnvSimulator(Simulator):
             noise[:, self._rays],
         )
         crashed, arrived, on_road, over = (column.astype(bool) for column in table.T[6 : len(EGO)])
-        numbered = np.array(ways, dtype=np.float64) if self.junction is not None else None
+        numbered = np.array(ways, dtype=np.float64) if self._numbered else None
         return HighwayWorld(snapshots, ego, others, crashed, arrived, on_road, over, numbered)

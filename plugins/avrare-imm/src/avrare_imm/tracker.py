@@ -80,7 +80,7 @@ class ImmTracker(Tracker):
 
     Args:
         config: Options.
-        scene: Provides the step and the lane centres.
+        scene: Provides the step and the lane centres; without lanes velocities across are constant, too.
 
     Attributes:
         burn_in: Observations before and at t = 0 (``avrare.stack.burn_in``).
@@ -89,7 +89,10 @@ class ImmTracker(Tracker):
     def __init__(self, config: ImmConfig, scene: Scene) -> None:
         self.config = config
         self.burn_in = max(round(config.burn_in / scene.dt), 1) if config.start == "burn_in" else 0
-        self.lanes = np.array(scene.road.lane_centres)
+        lanes = scene.road.lane_centres
+        self._plane = not lanes
+        self.lanes = np.array(lanes or (0.0,))
+        self._gains = config.derivative_gains if lanes else (0.0,)
         self._measures_across = config.lateral_speed != "none"
         kinds = config.longitudinal_models
         self._standing = kinds.index("stand") if "stand" in kinds else None
@@ -101,9 +104,9 @@ class ImmTracker(Tracker):
             config.stay_probability,
         )
         self.lateral = lateral_models(
-            config.derivative_gains,
-            config.proportional_gain,
-            scene.road.lane_centres,
+            self._gains,
+            config.proportional_gain if lanes else 0.0,
+            tuple(self.lanes),
             scene.dt,
             config.lateral_noise,
             config.lateral_variance,
@@ -221,7 +224,7 @@ class ImmTracker(Tracker):
         along, longitudinal_covariance = fuse(track.longitudinal)
         across, lateral_covariance = fuse(track.lateral)
         chance = track.lateral.probability
-        gains, lanes = len(self.config.derivative_gains), len(self.lanes)
+        gains, lanes = len(self._gains), len(self.lanes)
         by_gain = chance[..., : gains * lanes].reshape(*chance.shape[:2], gains, lanes)
         return FusedTrack(
             x=along[..., 0],
@@ -250,7 +253,8 @@ class ImmTracker(Tracker):
         along = np.stack([x, speed, np.zeros_like(x)], axis=-1)
         across = np.stack([y, np.zeros_like(y)], axis=-1)
         variances = (config.position_variance, speed_variance, config.initial_variance)
-        return self._at_state(along, across, variances, (config.lateral_variance, config.initial_variance))
+        turn = config.birth_speed_sd**2 if self._plane else config.initial_variance
+        return self._at_state(along, across, variances, (config.lateral_variance, turn))
 
     def _at_state(
         self,
@@ -276,7 +280,7 @@ class ImmTracker(Tracker):
         config = self.config
         matches = np.abs(self.lanes - y[..., None]) < config.lane_tolerance
         weight = np.where(matches, config.lane_match_weight, config.lane_other_weight)
-        gains = len(config.derivative_gains)
+        gains = len(self._gains)
         total = gains * reduce(add, np.moveaxis(weight, -1, 0))
         prior = np.tile(weight / total[..., None], gains)
         if self._standing is None:
