@@ -53,10 +53,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
         return {}
 
     def misreadings(self, state: Any) -> Mapping[str, Misreading]:
-        """Return errors that the noise makes, by the names of noise numbers; called where failures are told.
-
-        Default: none, such numbers are told in standard deviations.
-        """
+        """Return errors that noise makes, by its names, for reports. Default: none, told in sigma."""
         return {}
 
     def features(self, state: Any) -> Floats | None:
@@ -97,10 +94,8 @@ class System(_Dynamics):
 
     def under(self, law: Any) -> System:
         """Return the system, with ``log_weights``, that draws from a law. Default: a ``UsageError``."""
-        raise UsageError(
-            f"{type(self).__name__} cannot draw from another law",
-            "a system that can offers under(law) -> system and log_weights(state) -> (N,)",
-        )
+        hint = "a system that can offers under(law) -> system and log_weights(state) -> (N,)"
+        raise UsageError(f"{type(self).__name__} cannot draw from another law", hint)
 
     def with_weights(self) -> System:
         """Return the system for an estimator that takes weights into account. Default: itself."""
@@ -263,6 +258,10 @@ class Controller(ABC):
         a simulator without vehicles says what it gives and takes. ``prediction`` is None without tracker.
         """
 
+    def alternatives(self) -> Mapping[str, Controller]:
+        """Return versions of itself by what they do, such as "brakes earlier", for causes. Default: none."""
+        return {}
+
     def counts(self, memory: Any) -> Mapping[str, NDArray[np.int64]]:
         """Return counters (N,) by name, such as a solver's fallbacks. Default: none."""
         return {}
@@ -357,32 +356,28 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
         return problem
 
     def estimate_by(self, problem: Any, settings: Any, execute: Any) -> list[ResultT] | None:
-        """Return the results of other estimators, run by ``execute``. Default: None, it estimates itself.
+        """Return results of other estimators, run by an ``avrare.estimation.plan.plan.Execute``.
 
-        Called before all others. ``execute`` is an ``avrare.estimation.plan.plan.Execute``.
+        Called before all others. Default: None, it estimates itself.
         """
         return None
 
     def demand(self, plan: PlanT, carry: int) -> Any:
-        """Return the ``avrare.estimation.plan.memory.Demand`` of memory. Default: None, not known.
-
-        Called before the first rollout; a particle's carry has ``carry`` bytes, 0: not known.
-        """
+        """Return the ``avrare.estimation.plan.memory.Demand`` of carries of so many bytes. Default: None."""
         return None
 
     def scaled(self, rollouts: float, probability: float) -> Any:
-        """Return this estimator at the size that costs about ``rollouts`` complete rollouts.
+        """Return this estimator at a cost of about ``rollouts``, for cross-checks and trials of ``auto``.
 
-        ``probability`` is about that of the failures. Called for cross-checks, and for trials of ``auto``.
-        Default: None, so few say nothing.
+        ``probability`` is about that of the failures. Default: None, so few say nothing.
         """
         return None
 
 
 class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
-    """Executor: an ordered map over chunks of rollouts, and over errands.
+    """Executor: an ordered map over chunks of rollouts and errands, which it hands to ``run`` of the work.
 
-    It hands both to ``run`` of the work; ``avrare.rollout.executors.work.Executor`` names the types.
+    ``avrare.rollout.executors.work.Executor`` names the types.
 
     Attributes:
         workers: Workers among which the rollouts of a request are spread. Default: 1.

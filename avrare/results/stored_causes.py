@@ -39,17 +39,10 @@ class StoredKind(_Stored):
 
 
 class StoredSaving(_Stored):
-    """Effect of a perfect part, a row of ``Attribution.savings_table``."""
+    """Effect of a change, a row of ``Attribution.savings_table``, in words."""
 
     perfect: _Text
-    saves: float
-    low: float | None
-    high: float
-    vanish: float
-    vanish_low: float = 0.0
-    vanish_high: float = 1.0
-    new: float
-    new_high: float
+    text: _Text
 
 
 class StoredKinds(_Stored):

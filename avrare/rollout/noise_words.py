@@ -48,6 +48,13 @@ def format_span(first: int, last: int, dt: float | None) -> str:
     return f"for {format_steps(last - first + 1, dt)} from {format_time(first, dt)}"
 
 
+def format_range(first: int, last: int, dt: float | None) -> str:
+    """Return ``t = 1.9-2.7 s``, or ``steps 19-27``."""
+    if dt is None:
+        return f"steps {first}-{last}"
+    return f"t = {first * dt:.{_count_digits(dt)}f}-{last * dt:.{_count_digits(dt)}f} s"
+
+
 def _count_digits(dt: float) -> int:
     return max(1, math.ceil(-math.log10(dt) - 1e-9)) if dt < 1.0 else 1
 

@@ -111,6 +111,11 @@ class ClosedLoop(System):
         self.noise_names, self.perfect_noise = names, np.concatenate(perfect)
         self.noise_size = len(names)
 
+    def controlled_by(self, controller: Controller) -> ClosedLoop:
+        """Return the same loop with another controller."""
+        parts = self.simulator, self.perception, self.tracker, controller
+        return ClosedLoop(*parts, self.start, self.burn_in)
+
     def check_steps(self, steps: int) -> None:
         """Raise the ``UsageError`` of a simulator that cannot have so many steps."""
         self.simulator.check_steps(steps)

@@ -17,6 +17,8 @@ from avrare.scenario.aeb import Aeb
 _LOOK_AHEAD = 10.0
 """Time over which courses are extended at most [s]."""
 _ROUNDING = 1e-9
+_EARLIER = 2.0
+"""Factor on the time to collision, and on the inverse of the deceleration, of one that begins earlier."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,17 @@ class EmergencyBraking(Controller):
         return replace(action, acceleration=acceleration), BrakeMemory(
             planner, active, since, level, interventions
         )
+
+    def alternatives(self) -> dict[str, Controller]:
+        """Return those of the controller itself, braked likewise, and one that begins to brake earlier."""
+        options = self._options
+        begin = {
+            "time_to_collision": options.time_to_collision and _EARLIER * options.time_to_collision,
+            "needed_deceleration": options.needed_deceleration and options.needed_deceleration / _EARLIER,
+        }
+        found = {name: (each, options) for name, each in self._controller.alternatives().items()}
+        found["begins emergency braking earlier"] = self._controller, options.model_copy(update=begin)
+        return {name: EmergencyBraking(*each, self._scene) for name, each in found.items()}
 
     def counts(self, memory: BrakeMemory) -> Mapping[str, NDArray[np.int64]]:
         """Return the counters of the controller itself, and ``aeb_interventions``."""

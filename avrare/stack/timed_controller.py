@@ -50,13 +50,15 @@ class TimedController(Controller):
     The first commands arrive late, too: until then the ego holds speed and course.
 
     Attributes:
+        controller: The controller itself.
         noise_names: Name of each number that it takes from the tape.
     """
 
     def __init__(
         self, controller: Controller, timing: Timing, clock: Clock, actuators: Actuators, scene: Scene | None
     ) -> None:
-        self._controller, self._timing, self._clock = controller, timing, clock
+        self.controller, self._timing, self._clock = controller, timing, clock
+        self._actuators, self._scene, self.sees_truth = actuators, scene, controller.sees_truth
         self._response = Response(actuators, clock.dt) if actuators != Actuators() else None
         self._road = scene.road if scene is not None else None
         if timing.compensated and self._road is None:
@@ -65,10 +67,25 @@ class TimedController(Controller):
         self.horizon = controller.horizon + round_up(self._ahead)
         self.noise_names = ("loss of planning cycles",) if timing.missed_cycles else ()
 
+    def around(self, controller: Controller) -> TimedController:
+        """Return the same around another controller."""
+        return TimedController(controller, self._timing, self._clock, self._actuators, self._scene)
+
+    def compensating(self) -> TimedController | None:
+        """Return one that knows its delays; None where it does, or there are none."""
+        if self._timing.compensated or not self._clock.age + self._clock.delay or self._road is None:
+            return None
+        timing = self._timing.model_copy(update={"compensated": True})
+        return TimedController(self.controller, timing, self._clock, self._actuators, self._scene)
+
+    def pace(self, scene: Scene | None) -> Scene | None:
+        """Return a scene at the planner's period."""
+        return self._clock.paced(scene, self._clock.planner)
+
     def start(self, n: int) -> CommandQueue:
         """Return the memory of ``n`` particles before the first step."""
         zeros = np.zeros(n, dtype=np.int64)
-        return CommandQueue(zeros, self._controller.start(n), None, (), None, zeros)
+        return CommandQueue(zeros, self.controller.start(n), None, (), None, zeros)
 
     def act(
         self, memory: CommandQueue, ego: Any, prediction: Prediction | None, noise: Floats | None = None
@@ -87,17 +104,17 @@ class TimedController(Controller):
 
     def counts(self, memory: CommandQueue) -> Mapping[str, NDArray[np.int64]]:
         """Return the counters of the controller itself, and ``missed_cycles``."""
-        return {**self._controller.counts(memory.planner)} | (
+        return {**self.controller.counts(memory.planner)} | (
             {"missed_cycles": memory.missed} if self.noise_names else {}
         )
 
     def plan(self, memory: CommandQueue) -> Floats | None:
         """Return the plan of the controller itself."""
-        return self._controller.plan(memory.planner)
+        return self.controller.plan(memory.planner)
 
     def features(self, memory: CommandQueue) -> Floats | None:
         """Return the features (N, F) of the controller itself."""
-        return self._controller.features(memory.planner)
+        return self.controller.features(memory.planner)
 
     def _plan(
         self, memory: CommandQueue, ego: Any, prediction: Prediction | None, noise: Floats | None
@@ -105,8 +122,8 @@ class TimedController(Controller):
         if self._ahead:
             ego = self._look_ahead(memory, ego)
         if self._ahead and prediction is not None:
-            prediction = move_samples(prediction, self._ahead, 1.0, self._controller.horizon)
-        command, planner = self._controller.act(memory.planner, ego, prediction)
+            prediction = move_samples(prediction, self._ahead, 1.0, self.controller.horizon)
+        command, planner = self.controller.act(memory.planner, ego, prediction)
         if memory.command is None:
             idle = batch.map_leaves(np.zeros_like, command)
             level = idle if self._response is not None else None

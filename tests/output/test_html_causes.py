@@ -48,11 +48,10 @@ def test_without_fresh_tapes_the_failures_that_vanish_are_shown_alone(analysed, 
     page = render_report(analysed)
     table = page[page.index("What to fix first</h3>") :]
     table = table[: table.index("</table>")]
-    assert "unknown" not in table
-    assert "Saves" not in table
     first = json.loads((analysed / "why.json").read_text())["attribution"]["left"]["perfect"][0]
     assert 0.0 < first["vanish_low"] < first["vanish"] <= first["vanish_high"] <= 1.0
-    assert f"{100 * first['vanish_low']:.0f} – {100 * first['vanish_high']:.0f} %" in table
+    assert first["text"].endswith("; those that it makes were not looked for")
+    assert f">{first['text']}</td>" in table
 
 
 def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
@@ -62,6 +61,18 @@ def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
     page = render_report(analysed)
     assert "It needs only this: car 0.2 m too far left." in page
     assert "<p>Lost at t = 1.0 s.</p>" in page
+
+
+def test_the_first_card_says_what_happens_and_what_helps_or_that_it_was_not_looked_for(folder, analysed):
+    page = render_report(analysed)
+    card = page[page.index('id="verdict"') : page.index('id="estimates"')]
+    assert "X &lt; 1 is violated first, at about" in card
+    best = json.loads((analysed / "why.json").read_text())["attribution"]["left"]["perfect"][0]
+    assert f"Most helps: {best['perfect']}: {best['text']}." in card
+    (analysed / "why.json").unlink()
+    page = render_report(analysed)
+    card = page[page.index('id="verdict"') : page.index('id="estimates"')]
+    assert "What would help against them was not looked for." in card
 
 
 def test_a_seventh_kind_has_a_colour_of_the_sheet(analysed):

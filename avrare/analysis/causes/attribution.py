@@ -1,4 +1,4 @@
-"""Attribution: which noise carries the failures, and what a perfect part would save.
+"""Attribution: which noise carries the failures, and what a perfect part or another planner would save.
 
 Let G be a group of noise numbers. Failing tapes are run again with G drawn afresh, and with all but G drawn
 afresh. If S and S' are the shares of failures that stay, and p is the probability, then
@@ -15,8 +15,8 @@ part passes are saved; fresh tapes on which only the stack with the perfect part
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,21 +25,26 @@ from avrare.analysis.causes.noise_groups import (
     NoiseGroup,
     clip_outliers,
     count_draws,
+    find_start,
     list_groups,
     make_perfect,
 )
+from avrare.analysis.causes.savings import Saving, measure_saving, measure_share
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
-from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
-from avrare.protocols import Bools, Floats
+from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
+from avrare.stack.alternatives import list_alternatives
+from avrare.stack.closed_loop import ClosedLoop
 
 _SEED = 2**62
 """Added to the seed: fresh noise differs from that of any estimate."""
 _OUTLIERS = 2.5
+_MEDIAN_START = "start at its median"
+"""It says what fails, but no part is mended by it: the last of the changes."""
 _FRESH = 1000
 
 
@@ -64,29 +69,6 @@ class GroupShare:
     alone_interval: Interval
 
 
-@dataclass(frozen=True)
-class Saving:
-    """Effect of making a part perfect, on the same tapes.
-
-    Attributes:
-        name: What is made perfect, or changed.
-        vanish: Share of the failures that pass with it.
-        vanish_interval: Its interval.
-        new: Probability of a rollout that fails only with it.
-        new_interval: Its interval.
-        saved: Share of the probability that it saves: ``vanish`` minus ``new`` over the estimate.
-        saved_interval: Its interval; a negative end means that it may do harm.
-    """
-
-    name: str
-    vanish: float
-    vanish_interval: Interval
-    new: float
-    new_interval: Interval
-    saved: float
-    saved_interval: Interval
-
-
 @dataclass(frozen=True, repr=False)
 class Attribution(Answer):
     """Attribution of the failures of one specification.
@@ -94,7 +76,7 @@ class Attribution(Answer):
     Attributes:
         specification: Its name.
         shares: Shares of the groups, as they were asked for.
-        savings: What perfect parts would save, the largest first.
+        savings: What perfect parts and other planners would save, the largest first, the start last.
         failures: Number of failing tapes that it rests on.
         fresh: Number of fresh tapes.
         rollouts: Rollouts that it took.
@@ -138,6 +120,7 @@ class Attribution(Answer):
                 "vanish_high": one.vanish_interval[1],
                 "new": one.new,
                 "new_high": one.new_interval[1],
+                "text": one.describe(),
             }
             for one in self.savings
         )
@@ -155,12 +138,8 @@ class Attribution(Answer):
             found.append(
                 f"  {share.name:<{width}}  {needed:<22}  {_format(share.alone, share.alone_interval)}"
             )
-        found.append("what a perfect part would save, on the same tapes")
-        for one in self.savings:
-            new = f"; new failures {one.new:.2g} (up to {one.new_interval[1]:.2g})" if self.fresh else ""
-            vanish = f"{_format(one.vanish, one.vanish_interval)} of the failures vanish{new}"
-            saved = f"saves {_format(one.saved, one.saved_interval)}: " if self.fresh else ""
-            found.append(f"  {one.name:<{width}}  {saved}{vanish}")
+        found.append("what each change would do to the failures, on the same tapes")
+        found += [f"  {saving.name:<{width}}  {saving.describe()}" for saving in self.savings]
         return found
 
 
@@ -206,36 +185,27 @@ def attribute(
         only = run(problem, np.where(group.mask, tapes, again), f"only {group.name} kept")
         shares.append(_measure_share(sample, group, without, only, p))
     base = run(problem, drawn, "fresh tapes")
+    perfect = _list_perfect(problem, chosen, variants or {}, tapes, drawn)
     savings = [
         measure_saving(sample, name, run(other, some, name), base, run(other, more, name))
-        for name, other, some, more in _list_perfect(problem, chosen, variants or {}, tapes, drawn)
+        for name, other, some, more in perfect
     ]
-    savings.sort(key=lambda one: -(one.saved if fresh else one.vanish))
+    for name, other, some, more in _list_changes(problem, tapes, drawn):
+        stored = run(other, some, name)
+        if not stored.broken.all():
+            savings.append(measure_saving(sample, name, stored, base, run(other, more, name)))
+    savings.sort(key=lambda one: (one.name == _MEDIAN_START, -(one.saved if fresh else one.vanish)))
     return Attribution(
         problem.names[0], tuple(shares), tuple(savings), sample.size, fresh, run.rollouts, run.errors
     )
-
-
-def _share(
-    sample: FailureSample, chosen: Bools, broken: Bools, name: str, confidence: float | None = None
-) -> tuple[float, Interval]:
-    if broken.all():
-        text = f"{sample.size} of {sample.size} rollouts with {name} broke down"
-        raise UsageError(text, "mend it: `avrare run` of that scenario shows the errors, or leave it out")
-    if not broken.any():
-        return sample.share_interval(chosen, confidence)
-    share, _ = sample.take(np.flatnonzero(~broken)).share_interval(chosen[~broken])
-    _, (low, _) = sample.share_interval(chosen & ~broken, confidence)
-    _, (_, high) = sample.share_interval(chosen | broken, confidence)
-    return share, (low, high)
 
 
 def _measure_share(
     sample: FailureSample, group: NoiseGroup, without: Verdicts, only: Verdicts, p: float
 ) -> GroupShare:
     name = f"{group.name} drawn afresh"
-    stays, (low, high) = _share(sample, without.fails, without.broken, name)
-    alone, (alone_low, alone_high) = _share(sample, only.fails, only.broken, f"only {group.name} kept")
+    stays, (low, high) = measure_share(sample, without.fails, without.broken, name)
+    alone, (alone_low, alone_high) = measure_share(sample, only.fails, only.broken, f"only {group.name} kept")
     rest = max(1.0 - p, 1e-300)
 
     def total(share: float) -> float:
@@ -263,9 +233,10 @@ def _list_perfect(
 ) -> list[tuple[str, Problem, Floats, Floats]]:
     found = []
     for group in groups:
-        if group.sort != "time" and group.mask[:, count_draws(problem) :].any():
+        if group.sort not in ("time", "start") and group.mask[:, count_draws(problem) :].any():
             some, more = (make_perfect(problem, one, group.mask) for one in (tapes, fresh))
-            found.append((f"perfect {group.name}", problem, some, more))
+            name = f"no {group.name.removeprefix('all ')}" if group.sort == "vehicle" else group.name
+            found.append((name if group.sort == "vehicle" else f"perfect {name}", problem, some, more))
     some, more = (clip_outliers(problem, one, _OUTLIERS) for one in (tapes, fresh))
     found.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
     for name, other in variants.items():
@@ -276,32 +247,19 @@ def _list_perfect(
     return found
 
 
-def measure_saving(
-    sample: FailureSample, name: str, stored: Verdicts, base: Verdicts, now: Verdicts
-) -> Saving:
-    """Measure what making a part perfect saves.
-
-    Args:
-        sample: The failures.
-        name: Name of what is made perfect.
-        stored: Outcomes of the failing tapes with it.
-        base: Outcomes of fresh tapes without it.
-        now: Outcomes of the same fresh tapes with it.
-    """
-    # A third of the risk goes to each of the two shares and the estimate that divides one of them.
-    level = 1.0 - (1.0 - sample.confidence) / 3.0
-    vanish, own = _share(sample, stored.passes, stored.broken, name)
-    _, (low, high) = _share(sample, stored.passes, stored.broken, name, level)
-    fresh, lost = len(base.fails), int((base.broken | now.broken).sum())
-    if lost == fresh:
-        return Saving(name, vanish, own, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
-    count = int((now.fails & base.passes).sum())
-    new, interval = count / (fresh - lost), intervals.clopper_pearson(count, fresh, sample.confidence, lost)
-    new_low, new_high = intervals.clopper_pearson(count, fresh, level, lost)
-    _, (p_low, p_high) = replace(sample, confidence=level).part_interval(np.ones(sample.size, dtype=bool))
-    most = new_high / p_low if p_low else np.inf
-    saved = vanish - new / sample.probability
-    return Saving(name, vanish, own, new, interval, saved, (low - most, high - new_low / p_high))
+def _list_changes(
+    problem: Problem, tapes: Floats, fresh: Floats
+) -> Iterator[tuple[str, Problem, Floats, Floats]]:
+    """Yield the changes whose rollouts may all break down: the start at its median, and other planners."""
+    start, system = find_start(problem), problem.system
+    if start is not None:
+        median = np.where(start.mask, 0.0, tapes), np.where(start.mask, 0.0, fresh)
+        yield _MEDIAN_START, problem, *median
+    if isinstance(system, ClosedLoop):
+        monitors = dict(zip(problem.names, problem.monitors, strict=True))
+        for name, loop in list_alternatives(system).items():
+            other = Problem(loop, monitors, problem.steps, problem.score, chunk=problem.named_chunk)
+            yield name, other, tapes, fresh
 
 
 def attribution_of_result(

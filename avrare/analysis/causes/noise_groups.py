@@ -1,4 +1,4 @@
-"""Groups of noise numbers: components, kinds of error, vehicles, channels and time windows."""
+"""Groups of noise numbers: the start, components, kinds of error, vehicles, channels and time windows."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrare.protocols import Bools, Floats
+from avrare.rollout.noise_words import format_range
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
@@ -22,7 +23,7 @@ class NoiseGroup:
 
     Attributes:
         name: What they are, in words.
-        sort: "component", "error", "vehicle", "channel" or "time".
+        sort: "component", "start", "error", "vehicle", "channel" or "time".
         mask: (steps + 1, noise_size) which numbers.
     """
 
@@ -49,7 +50,11 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
             *single,
         )
     ]
+    start = find_start(problem)
+    if start is not None and count_draws(problem):
+        found = [start, *found]
     found += _windows(problem, windows)
+    found += [start] if start is not None else []
     kept: list[NoiseGroup] = []
     for group in found:
         whole = group.mask.all() and group.sort != "component"
@@ -67,8 +72,17 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
     if not isinstance(loop, ClosedLoop):
         return []
     drawn, own = count_draws(problem), loop.world_noise
-    parts = (("draws", names[:drawn]), ("simulator", names[drawn:own]), ("perception", names[own:]))
+    parts = (("simulator", names[drawn:own]), ("perception", names[own:]))
     return [(name, "component", members) for name, members in parts if members]
+
+
+def find_start(problem: Problem) -> NoiseGroup | None:
+    """Return the noise that the state at t = 0 is made of; None where it is not of a start alone."""
+    loop, drawn = problem.system, count_draws(problem)
+    mask = np.zeros((problem.steps + 1, problem.noise_size), dtype=bool)
+    mask[0, : loop.world_noise if isinstance(loop, ClosedLoop) else None] = True
+    mask[:, :drawn] = True
+    return NoiseGroup("start", "start", mask) if mask.any() and not mask.all() else None
 
 
 def _parts(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
@@ -98,8 +112,7 @@ def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:
         mask = np.zeros(shape, dtype=bool)
         mask[rows] = True
         begin, end = int(rows[0]), int(rows[-1])
-        name = f"steps {begin}-{end}" if dt is None else f"t = {begin * dt:.1f}-{end * dt:.1f} s"
-        found.append(NoiseGroup(name, "time", mask))
+        found.append(NoiseGroup(format_range(begin, end, dt), "time", mask))
     return found
 
 

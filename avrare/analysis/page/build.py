@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import get_args
 
-from avrare.analysis.page.causes import build_causes
+from avrare.analysis.page.causes import build_causes, summarise_causes
 from avrare.analysis.page.model import (
     Answer,
     Estimate,
@@ -32,7 +32,7 @@ from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.logic.syntax.words import to_words
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
-from avrare.results.stored_causes import read_causes
+from avrare.results.stored_causes import StoredCauses, read_causes
 from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1
@@ -44,16 +44,17 @@ _MAX_WORDS_LENGTH = 400
 def build_report(run: Run) -> ReportModel:
     """Return everything that the page of a run shows; its stored rollouts are replayed."""
     estimates = [_build_estimate(run, result) for result in run.values()]
+    stored = read_causes(run.folder, {name: result.probability for name, result in run.items()})
     definition = run.definition
     return ReportModel(
         run.name,
         run.versions.get("avrare", ""),
         "" if definition is None else definition.description or "",
         _list_facts(run),
-        _build_summary(estimates, None if definition is None else definition.exposure),
+        _build_summary(estimates, stored, None if definition is None else definition.exposure),
         _make_axis(estimates),
         tuple(_list_notices(run)),
-        _build_sections(run, estimates),
+        _build_sections(run, estimates, stored),
         _build_origin(run),
     )
 
@@ -124,7 +125,7 @@ def _build_origin(run: Run) -> Origin:
     )
 
 
-def _build_summary(estimates: Sequence[Estimate], exposure: Exposure | None) -> Summary:
+def _build_summary(estimates: Sequence[Estimate], stored: StoredCauses, exposure: Exposure | None) -> Summary:
     """Return the overall verdict and a sentence for each specification; ``exposure`` gives rates."""
     judged = [estimate for estimate in estimates if estimate.verdict]
     example = f'thresholds: [{{specification: {estimates[0].specification}, probability: "< 1e-3"}}]'
@@ -134,7 +135,7 @@ def _build_summary(estimates: Sequence[Estimate], exposure: Exposure | None) -> 
         _summarise(judged),
         "" if judged else example,
         tuple(
-            _build_answer(index, estimate, exposure)
+            _build_answer(index, estimate, stored, exposure)
             for index, estimate in sorted(enumerate(estimates), key=lambda entry: _grade(entry[1]))
         ),
         "" if exposure is None or met is None else _describe_exposure(exposure, met),
@@ -177,13 +178,16 @@ def _say_assuming(assuming: int, holding: int) -> str:
     return f"{f', {assuming} of them' if holding > assuming else ''} as far as the search could see"
 
 
-def _build_answer(index: int, estimate: Estimate, exposure: Exposure | None) -> Answer:
+def _build_answer(index: int, estimate: Estimate, stored: StoredCauses, exposure: Exposure | None) -> Answer:
     rates = []
     if exposure is not None:
         probability = Quantity(estimate.probability, *estimate.interval)
         total = combine([from_exposure(exposure, estimate.confidence)], [probability])
         rates.append(f"{_say_rate(exposure.unit, total.value, total.interval)}.")
-    return Answer(index, f"{_say_estimate(estimate)}{_say_limits(estimate)}.", tuple(rates))
+    reasons = summarise_causes(estimate.specification, stored) if estimate.probability else []
+    if estimate.blind_bound and estimate.verdict != "pass_assuming":
+        reasons.append(f"Failures that nothing led to could be up to {_say_share(estimate.blind_bound)}.")
+    return Answer(index, f"{_say_estimate(estimate)}{_say_limits(estimate)}.", tuple(rates), tuple(reasons))
 
 
 def _say_estimate(estimate: Estimate) -> str:
@@ -241,9 +245,8 @@ def _describe_exposure(exposure: Exposure, met: Quantity) -> str:
     return f"This scene is met {often}, {source}."
 
 
-def _build_sections(run: Run, estimates: Sequence[Estimate]) -> tuple[Section, ...]:
+def _build_sections(run: Run, estimates: Sequence[Estimate], stored: StoredCauses) -> tuple[Section, ...]:
     """Return a section for each estimate of a run."""
-    stored = read_causes(run.folder, {name: result.probability for name, result in run.items()})
     rollouts, errors = replay_stored(run, stored.kinds)
     sections = []
     for estimate in estimates:

@@ -13,7 +13,7 @@ from avrare.analysis.page.model import Car, Causes, Command, Kind, Kinds, Pictur
 from avrare.analysis.page.player import name_rollout
 from avrare.analysis.page.stored_rollouts import MonitoredRollout
 from avrare.base.chart import Chart, Points, make_linear_scale
-from avrare.base.number_format import describe_share, format_typeset
+from avrare.base.number_format import describe_share
 from avrare.driving import Road, Vehicles, World
 from avrare.driving.frames import to_plane
 from avrare.driving.lanes import lane_borders, lane_exists
@@ -26,10 +26,8 @@ from avrare.results.stored_causes import (
     StoredCauses,
     StoredKind,
     StoredKinds,
-    StoredSaving,
 )
 
-_UNKNOWN = "unknown"
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
 _TRAIL = 3.0
@@ -57,6 +55,25 @@ def build_causes(
         None if attribution is None else _build_savings(attribution),
         _write_command(run, name, kinds is not None),
     )
+
+
+def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
+    """Return what the failures of a specification are and what helps, in sentences."""
+    kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
+    sentences = []
+    if kinds is None:
+        sentences.append("What happens in these failures was not looked for.")
+    elif kinds.kinds:
+        first = kinds.kinds[0]
+        severity = f" ({first.severity})" if first.severity else ""
+        most = "" if len(kinds.kinds) == 1 else f"In {describe_share(first.share)} of them: "
+        sentences.append(f"{_capitalise(f'{most}{first.text}{severity}')}.")
+    if attribution is None:
+        sentences.append("What would help against them was not looked for.")
+    elif attribution.perfect:
+        best = attribution.perfect[0]
+        sentences.append(f"Most helps: {best.perfect}: {best.text}.")
+    return sentences
 
 
 def _write_command(run: Run, name: str, analysed: bool) -> Command:
@@ -98,39 +115,10 @@ def _capitalise(text: str) -> str:
 
 
 def _build_savings(attribution: StoredAttribution) -> Savings:
-    if all(saving.low is None for saving in attribution.perfect):  # without fresh tapes
-        rows = [
-            (
-                saving.perfect,
-                f"{100 * saving.vanish:.0f} %",
-                _format_share(saving.vanish_low, saving.vanish_high),
-            )
-            for saving in attribution.perfect
-        ]
-        note = (
-            "Share of the failures that vanish with each change, on the same noise tapes. "
-            "Failures that it makes were not looked for (--fresh)."
-        )
-        return Savings(note, ("Change", "Failures that vanish", "Interval"), tuple(rows))
-    note = "Share of the probability that each change would save, measured on the same noise tapes."
-    heads = ("Change", "Saves", "Interval", "Failures that vanish", "New failures")
-    return Savings(note, heads, tuple(map(_list_cells, attribution.perfect)))
-
-
-def _list_cells(saving: StoredSaving) -> tuple[str, ...]:
-    saves = _UNKNOWN if saving.low is None else f"{100 * saving.saves:.0f} %"
-    interval = _UNKNOWN if saving.low is None else _format_share(saving.low, saving.high)
-    return saving.perfect, saves, interval, f"{100 * saving.vanish:.0f} %", _describe_new(saving)
-
-
-def _format_share(low: float, high: float) -> str:
-    return f"{100 * low:.0f} – {100 * high:.0f} %"
-
-
-def _describe_new(saving: StoredSaving) -> str:
-    if saving.new_high >= 1.0:  # without fresh tapes
-        return _UNKNOWN
-    return f"{format_typeset(saving.new, 2)} (up to {format_typeset(saving.new_high, 2)})"
+    return Savings(
+        "What each change would do to the failures, on the same noise tapes.",
+        tuple((saving.perfect, saving.text) for saving in attribution.perfect),
+    )
 
 
 def draw_moment(rollout: MonitoredRollout) -> Picture | None:

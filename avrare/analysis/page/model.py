@@ -43,11 +43,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Answer:
-    """Sentence on how often a specification is broken; ``index`` is that of its section."""
+    """Sentence on how often a specification is broken, and why; ``index`` is that of its section."""
 
     index: int
     sentence: str
     rates: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -141,11 +142,10 @@ class Kinds:
 
 @dataclass(frozen=True)
 class Savings:
-    """Table of what each change would save: its heads, and the cells of each row."""
+    """What each change would do to the failures: its name and the words for it."""
 
     note: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    rows: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.causes.attribution import attribute, attribution_of_result, measure_saving
+from avrare.analysis.causes.attribution import attribute, attribution_of_result
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
+from avrare.analysis.causes.savings import Saving, measure_saving
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Failures
@@ -70,17 +71,18 @@ def test_the_first_half_of_a_walk_that_must_be_high_early():
     result = avrare.estimate(problem, rollouts=3000, seed=1)
     sample = FailureSample.of(result)
     found = attribute(problem, sample, fresh=0, groups=list_groups(problem, windows=2))
-    early, late = found.shares
+    early, late, start = found.shares
     assert (early.name, early.sort) == ("steps 0-9", "time")
     assert early.alone == 1.0
     assert late.carries == 0.0
+    assert (start.name, start.sort) == ("start", "start")
 
 
 def test_splitting_gives_shares_too():
     problem = avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 2)"), steps=10)
     result = avrare.estimate(problem, "ams", seed=1, particles=40, discard=10, runs=4)
     found = attribution_of_result(result, fresh=50)
-    assert len(found.shares) == 6
+    assert len(found.shares) == 7
     for share in found.shares:
         low, high = share.carries_interval
         assert 0.0 <= low <= share.carries <= high <= 1.0
@@ -129,7 +131,7 @@ def test_draws_are_a_group_of_their_own_that_nothing_makes_perfect():
     problem = noisy_problem(start=Drawn())
     sample = sample_failures(problem, 2000, 1, 0.95, TapeRunner())
     found = attribute(problem, sample, fresh=0, groups=list_groups(problem, windows=0))
-    assert [(one.name, one.carries) for one in found.shares[:2]] == [("draws", 0.0), ("perception", 1.0)]
+    assert [(one.name, one.carries) for one in found.shares[:2]] == [("start", 0.0), ("perception", 1.0)]
     perfect = {one.name: one.vanish for one in found.savings}
     assert perfect["perfect perception"] == 1.0
     assert not any("draw" in name for name in perfect)
@@ -138,6 +140,57 @@ def test_draws_are_a_group_of_their_own_that_nothing_makes_perfect():
     for changed in (clip_outliers(problem, tapes, 1.0), make_perfect(problem, tapes, whole)):
         assert (changed[..., :2] == tapes[..., :2]).all()
         assert (changed[..., 2] != tapes[..., 2]).any()
+
+
+def saving(vanish, vanish_interval, new, new_interval, saved, saved_interval):
+    return Saving("part", vanish, vanish_interval, new, new_interval, saved, saved_interval)
+
+
+@pytest.mark.parametrize(
+    ("effect", "text"),
+    [
+        ((1.0, (0.85, 1.0), 0.0, (0.0, 0.0037), 1.0, (0.85, 1.0)), "saves 100 %, at least 85 %"),
+        (
+            (1.0, (0.85, 1.0), 0.0, (0.0, 0.0037), 1.0, (-218.26, 1.0)),
+            "at least 85 % of them vanish; no new ones were seen, at most 0.0037",
+        ),
+        (
+            (0.33, (0.2, 0.5), 0.02, (0.015, 0.03), -6.0, (-9.0, -4.0)),
+            "makes failures 7 times as likely, at least 5 times: 33 % of them vanish (20 .. 50 %); "
+            "new ones 0.02, at most 0.03",
+        ),
+        (
+            (0.33, (0.2, 0.5), 0.0, (0.0, 1.0), 0.0, (-np.inf, 0.5)),
+            "33 % of them vanish (20 .. 50 %); those that it makes were not looked for",
+        ),
+    ],
+)
+def test_what_a_change_does_is_told_by_what_is_shown(effect, text):
+    assert saving(*effect).describe() == text
+
+
+def test_a_change_that_multiplies_failures_is_not_told_by_those_that_vanish():
+    problem, worse = static("always (u0 < 2)"), static("always (u1 < 1)")
+    sample = FailureSample.of(avrare.estimate(problem, rollouts=3000, seed=1))
+    found = attribute(problem, sample, fresh=1000, groups=[], variants={"worse": worse})
+    [text] = [saving.describe() for saving in found.savings if saving.name == "worse"]
+    assert text.startswith("makes failures ")
+
+
+def test_other_planners_are_tried_without_being_asked_for():
+    problem = avrare.load("scenarios/motorway_cut_in.yaml", ["controller.braking=1.0"]).problem(
+        "no_collision"
+    )
+    sample = sample_failures(problem, 300, 1, 0.95, TapeRunner())
+    found = attribute(problem, sample, fresh=0, groups=[])
+    vanish = {saving.name: saving.vanish for saving in found.savings}
+    assert {name for name in vanish if name.startswith("planner")} == {
+        "planner that begins emergency braking earlier",
+        "planner that brakes earlier and harder",
+        "planner that sees the truth",
+    }
+    assert vanish["planner that brakes earlier and harder"] > vanish["planner that sees the truth"]
+    assert found.savings[-1].name == "start at its median"
 
 
 def test_one_failure_is_too_few():

@@ -22,6 +22,9 @@ from avrare_mpc.stopping import stopping_acceleration
 
 _FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
 
+_EARLIER = 0.5
+"""Factor on the deceleration that one plans with that brakes earlier."""
+
 
 class MpcController(Controller):
     """Controller that plans H steps ahead around the predicted vehicles and applies the first input.
@@ -65,6 +68,18 @@ class MpcController(Controller):
             fallbacks=zeros.copy(),
             start_policy=np.full(n, -1, dtype=np.int64),
         )
+
+    def alternatives(self) -> dict[str, Controller]:
+        """Return one that brakes earlier, or stops at all, and one that searches more plans."""
+        changes: dict[str, dict[str, object]] = {"stops for what it cannot pass": {"stops": True}}
+        if self._config.stops:
+            changes = {"brakes earlier": {"stop_braking": _EARLIER * self._config.stop_braking}}
+        if self._config.search != "everywhere":
+            changes["looks for a plan everywhere"] = {"search": "everywhere"}
+        return {
+            name: MpcController(self._config.model_copy(update=change), self._scene)
+            for name, change in changes.items()
+        }
 
     def plan(self, memory: Memory) -> Floats:
         """Return the planned states (N, H + 1, 4)."""

@@ -24,6 +24,12 @@ class Cruise(Controller):
         """Return no memory."""
         return
 
+    def alternatives(self) -> dict[str, Controller]:
+        """Return one that brakes earlier and harder behind others."""
+        config = self._config
+        change = {"gap_gain": 2.0 * config.gap_gain, "braking": 2.0 * config.braking}
+        return {"brakes earlier and harder": Cruise(config.model_copy(update=change), self._scene)}
+
     def act(self, memory: None, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, None]:
         """Return the lower acceleration of set speed and distance."""
         config, scene = self._config, self._scene

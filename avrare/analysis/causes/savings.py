@@ -1,0 +1,108 @@
+"""Savings: what a change to a stack does to its failures, on the same tapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrare.analysis.causes.failure_sample import FailureSample
+from avrare.analysis.causes.tape_runs import Verdicts
+from avrare.base.errors import UsageError
+from avrare.base.number_format import describe_share, format_probability
+from avrare.estimation.result import intervals
+from avrare.estimation.result.intervals import Interval
+from avrare.protocols import Bools
+
+_WORTH = 0.05
+"""Share of the failures that is worth to be told as a least one."""
+
+
+@dataclass(frozen=True)
+class Saving:
+    """Effect of making a part perfect, or of another change, on the same tapes.
+
+    Attributes:
+        name: What is made perfect, or changed.
+        vanish: Share of the failures that pass with it.
+        vanish_interval: Its interval.
+        new: Probability of a rollout that fails only with it.
+        new_interval: Its interval.
+        saved: Share of the probability that it saves: ``vanish`` minus ``new`` over the estimate.
+        saved_interval: Its interval; a negative end means that it may do harm.
+    """
+
+    name: str
+    vanish: float
+    vanish_interval: Interval
+    new: float
+    new_interval: Interval
+    saved: float
+    saved_interval: Interval
+
+    def describe(self) -> str:
+        """Return in words what it does to the failures, as far as that is shown."""
+        low, high = self.saved_interval
+        least, most = self.vanish_interval
+        vanish = f"{describe_share(self.vanish)} of them vanish ({100.0 * least:.0f} .. {100.0 * most:.0f} %)"
+        if self.new_interval[1] >= 1.0:
+            return f"{vanish}; those that it makes were not looked for"
+        new = f"new ones {format_probability(self.new, 2)}" if self.new else "no new ones were seen"
+        new += f", at most {format_probability(self.new_interval[1], 2)}"
+        times = f"failures {1.0 - self.saved:.2g} times as likely"
+        if high < 0.0:
+            return f"makes {times}, at least {1.0 - high:.2g} times: {vanish}; {new}"
+        if low > 0.0:
+            return f"saves {describe_share(self.saved)}, at least {describe_share(low)}"
+        if self.saved < 0.0:
+            return f"may make {times}: {vanish}; {new}"
+        return f"{f'at least {describe_share(least)} of them vanish' if least > _WORTH else vanish}; {new}"
+
+
+def measure_share(
+    sample: FailureSample, chosen: Bools, broken: Bools, name: str, confidence: float | None = None
+) -> tuple[float, Interval]:
+    """Return the share of the failures that are ``chosen`` (F,), with its interval.
+
+    Those whose rollouts are ``broken`` (F,) are left out; each end counts them against itself.
+
+    Raises:
+        UsageError: All are broken; ``name`` says what the rollouts are.
+    """
+    if broken.all():
+        text = f"{sample.size} of {sample.size} rollouts with {name} broke down"
+        raise UsageError(text, "mend it: `avrare run` of that scenario shows the errors, or leave it out")
+    if not broken.any():
+        return sample.share_interval(chosen, confidence)
+    share, _ = sample.take(np.flatnonzero(~broken)).share_interval(chosen[~broken])
+    _, (low, _) = sample.share_interval(chosen & ~broken, confidence)
+    _, (_, high) = sample.share_interval(chosen | broken, confidence)
+    return share, (low, high)
+
+
+def measure_saving(
+    sample: FailureSample, name: str, stored: Verdicts, base: Verdicts, now: Verdicts
+) -> Saving:
+    """Measure what making a part perfect saves.
+
+    Args:
+        sample: The failures.
+        name: Name of what is made perfect.
+        stored: Outcomes of the failing tapes with it.
+        base: Outcomes of fresh tapes without it.
+        now: Outcomes of the same fresh tapes with it.
+    """
+    # A third of the risk goes to each of the two shares and the estimate that divides one of them.
+    level = 1.0 - (1.0 - sample.confidence) / 3.0
+    vanish, own = measure_share(sample, stored.passes, stored.broken, name)
+    _, (low, high) = measure_share(sample, stored.passes, stored.broken, name, level)
+    fresh, lost = len(base.fails), int((base.broken | now.broken).sum())
+    if lost == fresh:
+        return Saving(name, vanish, own, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
+    count = int((now.fails & base.passes).sum())
+    new, interval = count / (fresh - lost), intervals.clopper_pearson(count, fresh, sample.confidence, lost)
+    new_low, new_high = intervals.clopper_pearson(count, fresh, level, lost)
+    _, (p_low, p_high) = replace(sample, confidence=level).part_interval(np.ones(sample.size, dtype=bool))
+    most = new_high / p_low if p_low else np.inf
+    saved = vanish - new / sample.probability
+    return Saving(name, vanish, own, new, interval, saved, (low - most, high - new_low / p_high))
