@@ -100,6 +100,11 @@ def describe_share(share: float) -> str:
     return f"{percent:.1f} %" if 0.0 < percent < 1.0 else f"{percent:.0f} %"
 
 
+def format_count(number: int, noun: str) -> str:
+    """Return ``1 scene`` or ``1,200 scenes``."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
+
+
 def format_signed(value: float) -> str:
     """Return a difference with its sign: ``+0.012``."""
     return f"{value:+.2g}" if value else "0"

@@ -66,9 +66,9 @@ def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
 def test_the_first_card_says_what_happens_and_what_helps_or_that_it_was_not_looked_for(folder, analysed):
     page = render_report(analysed)
     card = page[page.index('id="verdict"') : page.index('id="estimates"')]
-    assert "X &lt; 1 is violated first, at about" in card
+    assert "What happens: x &lt; 1 is violated first, at about" in card
     best = json.loads((analysed / "why.json").read_text())["attribution"]["left"]["perfect"][0]
-    assert f"Most helps: {best['perfect']}: {best['text']}." in card
+    assert f"What helps most: {best['perfect']}: {best['text']}." in card
     (analysed / "why.json").unlink()
     page = render_report(analysed)
     card = page[page.index('id="verdict"') : page.index('id="estimates"')]

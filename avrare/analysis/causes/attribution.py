@@ -32,6 +32,7 @@ from avrare.analysis.causes.noise_groups import (
 from avrare.analysis.causes.savings import Saving, measure_saving, measure_share
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
+from avrare.base.number_format import format_count
 from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
@@ -128,7 +129,8 @@ class Attribution(Answer):
     def lines(self) -> list[str]:
         """Return both tables as text."""
         broken = f", {self.errors} broke down" if self.errors else ""
-        cost = f"{self.failures} failures, {self.fresh} fresh tapes, {self.rollouts:,} rollouts{broken}"
+        counts = {"failure": self.failures, "fresh tape": self.fresh, "rollout": self.rollouts}
+        cost = ", ".join(format_count(number, noun) for noun, number in counts.items()) + broken
         names = [one.name for one in self.shares] + [one.name for one in self.savings]
         width = max(map(len, names), default=0)
         found = [f"{self.specification}: what carries the failures ({cost})"]

@@ -109,7 +109,8 @@ def describe_severities(severities: Sequence[Severity]) -> str:
         avoidable = sum(impact.last_time is not None for impact in impacts) / len(impacts)
         return (
             f"{parts}: {speed:.1f} m/s, overlap {overlap:.1f} m, {common}; "
-            f"{FULL_BRAKING:g} m/s2 in time would have avoided {_percent(avoidable)} of them"
+            f"{FULL_BRAKING:g} m/s2 in time would have avoided "
+            f"{'all' if avoidable == 1.0 else 'none' if not avoidable else _percent(avoidable)} of them"
         )
     text = f"violated for {duration:.1f} s, {common}"
     reaches = [severity.reach for severity in severities if severity.reach > 0.0]

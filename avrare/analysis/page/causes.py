@@ -65,14 +65,14 @@ def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
         sentences.append("What happens in these failures was not looked for.")
     elif kinds.kinds:
         first = kinds.kinds[0]
-        severity = f" ({first.severity})" if first.severity else ""
-        most = "" if len(kinds.kinds) == 1 else f"In {describe_share(first.share)} of them: "
-        sentences.append(f"{_capitalise(f'{most}{first.text}{severity}')}.")
+        often = "" if len(kinds.kinds) == 1 else f" in {describe_share(first.share)} of them"
+        severity = f" {_capitalise(first.severity)}." if first.severity else ""
+        sentences.append(f"What happens{often}: {first.text}.{severity}")
     if attribution is None:
         sentences.append("What would help against them was not looked for.")
     elif attribution.perfect:
         best = attribution.perfect[0]
-        sentences.append(f"Most helps: {best.perfect}: {best.text}.")
+        sentences.append(f"What helps most: {best.perfect}: {best.text}.")
     return sentences
 
 

@@ -10,7 +10,12 @@ from avrare.analysis.rates.rates import BROKEN, CatalogueRates, RuleRate
 from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
 from avrare.base.chart import Scale, make_log_scale
-from avrare.base.number_format import format_percent, format_typeset, format_typeset_interval
+from avrare.base.number_format import (
+    format_count,
+    format_percent,
+    format_typeset,
+    format_typeset_interval,
+)
 
 
 def build_rates(rates: CatalogueRates) -> RatesModel:
@@ -23,8 +28,8 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
     broken = f"{BROKEN[0].upper()}{BROKEN[1:]}: {', '.join(rates.errors)}."
     notices = ((broken,) if rates.errors else (), tuple(describe_warnings(rates)))
     facts = (
-        f"{len(document.scenes)} scenes",
-        f"{sum(rates.rollouts):,} rollouts",
+        format_count(len(document.scenes), "scene"),
+        format_count(sum(rates.rollouts), "rollout"),
         f"seed {document.seed}",
         f"{format_percent(document.confidence)} intervals",
     )

@@ -35,6 +35,8 @@ def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
     names = [entry.name for entry in rates.catalogue.document.scenes]
     doubtful = max(zip(total.doubts, names, strict=True))
     doubt = f"{format_percent(round(doubtful[0], 2))} of the interval's squared width is from {doubtful[1]}"
+    if len(names) == 1:
+        return f"all from {names[0]}" if total.value else "no failure was seen"
     if not total.value:
         return f"no failure was seen; {doubt}"
     largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:_MOST]

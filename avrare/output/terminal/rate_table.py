@@ -7,7 +7,7 @@ from rich.markup import escape
 
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates
 from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
-from avrare.base.number_format import format_interval, format_percent, format_probability
+from avrare.base.number_format import format_count, format_interval, format_percent, format_probability
 from avrare.output.terminal.console import colour_verdict, make_table, print_lines, print_table
 
 
@@ -16,7 +16,8 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
     document = rates.catalogue.document
     if not quiet:
         table = make_table(
-            f"{document.name}  {len(document.scenes)} scenes, {sum(rates.rollouts):,} rollouts, "
+            f"{document.name}  {format_count(len(document.scenes), 'scene')}, "
+            f"{format_count(sum(rates.rollouts), 'rollout')}, "
             f"{format_percent(document.confidence)} intervals",
             ("rule", "unit"),
             ("rate", "interval", "sampling alone", "exposure alone"),

@@ -211,7 +211,7 @@ def test_stops_at_a_relative_error():
     result = estimate(exact.problem(), relative_error=0.2, rollouts=40_000)
     assert result.relative_error <= 0.2
     assert result.diagnostics["goal_reached"]
-    assert " sigma in sum at " in next(note.text for note in result.notes if note.kind == "cause")
+    assert " sigma in sum for " in next(note.text for note in result.notes if note.kind == "cause")
     assert result.rollouts < 20_000
     assert result.interval[0] <= exact.probability <= result.interval[1]
 

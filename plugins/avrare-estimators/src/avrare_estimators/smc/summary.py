@@ -19,6 +19,7 @@ from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Floats
+from avrare.rollout.noise_words import format_time
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
 from avrare_estimators.common.committor.learned_file import Learned
@@ -338,11 +339,10 @@ def _describe_loss(potentials: Potentials, along: Floats, names: NoiseNames) -> 
     lost = [int(step) for step, (_, middle, _) in zip(steps, typical, strict=True) if middle >= _LOST]
     before = [int(step) for step in steps if not lost or step < lost[0]]
     if lost:
-        when = f"Half of the failures are lost {names.span(lost[0], lost[0])}"
+        when = f"Half of the failures are lost at {format_time(int(lost[0]), names.dt)}"
         text = f"{when}: from there on the rollout fails with a learnt probability above {_LOST:.0%}."
     else:
-        text = (
-            f"Half of the failures are not yet lost {names.span(before[-1], before[-1])}: they come suddenly."
-        )
+        when = format_time(int(before[-1]), names.dt)
+        text = f"Half of the failures are not yet lost at {when}: they come suddenly."
     data = {"noise": [], "share": 1.0, "steps": steps.tolist(), "committor": typical}
     return Cause(Note("cause", text), data)

@@ -15,6 +15,7 @@ import numpy as np
 
 from avrare.estimation.result.note import Note
 from avrare.protocols import Floats
+from avrare.rollout.noise_words import format_span
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
 from avrare.stack.noise_names import find_noise_names
@@ -47,13 +48,6 @@ class NoiseNames:
     def of(problem: Problem) -> NoiseNames:
         """Return the names that the parts of a system declare."""
         return NoiseNames(find_noise_names(problem.system), problem.dt)
-
-    def span(self, first: int, last: int) -> str:
-        """Return ``at 1.9-2.8 s`` or ``at steps 19-28``."""
-        if self.dt is None:
-            return f"at step {first}" if first == last else f"at steps {first}-{last}"
-        low, high = f"{first * self.dt:.3g}", f"{last * self.dt:.3g}"
-        return f"at {low} s" if low == high else f"at {low}-{high} s"
 
 
 @dataclass(frozen=True)
@@ -124,21 +118,23 @@ def _responsibilities(explained: Explained, target: float) -> tuple[Floats, floa
 
 
 def _bundles(mixture: TapeMixture) -> list[list[int]]:
-    """Return the components of each cause: of the same channels, close to each other in time."""
-    atoms, first = mixture.atoms, np.array([index[0] for index, _ in mixture.groups])
-    signs, places = [], []
-    for parts in mixture.parts.tolist():
-        own = [first[part] for part in parts if part != NONE]
-        signs.append([int(atoms.channel[a]) for a in own])
+    """Return the components of each cause: of the same channels, in windows that overlap or nearly do."""
+    atoms, windows = mixture.atoms, []
+    for j, parts in enumerate(mixture.parts.tolist()):
+        groups = [mixture.groups[part][0] for part in parts if part != NONE]
+        channels = [int(atoms.channel[index[0]]) for index in groups]
+        first, last = int(atoms.first[groups[0]].min()), int(atoms.last[groups[0]].max())
         # Those of two noises belong together at any time.
-        places.append(int(atoms.last[own[0]]) if len(own) == 1 else 0)
+        windows.append((channels, *((first, last) if len(groups) == 1 else (0, 0)), j))
     bundles: list[list[int]] = []
-    for j in sorted(range(len(signs)), key=lambda j: (signs[j], places[j])):
-        last = bundles[-1][-1] if bundles else None
-        if last is not None and signs[last] == signs[j] and places[j] - places[last] <= _GAP:
+    channels, end = [NONE], 0
+    for others, first, last, j in sorted(windows):
+        if others == channels and first - end <= _GAP:
             bundles[-1].append(j)
+            end = max(end, last)
         else:
             bundles.append([j])
+            channels, end = others, last
     return bundles
 
 
@@ -157,7 +153,7 @@ def _describe(explained: Explained, bundle: list[int], shares: Floats, names: No
         first, last = _span(mixture.atoms, atom, weight)
         noise.append(names.noise[mixture.atoms.channel[atom[0]]])
         how = _how(np.concatenate(sizes), weight) + _summed(mixture.atoms, atom, weight)
-        parts.append(f"{noise[-1]} {how} {names.span(first, last)}")
+        parts.append(f"{noise[-1]} {how} {format_span(first, last, names.dt)}")
         spans.append((first, last))
     first_steps, last_steps = map(list, zip(*spans, strict=True))
     data = {"noise": noise, "from": first_steps, "to": last_steps, "share": round(share, 4)}
