@@ -1,7 +1,8 @@
 """``auto``: a pilot chooses the estimator; what counts is as unbiased as without the choice."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -19,6 +20,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import GaveUp
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.fresh_rows import FreshRows
+from avrare.estimation.result.intervals import log_normal
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
@@ -302,3 +304,22 @@ def test_the_pilot_counts_in_the_bound_and_contradicts(monkeypatch):
     low, high = hidden.fresh.interval(0.95)
     assert hidden.interval[0] <= high <= hidden.interval[1]
     assert low > alone.interval[1]
+
+
+def test_witnesses_that_disagree_send_the_budget_to_the_one_that_finds_more(monkeypatch):
+    rarer = problem("always (x < 12)")
+    low = replace(avrare.estimate(rarer, "ess", seed=1), rollouts=5000)
+    high = replace(low, probability=50 * low.probability, estimator="ams")
+    high = replace(high, interval_at=partial(log_normal, high.probability, 0.01, freedom=9))
+    monkeypatch.setattr(auto._Work, "_first_witness", lambda *_: low)
+    monkeypatch.setattr(auto._Work, "_second_witness", lambda *_: high)
+    monkeypatch.setattr(auto, "in_doubt", lambda result: True)
+    repeated = []
+    monkeypatch.setattr(
+        auto._Work, "_repeat", lambda self, witness, *_: repeated.append(witness.estimator) or high
+    )
+    result = avrare.estimate(rarer, "auto", seed=1, rollouts=40_000)
+    assert repeated == ["ams"]
+    assert result.probability == pytest.approx(high.probability)
+    assert "contradicted" not in result.health
+    assert [one["estimator"] for one in chosen(result)["tried"]][-1] == "ess"

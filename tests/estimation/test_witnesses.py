@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.estimation.combine.power import LEAST_POWER, power_to_notice
 from avrare.estimation.combine.witnesses import reconcile
 from avrare.estimation.result import intervals
 from avrare.estimation.result.doubts import open_interval
@@ -37,17 +38,20 @@ def witness(template, name, probability, error=0.2, health=()):
 
 def test_agreement_answers_a_doubt_and_halves_are_fixed(template):
     first, second = witness(template, "is", 1e-4, health=["unchecked"]), witness(template, "ams", 1.2e-4)
-    result, words = reconcile(first, second, 0.95)
+    result, outcome, words = reconcile(first, second, 0.95)
     assert (result.probability, result.health) == (pytest.approx(1.1e-4), {})
     assert result.run_probabilities.mean() == result.probability
     assert result.interval[1] < 2e-4 < first.interval[1]
     assert result.rollouts == first.rollouts + second.rollouts
     assert result.fresh.rows == 10_000
-    assert "agree, and a factor of" in words
+    assert outcome == "agree"
+    assert "agree, and a miss by a factor 3 would have been noticed in" in words
+    assert result.diagnostics["witnesses"]["power"] > 0.8
 
 
 def test_disagreement_is_wide_and_the_larger_stands(template):
-    result, words = reconcile(witness(template, "is", 1e-5), witness(template, "ams", 2e-4), 0.95)
+    result, outcome, words = reconcile(witness(template, "is", 1e-5), witness(template, "ams", 2e-4), 0.95)
+    assert outcome == "disagree"
     assert (result.estimator, result.probability) == ("ams", 2e-4)
     assert "contradicted" in result.health
     low, high = result.interval
@@ -61,7 +65,7 @@ def test_a_finding_of_a_probe_holds_until_its_doubt_is_answered(template, name):
     first = open_interval(witness(template, "is", 1e-4), [name], least_upper=0.02)
     first = replace(first, health={name: "a reason"})
     for probability in (1.2e-4, 0.0):  # agrees; says too little
-        result, _ = reconcile(first, witness(template, "ams", probability), 0.95)
+        result, _, _ = reconcile(first, witness(template, "ams", probability), 0.95)
         doubted = name in result.health
         assert doubted == (name == "outliers" or not probability)
         assert (result.interval[1] >= 0.02) == doubted
@@ -70,7 +74,20 @@ def test_a_finding_of_a_probe_holds_until_its_doubt_is_answered(template, name):
 @pytest.mark.parametrize(("probability", "error"), [(0.0, np.nan), (3e-4, 1.0)])
 def test_a_witness_of_little_power_answers_nothing(template, probability, error):
     first = witness(template, "is", 1e-4, health=["unchecked"])
-    result, _ = reconcile(first, witness(template, "ams", probability, error), 0.95)
+    result, outcome, words = reconcile(first, witness(template, "ams", probability, error), 0.95)
+    assert outcome == "inconclusive"
+    assert result.diagnostics["witnesses"]["power"] < LEAST_POWER
+    assert "says too little" in words
     assert result.probability == first.probability
     assert "unchecked" in result.health
     assert result.interval[1] == FreshRows(10_000).interval(0.95)[1] < first.interval[1]
+
+
+def test_power_is_the_share_of_misses_that_would_have_been_noticed():
+    rng, errors, threshold = np.random.default_rng(1), (0.2, 0.3), 2.0
+    spread = np.sqrt(np.log1p(np.square(errors)))
+    logs = rng.standard_normal((2, 100_000)) * spread[:, None]
+    noticed = np.abs(np.log(3.0) + logs[0] - logs[1]) > np.log(threshold)
+    assert power_to_notice(threshold, errors) == pytest.approx(noticed.mean(), abs=0.01)
+    assert power_to_notice(threshold, (0.2, np.nan)) == 0.0
+    assert power_to_notice(np.inf, errors) == 0.0

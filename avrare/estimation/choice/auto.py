@@ -45,7 +45,7 @@ from avrare.plugin.registry import default_registry
 from avrare.rollout.problem import Problem
 
 _SEED_KEY = 0xA070
-_PHASES = ("pilot", "learning", "trial", "witness")
+_PHASES = ("pilot", "learning", "trial", "witness", "again")
 """Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
 only rows of stages that come later."""
 _TRIAL = 2000
@@ -214,8 +214,29 @@ class _Work:
         if self._left(together) < LEAST_SECOND or not (self.aim.goal is None or in_doubt(first)):
             return self.add_choice(first, reason, spent)
         second = self._second_witness(first, problem, together)
-        result, words = reconcile(first, second, self.settings.confidence)
+        result, outcome, words = reconcile(first, second, self.settings.confidence)
+        together.append(_Attempt.of(second, ""))
+        if outcome == "disagree" and self._left(together) >= LEAST_SECOND:
+            # 5. They disagree: the one that finds more must find it again, on rollouts of its own.
+            less, more = sorted((first, second), key=lambda witness: witness.probability)
+            tried = list(together)
+            again = self._repeat(more, problem, tried)
+            spent += tried[len(together) :]
+            if again is not None:
+                spent.append(_Attempt.of(less, f"finds less than {more.estimator}"))
+                result, _, words = reconcile(more, again, self.settings.confidence)
         return self.add_choice(result, f"{reason}; {words}", spent)
+
+    def _repeat(self, witness: Result, problem: Problem, spent: list[_Attempt]) -> Result | None:
+        """Return another estimate by the method of a witness from what is left; None where it gives up."""
+        settings = replace(self._of_phase("again"), budget=self._budget(problem, spent))
+        for component, role in default_registry().candidates():
+            if component.name == witness.estimator:
+                try:
+                    return self._run("again", self._build(component, role), problem, settings, spent)
+                except GaveUp as end:
+                    spent.append(_Attempt.given_up(component.name, end))
+        return None
 
     def _first_witness(self, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> Result | None:
         # 3. A candidate that gives up by itself just begins; a small trial decides on any other.

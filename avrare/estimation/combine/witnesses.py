@@ -1,7 +1,7 @@
 """Two witnesses of one probability: estimates by unlike methods, which share no failure that they would miss.
 
-Where they agree within a factor that their scatter would have shown, the estimate is the mean of the two, and
-each answers for what the other is in doubt of. Where they do not, at least one of them has missed failures.
+Where they agree, and would mostly have disagreed if one had missed something, the estimate is the mean of the
+two, and each answers for what the other is in doubt of. Where they disagree, one of them has missed failures.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ import numpy as np
 from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.checks.result_builder import contradict
 from avrare.estimation.combine.cross_check import compare
+from avrare.estimation.combine.power import LEAST_POWER, describe_power, power_to_notice
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.doubts import DOUBTS, open_interval, undo_opening
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result
 
-MOST_NOTICED = 4.0
-"""Factor between two estimates that must have been noticed for their agreement to count."""
 _ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "extinct_runs", "leaps"})
 """Doubts that an unlike estimate answers where it agrees."""
 _FREEDOM = 8
 
 
-def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str]:
-    """Return the result of two witnesses, at the cost of both, and what they say of each other.
+def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str, str]:
+    """Return the result of two witnesses, at the cost of both, their outcome, and both in words.
 
     Their shares of the mean are equal, whatever they have found. Which estimate stands where they disagree
     depends on them, so that one is not unbiased; its interval holds both.
     """
     outcome, noticed = compare(undo_opening(first), undo_opening(second))
-    if outcome == "agree" and noticed > MOST_NOTICED:
+    power = power_to_notice(noticed, (first.relative_error, second.relative_error))
+    if outcome == "agree" and power < LEAST_POWER:
         outcome = "inconclusive"
     fresh = _fresh_rows(first) + _fresh_rows(second)
     names = f"`{first.estimator}` and `{second.estimator}`"
     if outcome == "agree":
         result = _mean(first, second)
-        words = f"{names} agree, and a factor of {noticed:.2g} would have been noticed"
+        words = f"{names} agree, and {describe_power(power)}"
     elif outcome == "disagree":
         low, result = sorted((first, second), key=lambda one: one.probability)
         reason = f"{result.estimator} gives {_describe(result)}, but {low.estimator} gives {_describe(low)}"
@@ -49,7 +49,7 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         result = replace(result, interval_at=both, unopened_at=None, health=found)
         words = f"{names} disagree, and the larger estimate stands"
     else:
-        result, words = first, f"`{second.estimator}` says too little beside `{first.estimator}`"
+        result, words = first, f"`{second.estimator}` says too little: {describe_power(power)}"
     result = replace(
         result,
         rollouts=first.rollouts + second.rollouts,
@@ -59,11 +59,11 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         counts=dict(sorted((Counter(first.counts) + Counter(second.counts)).items())),
         fresh=fresh,
         blind_bound=fresh.blind_bound(confidence),
-        diagnostics={**result.diagnostics, "witnesses": _numbers(first, second, outcome, noticed)},
+        diagnostics={**result.diagnostics, "witnesses": _numbers(first, second, outcome, power)},
     )
     plain = undo_opening(result)
     found = result.health | contradict(plain)
-    return replace(open_interval(plain, found), health=found), words
+    return replace(open_interval(plain, found), health=found), outcome, words
 
 
 def _mean(first: Result, second: Result) -> Result:
@@ -106,9 +106,9 @@ def _describe(result: Result) -> str:
     return f"{format_probability(result.probability)} ({format_interval(undo_opening(result).interval)})"
 
 
-def _numbers(first: Result, second: Result, outcome: str, noticed: float) -> dict[str, object]:
+def _numbers(first: Result, second: Result, outcome: str, power: float) -> dict[str, object]:
     witnesses = [
         {"estimator": one.estimator, "probability": one.probability, "relative_error": one.relative_error}
         for one in (first, second)
     ]
-    return {"outcome": outcome, "noticed": noticed, "estimates": witnesses}
+    return {"outcome": outcome, "power": power, "estimates": witnesses}

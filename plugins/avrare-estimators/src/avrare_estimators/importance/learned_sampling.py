@@ -48,7 +48,7 @@ _TARGET_OF_PILOT = 0.5
 """Share of the pilot that is drawn from the target."""
 _CHECK_SHARE = 0.3
 """Share of the estimate that annealing has where an error is asked for."""
-_LEAST_ROWS, _MARGIN = 1500, 1.5
+_LEAST_ROWS, _MARGIN = 3000, 1.5
 """Rows of each part of the final sample at least, and the factor above those that are forecast: few failures
 mostly show too little of their variance."""
 _FIRST_SHARE = 1.0 / 3.0
