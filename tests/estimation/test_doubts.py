@@ -36,7 +36,7 @@ def test_an_interval_holds_what_a_check_has_found(result):
 
 
 def test_other_warnings_open_nothing(result):
-    assert open_interval(result, ["ties", "errors", "horizon_short"]) is result
+    assert open_interval(result, ["all_failed", "errors", "horizon_short"]) is result
     assert open_interval(replace(result, fresh=None), ["outliers"]).interval == result.interval
 
 

@@ -16,27 +16,13 @@ from avrare.output.terminal.console import make_console, print_lines
 from avrare.output.terminal.result_table import note_lines, warning_lines
 from avrare.results.stored_results import StoredEstimate
 from avrare.testing.faulty_systems import Scrambled, Walk
+from avrare.testing.problems import count_down
 from pushed_point import pushed_point
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "python.md"
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 STEPS = 20
-
-
-class Energy:
-    """Sum of the squares of its noise: failures need no number in particular."""
-
-    noise_size = 1
-
-    def initial(self, noise):
-        return {"x": noise[:, 0] ** 2}
-
-    def step(self, state, noise):
-        return {"x": state["x"] + noise[:, 0] ** 2}
-
-    def signals(self, state):
-        return state
 
 
 class Starts(Walk):
@@ -78,6 +64,7 @@ MAKERS = {
     "score": lambda: estimate("ams", runs=2, pilot=200, score="learned", **SMALL),
     "pilot": lambda: estimate("ams", particles=20, discard=4, grow=True),
     "learning": lambda: estimate("is", problem(0.05, Scrambled(STEPS)), rollouts=3000),
+    "ties": lambda: estimate("ams", count_down(4, 9, "1/5").problem(), particles=50, discard=2, runs=2),
     "cause": lambda: estimate("is", rollouts=3000),
     "cause over time": lambda: estimate("smc", problem(0.2), proposal="none", particles=40, runs=2),
     "twin": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=2000),

@@ -219,9 +219,9 @@ class _Work:
         if outcome == "disagree" and self._left(together) >= LEAST_SECOND:
             # 5. They disagree: the one that finds more must find it again, on rollouts of its own.
             less, more = sorted((first, second), key=lambda witness: witness.probability)
-            tried = list(together)
-            again = self._repeat(more, problem, tried)
-            spent += tried[len(together) :]
+            attempts = list(together)
+            again = self._repeat(more, problem, attempts)
+            spent += attempts[len(together) :]
             if again is not None:
                 spent.append(_Attempt.of(less, f"finds less than {more.estimator}"))
                 result, _, words = reconcile(more, again, self.settings.confidence)

@@ -315,7 +315,7 @@ def test_the_blind_bound_of_a_scene_that_was_never_met_is_not_zero(catalogue):
     ("probability", "warnings", "verdict"),
     [
         (1e-4, {}, "pass"),
-        (1e-4, {"ties": "t"}, "inconclusive"),
+        (1e-4, {"single_run": "t"}, "inconclusive"),
         (1e-4, {"solver_failures": "s"}, "inconclusive"),
         (0.9, {}, "fail"),
         (0.9, {"few_roots": "r"}, "inconclusive"),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from statistics import median
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
@@ -23,6 +25,8 @@ from avrare_estimators.common import health
 from avrare_estimators.common.in_turn import take_in_turn
 from avrare_estimators.common.looks import Looks
 
+_MOST_TIES = 2.0
+"""Ratio of discarded to requested particles, median over the levels."""
 _STATIC = (
     "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "
     "failure count as 0; use ess"
@@ -43,8 +47,6 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     if plan.steps == 0:  # more particles or fewer discards are no cure
         warnings |= {name: _STATIC for name in ("extinct", "extinct_runs") if name in warnings}
     discarded = [[count for _, count in levels] for levels in ended.levels]
-    counts = [count for run in discarded for count in run]
-    warnings |= health.check_ties(counts, config.discard * state.growth, state.particles)
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
@@ -87,9 +89,22 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             *looks.notes(tally.rollouts, probability, math.sqrt(relative)),
             *(learning.notes() if learning else ()),
             *(pilot.notes(state.particles, "particles") if pilot else ()),
+            *_describe_ties(discarded, config.discard * state.growth, state.particles),
         ),
         artifacts=learning.artifacts(plan) if learning else {},
     )
+
+
+def _describe_ties(discarded: Sequence[Sequence[int]], discard: int, particles: int) -> tuple[Note, ...]:
+    """Return the note on levels of which most discard many more particles than ``discard``."""
+    counts = [count for run in discarded for count in run]
+    if not counts or (typical := median(counts)) <= _MOST_TIES * discard:
+        return ()
+    text = (
+        f"Half of the levels discarded more than {typical / particles:.0%} of the particles instead of "
+        f"{discard}: the score takes few values, and runs scatter the more."
+    )
+    return (Note("ties", text),)
 
 
 def relative_variance(values: Floats, variance: Floats, particles: int) -> float:

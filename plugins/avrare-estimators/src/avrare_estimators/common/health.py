@@ -9,11 +9,9 @@ from avrare.base.health_messages import MESSAGES, fill
 from avrare.estimation.result.health import check_errors
 from avrare_estimators.common.health_messages import WARNINGS
 
-__all__ = ["check_errors", "check_runs", "check_ties", "check_weights", "warn"]
+__all__ = ["check_errors", "check_runs", "check_weights", "warn"]
 
 FEWEST_ROOTS = 15
-MOST_TIES = 2.0
-"""Ratio of discarded to requested particles, median over the levels."""
 LEAST_EFFECTIVE = 15.0
 LARGEST_SHARE = 0.3
 LARGEST_DEVIATION = 4.0
@@ -23,13 +21,6 @@ LARGEST_MEAN_ERROR = 0.5
 def warn(name: str, **values: object) -> dict[str, str]:
     """Return one of these warnings, or of the core's, with its text filled in."""
     return fill(MESSAGES | WARNINGS, name, **values)
-
-
-def check_ties(discarded: Sequence[int], discard: int, particles: int) -> dict[str, str]:
-    """Return a warning when most levels, of all runs, discard many more particles than ``discard``."""
-    if not discarded or (typical := median(discarded)) <= MOST_TIES * discard:
-        return {}
-    return warn("ties", share=typical / particles, discard=discard)
 
 
 def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
