@@ -188,7 +188,7 @@ def measure(checkout: Path, case: Case, way: str) -> tuple[dict[str, object], in
             saved_files = _kill_when_files_are_saved([*command, "--out", str(out)], checkout, out)
             if not saved_files:
                 return {"failed": {"message": "the run ended before it could be killed"}}, 0
-        command += ["--resume" if saved_files else "--out", str(out)]
+        command += ["--out", str(out), *(["--resume"] if saved_files else [])]
         process = subprocess.run(
             command, cwd=checkout, env=_environment(checkout), text=True, capture_output=True, check=False
         )

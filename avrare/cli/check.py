@@ -66,9 +66,9 @@ def execute(args: argparse.Namespace) -> int:
     _make_folders(args, out)
     targets = _load_targets(args)
     names = [one.definition.name for one in targets]
-    again = out is not None and args.resume is not None and _is_finished(out, names)
+    again = out is not None and args.resume and _is_finished(out, names)
     if out and not args.plan and not again:
-        refuse_overwrite(out, _CHECK, names, args.resume is not None)
+        refuse_overwrite(out, _CHECK, names, args.resume)
     with _saved_chunks(args, targets, budget, looks) as saved:
         if out and again:
             _begin_again(out)
@@ -97,7 +97,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:
-    if args.resume is None:
+    if not args.resume:
         return Path(args.out) if args.out else None
     if args.plan:
         raise UsageError("--resume cannot be combined with --plan", "a plan saves nothing")
@@ -125,19 +125,19 @@ def _saved_chunks(
     args: argparse.Namespace, targets: Sequence[CheckTarget], budget: Budget | None, looks: Sequence[Look]
 ) -> Iterator[Checkpoint | None]:
     """Open the checkpoint of ``--resume``; a check with another baseline or other looks is another one."""
-    if args.resume is None:
+    if not args.resume:
         yield None
         return
     baselines = {one.name: one.baseline.path.name if one.baseline else None for one in targets}
     identity = {"looks": len(looks), "baselines": baselines}
     scenarios = [one.definition for one in targets]
-    with rundir.begin_checkpoint(Path(args.resume), scenarios, budget, True, identity) as checkpoint:
+    with rundir.begin_checkpoint(Path(args.out), scenarios, budget, True, identity) as checkpoint:
         yield checkpoint
 
 
 def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
     if saved is None:
-        hint = "run the check again; --resume DIR in place of --out DIR saves finished work"
+        hint = "run the check again; with --out DIR --resume it saves finished work"
         return "interrupted, there is no verdict", hint
     count = saved.chunks
     kept = f"{count} {'chunk is' if count == 1 else 'chunks are'} saved"
@@ -198,7 +198,7 @@ def _pilot(one: CheckTarget, budget: Budget | None, machine: Execution) -> list[
 def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
     ensure_files({"--junit": args.junit, "--markdown": args.markdown})
     if out:
-        ensure_writable(out, "--out" if args.resume is None else "--resume")
+        ensure_writable(out, "--out")
 
 
 def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> list[str]:

@@ -10,7 +10,7 @@ docs/rates.md.
 
 examples:
   avrare rate scenarios/catalogues/parked_car.yaml --workers 2 --out night
-  avrare rate scenarios/catalogues/parked_car.yaml --resume night
+  avrare rate scenarios/catalogues/parked_car.yaml --out night --resume
 
 exit code: 0 all thresholds pass (or there are none), 1 a threshold fails, 3 inconclusive, 4 bad
 catalogue or command, 6 too many rollout errors

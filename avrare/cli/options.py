@@ -84,10 +84,10 @@ OUTPUT: Options = {
     "--json": "print JSON and nothing else on stdout",
     **SAFE,
 }
-RESUMABLE: Options = {
-    **OUTPUT,
-    "--out DIR": "write the result as JSON into this folder; the same command goes on there after a kill",
+RESUME: Options = {
+    "--resume": "go on in the folder of --out where an interrupted command left off, or begin there"
 }
+RESUMABLE: Options = {**OUTPUT, **RESUME}
 FAILURES: Options = {
     "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
 }
@@ -107,7 +107,7 @@ OPTIONS: dict[str, Options] = {
         "--learned FILE": "run with FILE, the learned.json of another run of the estimator, and no pilot",
         "--cross-check": "check each estimate by a smaller one of another family (as `cross_check: true`)",
         "--out DIR": "results folder (default: a new one under runs/)",
-        "--resume DIR": "resume the interrupted run in this folder, or with a SCENARIO begin it there",
+        **RESUME,
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",
         "--json": "print result.json and nothing else on stdout",
         "--no-pictures": "draw no pictures",
@@ -132,8 +132,7 @@ OPTIONS: dict[str, Options] = {
             "--junit FILE": "write JUnit XML",
             "--markdown FILE": "write a summary for a merge request",
             "--out DIR": "write check.json and the run folders",
-            "--resume DIR": "as --out; saves finished work there: the same command begins the check, goes on "
-            "after an interruption, and checks again once it is finished",
+            "--resume": "save finished work in the folder of --out, and go on there after an interruption",
             "--json": "print check.json and nothing else on stdout",
         },
         **DISPLAY,
@@ -145,7 +144,7 @@ OPTIONS: dict[str, Options] = {
         "--budget KIND=N": "budget of all scenes together, the pilot included: steps=N or rollouts=N; "
         "default: the catalogue's",
         "--out DIR": "results folder (default: a new one under runs/)",
-        "--resume DIR": "resume the run of the same catalogue in this folder, or begin it there",
+        **RESUME,
         "--json": "print rate.json and nothing else on stdout",
         **SAFE,
         **DISPLAY,

@@ -73,16 +73,16 @@ def can_draw() -> bool:
 
 
 def resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
-    """Return the folder of ``--resume``, if it is given; where a run ``begins`` in it a note says so."""
-    if args.resume is None:
+    """Return the folder in which ``--resume`` goes on; where a command ``begins`` in it a note says so."""
+    if not args.resume:
         return None
+    if args.out is None:
+        raise UsageError("--resume requires --out", "name the folder of the interrupted command: --out DIR")
     from avrare.results.run_folder import refuse_links
 
-    folder = Path(args.resume)
-    if args.out is not None and Path(args.out).resolve() != folder.resolve():
-        raise UsageError("--out cannot be combined with --resume", "results go to the folder of --resume")
+    folder = Path(args.out)
     if folder.exists() and not folder.is_dir():
-        raise UsageError(f"--resume {folder}: is no folder", "give the folder that --out named, or a new one")
+        raise UsageError(f"--out {folder}: is not a folder", "name the interrupted one, or a new one")
     refuse_links(folder.rglob("*"))
     if begins and (not folder.is_dir() or not any(folder.iterdir())):
         say(f"{folder}: nothing to resume there yet: this is the beginning", error=True)

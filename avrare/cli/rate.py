@@ -45,7 +45,7 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
                 scenes,
                 budget,
                 out,
-                args.resume is not None,
+                args.resume,
                 lambda scenario, paid, checkpoint: estimate_run(scenario, args, paid, checkpoint, stop),
             )
     except (Interrupted, KeyboardInterrupt) as error:
@@ -64,4 +64,4 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
 def _resume_command(command: str, args: argparse.Namespace, out: Path) -> str:
     budget = ["--budget", str(args.budget)] if args.budget is not None else []
     safe = ["--safe"] if is_safe() else []
-    return shlex.join(["avrare", command, args.catalogue, "--resume", str(out), *budget, *safe])
+    return shlex.join(["avrare", command, args.catalogue, "--out", str(out), "--resume", *budget, *safe])

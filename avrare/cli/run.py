@@ -60,7 +60,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run the scenarios one after another, or resume an interrupted run."""
     out = _out_folder(args)
     scenarios, budget = _named_scenarios(args), Budget.parse(args.budget)
-    if args.resume is not None:
+    if args.resume:
         assert out is not None
         finished = rundir.read_finished(out, scenarios, _overrides(args), args.estimator, budget)
         if finished:
@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
     home = out or rundir.make_new_folder(names)
     try:
         rundir.make_folder(home, names[0], several=False)
-        with rundir.begin_checkpoint(home, scenarios, budget, args.resume is not None) as checkpoint:
+        with rundir.begin_checkpoint(home, scenarios, budget, args.resume) as checkpoint:
             folders = [rundir.make_folder(home, name, len(scenarios) > 1) for name in names]
             runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
@@ -88,17 +88,17 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:
-    if args.resume is None:
+    if not args.resume:
         return None if args.out is None else Path(args.out)
-    if not args.scenarios and not Path(args.resume).exists():
-        hint = "give the folder that --out named, or a SCENARIO to begin there"
-        raise UsageError(f"--resume {args.resume}: no such folder", hint)
+    if args.out is not None and not args.scenarios and not Path(args.out).exists():
+        hint = "give the folder of the interrupted run, or a SCENARIO to begin there"
+        raise UsageError(f"--out {args.out}: no such folder", hint)
     return resumed_folder(args, begins=bool(args.scenarios))
 
 
 def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
-    if not args.scenarios and args.resume is None:
-        raise UsageError("avrare run: SCENARIO is required", "avrare run SCENARIO, or --resume DIR")
+    if not args.scenarios and not args.resume:
+        raise UsageError("avrare run: SCENARIO is required", "avrare run SCENARIO, or --out DIR --resume")
     try:
         return load_scenarios(args.scenarios, _overrides(args), args.estimator)
     except ScenarioError as error:
@@ -130,10 +130,10 @@ def _find_estimators(option: str) -> str:
 def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
     scenarios = rundir.saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
-        hint = f"avrare run SCENARIO --resume {shlex.quote(str(out))} starts one"
+        hint = f"avrare run SCENARIO --out {shlex.quote(str(out))} starts one"
         empty = all(path.is_dir() for path in out.rglob("*") if not path.name.startswith("."))
         reason = ": a run that was to begin here has saved nothing" if empty else ""
-        raise UsageError(f"--resume {out}: contains no interrupted run{reason}", hint)
+        raise UsageError(f"--out {out}: contains no interrupted run{reason}", hint)
     return scenarios
 
 

@@ -41,7 +41,7 @@ def execute(args: argparse.Namespace) -> int:
         (f"{name}: one failure is too few to attribute", None) for name in names if name not in several
     )
     out = None if args.out is None else Path(args.out)
-    with keep_outcomes(out, "why", _identify(run, several, variants, args)) as journal:
+    with keep_outcomes(out, "why", _identify(run, several, variants, args), args.resume) as journal:
         kinds = {name: _find_kinds(run, name, args) for name in names}
         attributions = {name: _attribute(run, name, variants, args, journal) for name in several}
         content = {

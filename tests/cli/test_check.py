@@ -386,7 +386,7 @@ def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):
     assert main(["check", "drive.yaml", "--out", "results"]) == 4
     error = capsys.readouterr().err
     assert "contains an interrupted run" in error
-    assert "resume with avrare run --resume results" in error
+    assert "resume with avrare run --out results --resume" in error
 
 
 def test_sigterm_ends_a_check_as_it_ends_a_run(drive, monkeypatch, capfd):

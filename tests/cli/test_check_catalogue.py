@@ -82,10 +82,10 @@ def test_a_job_marks_the_threshold_that_fails(catalogue, capsys, monkeypatch):
 def test_a_check_resumes_in_the_folder_that_it_began(catalogue, capsys):
     path = catalogue()
     for command in ("rate", "check"):
-        assert main([command, path, "--resume", "out", "--json"]) == 0
+        assert main([command, path, "--out", "out", "--resume", "--json"]) == 0
     first, second = capsys.readouterr().out.strip().split("\n}\n", 1)
     assert json.loads(first + "}") == json.loads(second)
-    assert main(["check", path, "--resume", "out", "--out", "other"]) == 4
+    assert main(["check", path, "--resume"]) == 4
 
 
 @pytest.mark.parametrize("option", ["--junit", "--markdown"])
@@ -103,7 +103,7 @@ def test_an_interrupted_check_tells_how_the_check_goes_on(catalogue, capsys, mon
     monkeypatch.setattr(rate, "rate_catalogue", interrupt)
     for command in ("check", "rate"):
         assert main([command, catalogue(), "--out", "out"]) == 2
-        assert f"resume with avrare {command} c.yaml --resume out\n" in capsys.readouterr().err
+        assert f"resume with avrare {command} c.yaml --out out --resume\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -49,13 +49,13 @@ def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt,
     # undecided at the first look, so that the interruption falls into the first look or the second
     words = ["check", drive(BOUND % "0.052"), "--looks", "--budget", "rollouts=8000"]
     whole = main([*words, "--out", "whole"])
-    assert interrupt(chunk, *words, "--resume", "torn") == 2
+    assert interrupt(chunk, *words, "--out", "torn", "--resume") == 2
     err = capfd.readouterr().err
     assert "interrupted, there is no verdict; " in err
-    assert "saved\nhint: resume with the same avrare check command and --resume torn" in err
+    assert "saved\nhint: resume with the same avrare check command and --out torn --resume" in err
     assert not Path("torn/check.json").exists()
     assert list(Path("torn/checkpoint").rglob("*.npz"))
-    assert main([*words, "--resume", "torn", "--workers", workers]) == whole
+    assert main([*words, "--out", "torn", "--resume", "--workers", workers]) == whole
     assert stored("torn") == stored("whole")
     assert not Path("torn/checkpoint").exists()
     assert stored("torn")["looks"] > 1
@@ -63,7 +63,7 @@ def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt,
 
 def test_a_finished_check_begins_again(drive, capsys, monkeypatch):
     """Take the verdict on the code as it is now, and no stored one."""
-    words = ["check", drive(BOUND % "0.1"), "--resume", "gate", "--plain"]
+    words = ["check", drive(BOUND % "0.1"), "--out", "gate", "--resume", "--plain"]
     assert main(words) == 0
     assert "gate: nothing to resume there yet: this is the beginning\n" in capsys.readouterr().err
     first = stored("gate")
@@ -80,7 +80,7 @@ def test_a_finished_check_begins_again(drive, capsys, monkeypatch):
 
 
 def test_an_interrupted_second_check_has_no_verdict(drive, interrupt, capsys):
-    words = ["check", drive(BOUND % "0.1"), "--resume", "gate"]
+    words = ["check", drive(BOUND % "0.1"), "--out", "gate", "--resume"]
     assert main(words) == 0
     assert interrupt(1, *words) == 2
     assert not Path("gate/check.json").exists()
@@ -89,9 +89,9 @@ def test_an_interrupted_second_check_has_no_verdict(drive, interrupt, capsys):
 
 
 def test_a_finished_check_of_others_is_refused(drive, capsys):
-    words = ["check", drive(BOUND % "0.1"), "--resume", "gate"]
+    words = ["check", drive(BOUND % "0.1"), "--out", "gate", "--resume"]
     assert main(words) == 0
-    assert main(["check", drive(BOUND % "0.1", name="other"), "--resume", "gate"]) == 4
+    assert main(["check", drive(BOUND % "0.1", name="other"), "--out", "gate", "--resume"]) == 4
     assert "gate/check.json: contains the result of an earlier command" in capsys.readouterr().err
     Path("gate/check.json").write_text('{"results": 1}')
     assert main(words) == 4
@@ -99,7 +99,7 @@ def test_a_finished_check_of_others_is_refused(drive, capsys):
 
 def test_another_check_is_not_resumed(drive, interrupt, capfd):
     words = ["check", drive(BOUND % "0.052"), "--looks", "--budget", "rollouts=8000"]
-    assert interrupt(1, *words, "--resume", "torn") == 2
+    assert interrupt(1, *words, "--out", "torn", "--resume") == 2
     capfd.readouterr()
     for changed, difference in (
         (
@@ -109,30 +109,30 @@ def test_another_check_is_not_resumed(drive, interrupt, capfd):
         ([*words[:2], "--budget", "rollouts=8000"], "check.looks 4 -> 1"),
         ([*words, "--seed", "7"], "scenarios.drive.seed"),
     ):
-        assert main([*changed, "--resume", "torn"]) == 4
+        assert main([*changed, "--out", "torn", "--resume"]) == 4
         assert difference in capfd.readouterr().err
-    assert main(["run", "--resume", "torn"]) == 4
+    assert main(["run", "--out", "torn", "--resume"]) == 4
     assert "belongs to another estimate: check" in capfd.readouterr().err
     assert main([*words, "--out", "torn"]) == 4
-    assert "hint: resume with the same avrare check command and --resume torn" in capfd.readouterr().err
+    assert "hint: resume with the same avrare check command and --out torn --resume" in capfd.readouterr().err
     assert main(["report", "torn"]) == 4
     assert "the same avrare check command" in capfd.readouterr().err
 
 
 def test_a_baseline_that_appeared_meanwhile_is_not_compared_with_itself(drive, interrupt, capfd):
-    assert interrupt(1, "check", drive(), "--resume", "torn") == 2
+    assert interrupt(1, "check", drive(), "--out", "torn", "--resume") == 2
     assert main(["check", "drive.yaml", "--quiet"]) == 0  # saves a baseline
     capfd.readouterr()
-    assert main(["check", "drive.yaml", "--resume", "torn"]) == 4
+    assert main(["check", "drive.yaml", "--out", "torn", "--resume"]) == 4
     assert 'check.baselines.drive null -> "0001.json"' in capfd.readouterr().err
     shutil.rmtree("baselines")
-    assert main(["check", "drive.yaml", "--resume", "torn", "--quiet"]) == 0
+    assert main(["check", "drive.yaml", "--out", "torn", "--resume", "--quiet"]) == 0
 
 
 def test_resume_excludes_what_it_cannot_do(drive, capsys):
     scenario = drive(BOUND % "0.1")
-    assert main(["check", scenario, "--resume", "a", "--out", "b"]) == 4
-    assert "--out cannot be combined with --resume" in capsys.readouterr().err
-    assert main(["check", scenario, "--resume", "a", "--plan"]) == 4
+    assert main(["check", scenario, "--resume"]) == 4
+    assert "--resume requires --out" in capsys.readouterr().err
+    assert main(["check", scenario, "--out", "a", "--resume", "--plan"]) == 4
     assert "--plan" in capsys.readouterr().err
     assert not Path("a").exists()

@@ -329,7 +329,7 @@ def test_sigterm_ends_any_command_in_words(monkeypatch, capsys):
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("command", ["report", "run --resume", "monitor --stl p", "check --baseline"])
+@pytest.mark.parametrize("command", ["report", "run --resume --out", "monitor --stl p", "check --baseline"])
 def test_a_path_that_cannot_be_looked_at_is_no_bug(command, here, capsys):
     (here / "toy.yaml").write_text(GOOD)
     scenario = ["toy.yaml"] if command.startswith("check") else []

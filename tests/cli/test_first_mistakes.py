@@ -51,7 +51,7 @@ def test_a_number_with_a_unit_is_no_number_of_a_formula(text):
 @pytest.mark.parametrize(
     ("words", "start"),
     [
-        (("--seed", "-1"), "--seed: should be greater"),
+        (("--seed", "-1"), "avrare run: --seed must be at least 0"),
         (("--until", "relative_error=-1"), "--until relative_error: should be greater"),
         (("--until", "threshold=7"), "--until threshold: should be less"),
         (("--learned", "learned.json"), "--learned: the scenario's estimator has no such option"),
@@ -76,7 +76,7 @@ def test_an_option_that_the_estimator_lacks_names_those_that_have_it(said, optio
     [
         ("run", "t.yaml", "--budget", "rollouts=0"),
         ("run", "t.yaml", "--budget", "rollouts"),
-        ("run", "--resume", "nothere"),
+        ("run", "--out", "nothere", "--resume"),
         ("run", "t.yaml", "--out", ""),
         ("validate", "."),
         ("monitor", "nothere.csv", "--rule", "R_G1"),

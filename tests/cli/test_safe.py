@@ -45,7 +45,7 @@ COMMANDS = {
     "monitor": "monitor drive.csv --scenario s.yaml --specification near",
     "monitor run": "monitor run",
     "synthesise": "synthesise s.yaml --parameter feedforward",
-    "resume": "run --resume interrupted",
+    "resume": "run --out interrupted --resume",
     "why": "why run",
     "sensitivity": "sensitivity s.yaml --parameter simulator.dt",
     "sensitivity of a run": "sensitivity honest.yaml --parameter simulator.dt --run run",
@@ -116,7 +116,7 @@ def test_no_rate_is_resumed_through_a_link(folder, capsys, name):
     link = folder / "theirs" / name
     link.parent.mkdir(parents=True)
     link.symlink_to(mine)
-    assert main(["rate", "catalogue.yaml", "--resume", "theirs"]) == 4
+    assert main(["rate", "catalogue.yaml", "--out", "theirs", "--resume"]) == 4
     assert "is a link" in capsys.readouterr().err
     assert [path.name for path in mine.iterdir()] == ["scenario.yaml"]
 
@@ -186,7 +186,7 @@ def test_no_run_is_resumed_through_a_link(folder, capsys, name):
     (mine / "scenario.yaml").write_text("precious")
     shutil.rmtree(folder / "interrupted" / name, ignore_errors=True)
     (folder / "interrupted" / name).symlink_to(mine)
-    assert main(["run", "--resume", "interrupted"]) == 4
+    assert main(["run", "--out", "interrupted", "--resume"]) == 4
     assert f"interrupted/{name}: is a link" in capsys.readouterr().err
     assert [path.name for path in mine.iterdir()] == ["scenario.yaml"]
 
@@ -195,5 +195,5 @@ def test_a_checkpoint_names_no_folder_above(folder, capsys):
     index = {"schema": 1, "task": {"scenarios": {"..": {}}, "budget": None}, "about": {"paths": {}}}
     Path("interrupted/checkpoint/checkpoint.json").write_text(json.dumps(index))
     Path("interrupted/scenario.yaml").write_text(HONEST)
-    assert main(["run", "--resume", "interrupted"]) == 4
+    assert main(["run", "--out", "interrupted", "--resume"]) == 4
     assert "this is not the checkpoint of a run" in capsys.readouterr().err

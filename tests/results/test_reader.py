@@ -164,7 +164,7 @@ def test_the_hint_on_a_run_that_is_not_finished_names_its_folder(tmp_path):
     (tmp_path / "my run" / "checkpoint" / "checkpoint.json").write_text("{}")
     with pytest.raises(UsageError) as caught:
         Run.read(tmp_path / "my run")
-    assert f"resume with avrare run --resume '{tmp_path}/my run'" in caught.value.hint
+    assert f"resume with avrare run --out '{tmp_path}/my run' --resume" in caught.value.hint
 
 
 @pytest.mark.parametrize(

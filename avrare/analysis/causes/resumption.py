@@ -1,4 +1,4 @@
-"""Checkpoint of an analysis that runs tapes: after a kill the same command goes on from there."""
+"""Checkpoint of an analysis that runs tapes, from which it resumes after a kill."""
 
 from __future__ import annotations
 
@@ -8,26 +8,31 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from avrare.base.errors import Interrupted
-from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal
+from avrare.base.errors import Interrupted, UsageError
+from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal, read_index
 from avrare.results.run import Run
 from avrare.results.run_folder import refuse_links
 
+_RESUME = "--resume (in Python: resume=True)"
 OpenJournal = Callable[[str], FileJournal | None]
 """Gives the journal of one of the runners of tapes by its name; None where nothing is kept."""
 
 
 @contextmanager
-def keep_outcomes(out: Path | None, command: str, task: Mapping[str, object]) -> Iterator[OpenJournal]:
+def keep_outcomes(
+    out: Path | None, command: str, task: Mapping[str, object], resume: bool = False
+) -> Iterator[OpenJournal]:
     """Keep finished rollouts in a checkpoint in ``out`` until the block ends without an error.
 
     Args:
         out: Folder of the command's result; None: nothing is kept.
         command: Name of the command, of which each folder has one checkpoint.
         task: All that decides the rollouts and their order, as plain JSON data.
+        resume: Continue from the checkpoint that an interrupted command has left.
 
     Raises:
-        UsageError: The checkpoint in ``out`` belongs to another task, or another process uses it.
+        UsageError: There is a checkpoint in ``out`` and ``resume`` is false, it belongs to another task, or
+            another process uses it.
         Interrupted: Ctrl-C; finished rollouts are kept.
     """
     if out is None:
@@ -35,12 +40,15 @@ def keep_outcomes(out: Path | None, command: str, task: Mapping[str, object]) ->
         return
     folder = out / f"{command}-{FOLDER}"
     refuse_links([folder, *folder.rglob("*")])
+    if not resume and read_index(folder) is not None and Checkpoint(folder, {}).chunks:
+        text = f"{folder}: an interrupted command has left its rollouts there"
+        raise UsageError(text, f"resume with the same command and {_RESUME}; else remove that folder")
     with Checkpoint.open(folder, task).held() as checkpoint:
         try:
             yield checkpoint.journal
         except KeyboardInterrupt as error:
             text = f"interrupted; finished rollouts are saved in {folder}"
-            raise Interrupted(text, "the same command goes on from there") from error
+            raise Interrupted(text, f"resume with the same command and {_RESUME}") from error
         checkpoint.remove()
 
 

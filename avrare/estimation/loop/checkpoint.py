@@ -232,7 +232,7 @@ def read_index(folder: Path) -> dict[str, Any] | None:
 
 def resume_hint(out: Path) -> str:
     """Return how the run, or the check, that was interrupted in ``out`` is resumed."""
-    options = shlex.join(["--resume", str(out), *(["--safe"] if is_safe() else [])])
+    options = shlex.join(["--out", str(out), "--resume", *(["--safe"] if is_safe() else [])])
     with suppress(UsageError):  # a damaged index is told when it is read
         index = read_index(out / FOLDER)
         if index is not None and "check" in index["task"]:

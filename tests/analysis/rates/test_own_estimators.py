@@ -119,7 +119,7 @@ def test_workers_and_interruptions_change_no_bit(catalogue, capsys, monkeypatch)
     monkeypatch.setattr("avrare.cli.rate.estimate_run", interrupt)
     assert main(["rate", path, "--out", "three", "--quiet"]) == ExitCode.INTERRUPTED
     assert calls[0] == "quiet"  # the rare scenes come first: their rates weigh in the shares of the others
-    main(["rate", path, "--resume", "three", "--quiet"])
+    main(["rate", path, "--out", "three", "--resume", "--quiet"])
     assert calls[3:].count("quiet") == 2  # its pilot and its share; what is finished is read
     assert Path("three/rate.json").read_bytes() == whole
 
@@ -142,7 +142,7 @@ def test_an_estimate_of_its_own_goes_on_from_its_chunks(catalogue, chunks, monke
         patch.setattr(FileJournal, "write", stop)
         assert main(["rate", path, "--out", "two", "--quiet"]) == ExitCode.INTERRUPTED
     assert not Path("two/own/quiet/result.json").exists()
-    main(["rate", path, "--resume", "two", "--quiet"])
+    main(["rate", path, "--out", "two", "--resume", "--quiet"])
     assert Path("two/rate.json").read_bytes() == Path("one/rate.json").read_bytes()
 
 
@@ -232,7 +232,7 @@ def test_a_catalogue_of_own_estimators_needs_no_pilot(catalogue):
         300
     ] * 2
     assert not Path("out/pilot").exists()
-    assert main(["rate", path, "--resume", "out", "--quiet"]) in (0, 1, 3)
+    assert main(["rate", path, "--out", "out", "--resume", "--quiet"]) in (0, 1, 3)
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_a_scene_s_budget_is_divided_among_rules_that_are_estimated_apart(catalo
 def test_another_budget_of_a_scene_is_refused(catalogue, capsys):
     main(["rate", catalogue((OWN, "{plugin: mc}, budget: {rollouts: 90}")), "--out", "out", "--quiet"])
     changed = catalogue((OWN, "{plugin: mc}, budget: {rollouts: 91}"))
-    assert main(["rate", changed, "--resume", "out"]) == ExitCode.USAGE
+    assert main(["rate", changed, "--out", "out", "--resume"]) == ExitCode.USAGE
     assert 'another budget: scenes.quiet "rollouts=90" -> "rollouts=91"' in capsys.readouterr().err
 
 

@@ -150,7 +150,7 @@ def test_a_catalogue_is_run_resumed_and_reported(catalogue, capsys):
     assert "resume it, or choose another folder" in capsys.readouterr().err
     for name in ("rate.json", "scenes/storm/result.json"):
         Path("out", name).unlink()
-    assert main(["rate", path, "--resume", "out", "--json"]) == 0
+    assert main(["rate", path, "--out", "out", "--resume", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == first
     assert json.loads(Path("out/rate.json").read_text()) == first
 
@@ -174,16 +174,16 @@ def test_a_catalogue_that_is_no_file_is_refused(tmp_path):
 def test_another_catalogue_is_not_mixed_with_the_old_one(catalogue, capsys):
     assert main(["rate", catalogue(), "--out", "out", "--quiet"]) == 0
     changed = CATALOGUE.replace("budget", "seed: 3\nbudget")
-    assert main(["rate", catalogue(changed), "--resume", "out"]) == 4
+    assert main(["rate", catalogue(changed), "--out", "out", "--resume"]) == 4
     assert "contains the result of another run" in capsys.readouterr().err
 
 
 def test_another_budget_is_refused_with_that_reason(catalogue, capsys):
     path = catalogue()
     assert main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--quiet"]) == 0
-    assert main(["rate", path, "--resume", "out"]) == 4
+    assert main(["rate", path, "--out", "out", "--resume"]) == 4
     assert 'begun with another budget: budget "rollouts=400" -> ' in capsys.readouterr().err
-    assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 0
+    assert main(["rate", path, "--out", "out", "--resume", "--budget", "rollouts=400", "--quiet"]) == 0
 
 
 def test_a_kept_result_without_a_rule_is_refused(catalogue, capsys):
@@ -193,7 +193,7 @@ def test_a_kept_result_without_a_rule_is_refused(catalogue, capsys):
     content = json.loads(kept.read_text())
     content["estimates"][0]["specification"] = "other"
     kept.write_text(json.dumps(seal(content)))
-    assert main(["rate", path, "--resume", "out", "--budget", "rollouts=400", "--quiet"]) == 4
+    assert main(["rate", path, "--out", "out", "--resume", "--budget", "rollouts=400", "--quiet"]) == 4
     assert "has no estimate of" in capsys.readouterr().err
 
 
@@ -204,7 +204,7 @@ def test_the_resume_command_is_whole(catalogue, capsys, monkeypatch):
     monkeypatch.setattr("avrare.cli.rate.estimate_run", interrupt)
     path = catalogue(CATALOGUE.replace('set: ["simulator.surge=0.5"], ', ""))
     main(["rate", path, "--out", "out", "--budget", "rollouts=400", "--safe"])
-    command = f"avrare rate {path} --resume out --budget rollouts=400 --safe"
+    command = f"avrare rate {path} --out out --resume --budget rollouts=400 --safe"
     assert f"resume with {command}" in capsys.readouterr().err
 
 

@@ -62,9 +62,11 @@ def test_an_interrupted_command_goes_on_and_runs_nothing_twice(command, finished
     total = stopping([*words, "--out", "whole"])
     assert total > 10
     for chunks in (1, 4):
-        assert stopping([*words, "--out", "torn"], chunks) == chunks
-        assert "the same command goes on from there" in capsys.readouterr().err
-    assert stopping([*words, "--out", "torn"]) == total - 5
+        assert stopping([*words, "--out", "torn", "--resume"], chunks) == chunks
+        assert "resume with the same command and --resume" in capsys.readouterr().err
+    assert main([*words, "--out", "torn"]) == 4
+    assert "an interrupted command has left its rollouts there" in capsys.readouterr().err
+    assert stopping([*words, "--out", "torn", "--resume"]) == total - 5
     name = f"{command}.json"
     assert (folder / "torn" / name).read_bytes() == (folder / "whole" / name).read_bytes()
     assert [path.name for path in (folder / "torn").iterdir()] == [name]
@@ -82,7 +84,7 @@ def test_an_interrupted_command_goes_on_and_runs_nothing_twice(command, finished
     ],
 )
 def test_rollouts_of_another_command_are_not_taken(command, change, told, finished, stopping, capsys):
-    words = [*COMMANDS[command], "--out", "torn"]
+    words = [*COMMANDS[command], "--out", "torn", "--resume"]
     stopping(words, 3)
     capsys.readouterr()
     assert main([*words, *change]) == 4
@@ -91,7 +93,7 @@ def test_rollouts_of_another_command_are_not_taken(command, change, told, finish
 
 
 def test_a_changed_simulator_is_noticed(finished, stopping, monkeypatch, capsys):
-    words = [*COMMANDS["why"], "--out", "torn"]
+    words = [*COMMANDS["why"], "--out", "torn", "--resume"]
     stopping(words, 3)
     monkeypatch.setenv("AVRARE_TOY_BUG", "1")
     capsys.readouterr()
@@ -113,7 +115,7 @@ def test_kill_minus_nine(command, finished):
     name, random = f"{command}.json", np.random.default_rng(3)
 
     def start(out, workers, **environment):
-        line = [sys.executable, "-m", "avrare", *words, "--out", out, "--workers", str(workers)]
+        line = [sys.executable, "-m", "avrare", *words, "--out", out, "--resume", "--workers", str(workers)]
         return subprocess.Popen(
             line, cwd=folder, env={**finished.environment, **environment}, stdout=subprocess.DEVNULL,
             start_new_session=True,

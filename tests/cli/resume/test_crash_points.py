@@ -55,7 +55,7 @@ def test_killed_at_every_call(inside, capsys):
         if not killed_at(call, [scenario, "--out", "torn"], folder.absolute()):
             break
         capsys.readouterr()
-        code = run("--resume", "torn") if folder.exists() else 4
+        code = run("--out", "torn", "--resume") if folder.exists() else 4
         err = capsys.readouterr().err
         outcomes.add((code, "saved nothing" in err, "already finished" in err))
         if code:

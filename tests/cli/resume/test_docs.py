@@ -31,7 +31,7 @@ def test_the_commands(night):
         )  # fmt: skip
 
     stopped = run(UNTIL_SIX.replace("8h", "7s"), AVRARE_TOY_PAUSE="0.02")
-    assert "resume with avrare run --resume runs/night" in stopped.stderr
+    assert "resume with avrare run --out runs/night --resume" in stopped.stderr
     again = run(NIGHT)
     assert again.returncode == 4
     assert "contains an interrupted run" in again.stderr

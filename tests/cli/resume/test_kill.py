@@ -26,11 +26,11 @@ def test_kill_minus_nine_at_random_moments(night, estimator, seed):
     (night.folder / "torn").mkdir()
     random = np.random.default_rng(seed)
     for life in range(5):
-        process = night.start(scenario, "--resume", "torn", "--workers", 1 + life % 2, **SLOW)
+        process = night.start(scenario, "--out", "torn", "--resume", "--workers", 1 + life % 2, **SLOW)
         time.sleep(random.uniform(0.3, 1.6))
         process.kill()
         process.communicate()
-    night.run(scenario, "--resume", "torn")
+    night.run(scenario, "--out", "torn", "--resume")
     assert night.result("torn") == night.result("whole"), f"seed {seed}"
     assert not (night.folder / "torn" / "checkpoint").exists()
 
@@ -44,7 +44,7 @@ def test_weighted_samples_are_resumed(night, estimator):
     wait_for(lambda: len(night.saved("torn")) >= 12)
     process.kill()
     process.communicate()
-    night.run("--resume", "torn", "--workers", 2)
+    night.run("--out", "torn", "--resume", "--workers", 2)
     assert night.result("torn") == night.result("whole")
 
 
@@ -56,7 +56,7 @@ def test_a_kill_loses_only_the_chunks_in_hand(night):
     process.kill()
     process.communicate()
     before = {path: path.stat().st_mtime_ns for path in night.saved("torn")}
-    process = night.start("--resume", "torn", **SLOW)
+    process = night.start("--out", "torn", "--resume", **SLOW)
     wait_for(lambda: len(night.saved("torn")) > len(before) + 2)
     process.send_signal(signal.SIGTERM)
     process.communicate()
@@ -76,9 +76,12 @@ def test_a_signal_ends_the_run_after_the_chunk_in_hand(night, number, workers):
     assert process.returncode == 2, err
     assert "stopping after the current chunk" in err
     many = len(night.saved("a folder"))
-    assert f"interrupted, {many} chunks are saved\nhint: resume with avrare run --resume 'a folder'\n" in err
+    assert (
+        f"interrupted, {many} chunks are saved\nhint: resume with avrare run --out 'a folder' --resume\n"
+        in err
+    )
     assert 3 <= many < 40
-    night.run("--resume", "a folder")
+    night.run("--out", "a folder", "--resume")
     assert night.result("a folder") == night.result("whole")
 
 
@@ -134,9 +137,9 @@ def test_without_a_folder_ctrl_c_saves_as_well(night):
     _, err = process.communicate(timeout=20)
     assert process.returncode == 2
     (folder,) = (night.folder / "runs").iterdir()
-    night.run("--resume", folder)
+    night.run("--out", folder, "--resume")
     night.run(night.scenario(), "--out", "whole")
-    assert f"resume with avrare run --resume runs/{folder.name}" in err
+    assert f"resume with avrare run --out runs/{folder.name} --resume" in err
     assert night.result(folder) == night.result("whole")
 
 
@@ -149,11 +152,11 @@ def test_a_disk_that_fills_up_loses_only_the_chunks_in_hand(night):
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (500, 500))
     _, err = process.communicate(timeout=60)
     assert process.returncode == 2
-    hint = "free some disk space; completed chunks are saved: resume with avrare run --resume torn"
+    hint = "free some disk space; completed chunks are saved: resume with avrare run --out torn --resume"
     assert f"cannot save: File too large\nhint: {hint}\n" in err
     assert not [path for path in (night.folder / "torn").rglob("*") if path.name.startswith(".")]
     assert len(night.saved("torn")) >= 3
-    night.run("--resume", "torn")
+    night.run("--out", "torn", "--resume")
     assert night.result("torn") == night.result("whole")
 
 

@@ -29,7 +29,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
     monkeypatch.setattr(
         "avrare.output.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
     )
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
     assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 90]
 
 
@@ -46,7 +46,7 @@ def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
     monkeypatch.setattr(
         checkpoint.FileJournal, "write", lambda *args: (written.append(args[0].folder.name), write(*args))
     )
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
     assert written == ["far"] * 30
     for name in ("one", "two"):
         assert night.result("torn", name) == night.result("whole", name)
@@ -55,7 +55,7 @@ def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
 def test_the_json_of_a_resumed_run(night, interrupted, capsys):
     interrupted(3, night.scenario(), "--out", "torn", "--budget", "rollouts=200")
     capsys.readouterr()
-    assert run("--resume", "torn", "--json") == 0
+    assert run("--out", "torn", "--resume", "--json") == 0
     content = json.loads(capsys.readouterr().out)
     assert [entry["rollouts"] for entry in content["estimates"]] == [200, 200]
     assert content == json.loads(Path("torn/result.json").read_text())
@@ -65,21 +65,21 @@ def test_resuming_a_finished_run_prints_its_result(night, capsys):
     scenario = night.scenario()
     assert run(scenario, "--out", "done") == 0
     capsys.readouterr()
-    for words in (["--resume", "done"], [scenario, "--resume", "done"]):
+    for words in (["--out", "done", "--resume"], [scenario, "--out", "done", "--resume"]):
         assert run(*words, "--json") == 0
         out, err = capsys.readouterr()
         assert json.loads(out) == json.loads(Path("done/result.json").read_text())
         assert err == "done: this run is already finished\n"
-    assert run(scenario, "--seed", "8", "--resume", "done") == 4
+    assert run(scenario, "--seed", "8", "--out", "done", "--resume") == 4
     assert "contains the result of another run" in capsys.readouterr().err
 
 
 def test_a_finished_run_keeps_its_budget(night, capsys):
     words = [night.scenario(), "--budget", "rollouts=20"]
     assert run(*words, "--out", "done") == 0
-    assert run(*words, "--resume", "done") == 0
-    assert run("--resume", "done") == 0
-    assert run("--resume", "done", "--budget", "rollouts=40") == 4
+    assert run(*words, "--out", "done", "--resume") == 0
+    assert run("--out", "done", "--resume") == 0
+    assert run("--out", "done", "--resume", "--budget", "rollouts=40") == 4
     assert "finished, with a budget of rollouts=20" in capsys.readouterr().err
 
 
@@ -88,9 +88,9 @@ def test_a_damaged_provenance_does_not_hide_a_finished_run(night, capsys, conten
     words = [night.scenario(), "--budget", "rollouts=20"]
     assert run(*words, "--out", "done") == 0
     Path("done/provenance.json").write_text(content)
-    assert run("--resume", "done") == 0
+    assert run("--out", "done", "--resume") == 0
     assert "this run is already finished" in capsys.readouterr().err
-    assert run(*words, "--resume", "done") == 4
+    assert run(*words, "--out", "done", "--resume") == 4
     assert "finished, with a budget of its own options" in capsys.readouterr().err
 
 
@@ -109,10 +109,10 @@ def test_a_damaged_provenance_does_not_hide_a_finished_run(night, capsys, conten
 def test_another_task_is_refused_by_what_differs(night, interrupted, capsys, words, change, named):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
-    assert run(*([scenario] if named else []), "--resume", "torn", *words) == 4
+    assert run(*([scenario] if named else []), "--out", "torn", "--resume", *words) == 4
     assert change in capsys.readouterr().err
     assert len(night.saved("torn")) == 2
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
 
 
 @pytest.mark.parametrize(
@@ -120,8 +120,8 @@ def test_another_task_is_refused_by_what_differs(night, interrupted, capsys, wor
 )
 def test_a_finished_run_is_not_taken_for_another(night, words, capsys):
     assert run(night.scenario(), "--out", "done") == 0
-    assert run("--resume", "done", *words) == 4
-    assert run("--resume", "done", "--set", "chunk=10") == 0
+    assert run("--out", "done", "--resume", *words) == 4
+    assert run("--out", "done", "--resume", "--set", "chunk=10") == 0
     assert "this run is already finished" in capsys.readouterr().err
 
 
@@ -129,19 +129,19 @@ def test_a_checkpoint_without_its_scenario_asks_for_it(night, interrupted, capsy
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     Path("torn/checkpoint/walk/scenario.yaml").unlink()
-    assert run("--resume", "torn") == 4
-    assert "hint: avrare run SCENARIO --resume torn starts one" in capsys.readouterr().err
-    assert run(scenario, "--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 4
+    assert "hint: avrare run SCENARIO --out torn starts one" in capsys.readouterr().err
+    assert run(scenario, "--out", "torn", "--resume") == 0
 
 
 def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
     scenario = night.scenario()
-    assert run(scenario, "--resume", "new/night") == 0
+    assert run(scenario, "--out", "new/night", "--resume") == 0
     assert "new/night: nothing to resume there yet: this is the beginning\n" in capsys.readouterr().err
-    assert run("--resume", "new/night") == 0
+    assert run("--out", "new/night", "--resume") == 0
     Path("file").write_text("")
-    assert run(scenario, "--resume", "file") == 4
-    assert "--resume file: is no folder" in capsys.readouterr().err
+    assert run(scenario, "--out", "file", "--resume") == 4
+    assert "--out file: is not a folder" in capsys.readouterr().err
 
 
 def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
@@ -154,19 +154,19 @@ def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
 def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     monkeypatch.setattr("avrare.base.version.__version__", "0.2.0")
-    assert run("--resume", "torn") == 4
+    assert run("--out", "torn", "--resume") == 4
     assert 'scenarios.walk.versions.avrare "0.1.0" -> "0.2.0"' in capsys.readouterr().err
 
 
 def test_changed_code_is_found_by_replaying_a_rollout(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     monkeypatch.setenv("AVRARE_TOY_BUG", "1")
-    assert run("--resume", "torn") == 4
+    assert run("--out", "torn", "--resume") == 4
     error = capsys.readouterr().err
     assert "does not reproduce: robustness" in error
     assert "the code or its libraries have changed" in error
     monkeypatch.delenv("AVRARE_TOY_BUG")
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
 
 
 def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
@@ -174,7 +174,7 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     interrupted(2, scenario, "--out", "torn")
     assert run(scenario, "--out", "torn") == 4
     assert (
-        "torn: contains an interrupted run\nhint: resume with avrare run --resume torn;"
+        "torn: contains an interrupted run\nhint: resume with avrare run --out torn --resume;"
         in capsys.readouterr().err
     )
     assert len(night.saved("torn")) == 2
@@ -188,7 +188,7 @@ def test_a_report_tells_of_an_interrupted_run_in_its_folder_or_beside_it(night, 
         assert main(["report", folder]) == 0
         error = capsys.readouterr().err
         assert error.count("twice: contains an interrupted run as well, which the report does not show") == 1
-        assert "avrare run --resume twice" in error
+        assert "avrare run --out twice --resume" in error
 
 
 def test_a_run_that_saved_nothing_is_overwritten(night):
@@ -203,9 +203,9 @@ def test_a_run_that_saved_nothing_is_overwritten(night):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--resume", "nowhere"], "no such folder"),
-        (["--resume", "."], "contains no interrupted run"),
-        (["--resume", ".", "--out", "other"], "--out cannot be combined with --resume"),
+        (["--out", "nowhere", "--resume"], "no such folder"),
+        (["--out", ".", "--resume"], "contains no interrupted run"),
+        (["--resume"], "--resume requires --out"),
         ([], "SCENARIO is required"),
     ],
 )
@@ -229,7 +229,7 @@ def test_a_full_disk(night, capsys, monkeypatch):
         assert run(scenario, "--out", "torn") == 2
     assert "cannot save: No space left on device" in capsys.readouterr().err
     assert len(night.saved("torn")) == 6  # beside the index and the scenario
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
     assert night.result("torn") == night.result("whole")
 
 
@@ -240,7 +240,7 @@ def test_leftovers_of_a_killed_process_are_removed(night, interrupted):
     write, seen = checkpoint.FileJournal.write, []
     checkpoint.FileJournal.write = lambda *args: (seen.append(sorted(first.parent.glob(".*"))), write(*args))
     try:
-        assert run("--resume", "torn") == 0
+        assert run("--out", "torn", "--resume") == 0
     finally:
         checkpoint.FileJournal.write = write
     assert seen[0] == []
@@ -252,7 +252,7 @@ def test_the_saved_scenario_is_resumed(night, interrupted):
     assert run(path, "--out", "whole") == 0
     interrupted(2, path, "--out", "torn")
     Path(path).unlink()
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
     assert night.result("torn") == night.result("whole")
 
 
@@ -271,8 +271,8 @@ def test_a_run_without_a_named_folder_is_resumed(night, interrupted, capsys):
     words = (night.scenario(name="one"), night.scenario(name="two"))
     interrupted(5, *words)
     (folder,) = Path("runs").iterdir()
-    assert f"hint: resume with avrare run --resume {folder}" in capsys.readouterr().err
-    assert run("--resume", folder) == 0
+    assert f"hint: resume with avrare run --out {folder} --resume" in capsys.readouterr().err
+    assert run("--out", folder, "--resume") == 0
     assert run(*words, "--out", "whole") == 0
     for name in ("one", "two"):
         assert night.result(folder, name) == night.result("whole", name)
@@ -293,12 +293,16 @@ def test_only_one_process_resumes_in_a_folder(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
-        for words in (["--resume", "torn"], [scenario, "--resume", "torn"], [scenario, "--out", "torn"]):
+        for words in (
+            ["--out", "torn", "--resume"],
+            [scenario, "--out", "torn", "--resume"],
+            [scenario, "--out", "torn"],
+        ):
             capsys.readouterr()
             assert run(*words) == 4
             assert "another process is using this folder" in capsys.readouterr().err
     assert len(night.saved("torn")) == 2
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
 
 
 def test_a_folder_in_use_is_not_overwritten(night, capsys):
@@ -328,7 +332,7 @@ def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, caps
     interrupted(80, *words, "--out", "torn")
     folders = {path.parent.name for path in night.saved("torn")}
     assert "near+check" in folders
-    assert run("--resume", "torn") == 0
+    assert run("--out", "torn", "--resume") == 0
 
     def content(out):
         found = night.result(out)
@@ -389,10 +393,11 @@ def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrup
     assert run(one, two, "--out", "both") == 0
     interrupted(2, two, "--seed", "3", "--out", "both/two")
     capsys.readouterr()
-    assert run("--resume", "both") == 4
+    assert run("--out", "both", "--resume") == 4
     assert capsys.readouterr().err == (
-        "both/two: contains an interrupted run of its own\nhint: resume with avrare run --resume both/two\n"
+        "both/two: contains an interrupted run of its own\n"
+        "hint: resume with avrare run --out both/two --resume\n"
     )
-    assert run("--resume", "both/two") == 0
-    assert run("--resume", "both") == 0
+    assert run("--out", "both/two", "--resume") == 0
+    assert run("--out", "both", "--resume") == 0
     assert "already finished" in capsys.readouterr().err

@@ -50,7 +50,7 @@ class Task:
 
 def _run(estimator, workers) -> Task:
     words = ["run", f"{estimator}.yaml", "--no-pictures", "--quiet", "--workers", str(workers)]
-    again = ["run", "--resume", "out", "--no-pictures", "--quiet"]
+    again = ["run", "--out", "out", "--resume", "--no-pictures", "--quiet"]
     return Task(
         [*words, "--out", "out"],
         lambda: result("out"),
@@ -79,7 +79,7 @@ TASKS = {
     "run --failures": Task(
         ["run", "walk.yaml", "--out", "out", "--no-pictures", "--failures", "stored"],
         lambda: (result("out"), _failures()), ("walk.yaml",),
-        ["run", "--resume", "out", "--no-pictures", "--failures", "stored"],
+        ["run", "--out", "out", "--resume", "--no-pictures", "--failures", "stored"],
     ),
     "report": Task(["report", "run"], lambda: len(Path("run/report.html").read_text()), ("run",)),
     "check --save": Task(
@@ -105,19 +105,22 @@ TASKS = {
          "--no-pictures"],
         lambda: Path("c/comparison.md").exists(), ("walk.yaml",),
     ),
-    "why --out": Task(["why", "run", "--fresh", "20", "--out", "k"], _texts("k/*.json"), ("run",)),
+    "why --out": Task(
+        ["why", "run", "--fresh", "20", "--out", "k", "--resume"], _texts("k/*.json"), ("run",),
+    ),
     "sensitivity --out": Task(
-        ["sensitivity", "walk.yaml", *_SCALE, "--budget", "rollouts=60", "--out", "k"],
+        ["sensitivity", "walk.yaml", *_SCALE, "--budget", "rollouts=60", "--out", "k", "--resume"],
         _texts("k/*.json"), ("walk.yaml",),
     ),
     "require --out": Task(
-        ["require", "walk.yaml", *_SCALE, "--probability", "< 0.1", "--budget", "rollouts=400", "--out", "k"],
+        ["require", "walk.yaml", *_SCALE, "--probability", "< 0.1", "--budget", "rollouts=400",
+         "--out", "k", "--resume"],
         _texts("k/*.json"), ("walk.yaml",), codes=(0, 3),
     ),
     "rate": Task(
         ["rate", "catalogue.yaml", "--quiet", "--out", "out"],
         lambda: _texts("out/rate.json")(), ("catalogue.yaml", "walk.yaml"),
-        ["rate", "catalogue.yaml", "--quiet", "--resume", "out"], codes=(0, 3),
+        ["rate", "catalogue.yaml", "--quiet", "--out", "out", "--resume"], codes=(0, 3),
     ),
     "falsify": Task(
         ["falsify", "walk.yaml", "--specification", "near", "--budget", "rollouts=40", "--failures", "stored",

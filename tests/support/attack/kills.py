@@ -151,7 +151,7 @@ def whole(estimator, home):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         (home / f"{estimator}.yaml").write_text(walk(estimator))
-        program = Program([*_words(estimator, home, 1), "--resume", str(folder)], home / "log")
+        program = Program([*_words(estimator, home, 1), "--out", str(folder), "--resume"], home / "log")
         assert program.wait(PATIENCE) == 0, (home / "log").read_text()
     return result(folder)
 
@@ -161,7 +161,9 @@ def _duration(estimator, workers, warm, home):
     """Seconds of an undisturbed run."""
     with tempfile.TemporaryDirectory() as folder:
         begun = time.monotonic()
-        program = Program([*_words(estimator, home, workers), "--resume", folder], home / "log", warm)
+        program = Program(
+            [*_words(estimator, home, workers), "--out", folder, "--resume"], home / "log", warm
+        )
         assert program.wait(PATIENCE) == 0, (home / "log").read_text()
     return time.monotonic() - begun
 
@@ -187,7 +189,7 @@ def harass(seed, home):
         life, found = _live(random, estimator, home)
         lives.append(life)
     if found is None:
-        program = Program([*_words(estimator, home, 1), "--resume", str(folder)], home / "log")
+        program = Program([*_words(estimator, home, 1), "--out", str(folder), "--resume"], home / "log")
         code = program.wait(PATIENCE)
         program.destroy()
         found = HANG if code is None else CODE if code else None
@@ -208,7 +210,7 @@ def _live(random, estimator, home):
     target = target if workers == 2 or target != "worker" else "parent"
     number = pick(random, KILLS[target])
     warm = workers == 1 or random.random() >= SPAWNED
-    program = Program([*_words(estimator, home, workers), "--resume", str(home / "torn")], log, warm)
+    program = Program([*_words(estimator, home, workers), "--out", str(home / "torn"), "--resume"], log, warm)
     time.sleep(float(random.uniform(0.0, _duration(estimator, workers, warm, home))))
     _send(program, target, number, random)
     code = program.wait(PATIENCE)

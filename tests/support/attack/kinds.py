@@ -155,7 +155,7 @@ _RUN_FILES = {
     "scenario.yaml": lambda content, random: as_text(mutate_tree(as_tree(content), random)),
 }  # fmt: skip
 _RUN_COMMANDS = [
-    "report run", "run --resume run", "run --resume run --json",
+    "report run", "run --out run --resume", "run --out run --resume --json",
     "replay --run run --specification far", "replay --run run", "failures add run --failures new",
     "monitor run", "monitor run --specification near --out m", "check walk.yaml --baseline run --plan",
     "replay --run run --specification near --failure 1 --csv c.csv",
@@ -205,7 +205,7 @@ def _strike_checkpoint(random) -> Words:
     else:
         path.write_bytes(damage.damage_arrays(path.read_bytes(), random))
     known = [f"{name}.yaml"] if random.random() < 0.3 else []
-    return ["run", *known, "--resume", "torn", "--no-pictures"]
+    return ["run", *known, "--out", "torn", "--resume", "--no-pictures"]
 
 
 def _same_bits(outcome) -> str | None:

@@ -26,7 +26,7 @@ def strike(random):
             random, sorted(path for path in Path("rates").rglob("*.*") if path.suffix in (".json", ".npz"))
         )
         path.write_bytes(_damaged(path, random))
-        return ["rate", "catalogue.yaml", "--quiet", "--resume", "rates"]
+        return ["rate", "catalogue.yaml", "--quiet", "--out", "rates", "--resume"]
     name = pick(random, ["is", "smc"])
     path = Path(f"learned_{name}.json")
     path.write_bytes(damage.damage_json(path.read_bytes(), random))

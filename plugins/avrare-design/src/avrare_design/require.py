@@ -45,6 +45,7 @@ def require(
     seed: int | None = None,
     workers: int = 1,
     out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
     show: Watch | None = None,
 ) -> Requirement:
     """Find how large (or small) a parameter of a scenario may be for a probability to stay below a bound.
@@ -60,7 +61,8 @@ def require(
         rollouts: Budget of all estimates together.
         seed: Seed of the first estimate; each has its own. None: the scenario's.
         workers: Number of processes.
-        out: Folder that keeps finished chunks until the answer is there; the same call resumes from them.
+        out: Folder that keeps finished chunks until the answer is there.
+        resume: Continue from the chunks that an interrupted search has left in ``out``.
         show: Progress display.
 
     Raises:
@@ -81,7 +83,7 @@ def require(
         "seed": seed,
         "scenario": identify(definition),
     }
-    with keep_outcomes(None if out is None else Path(out), "require", task) as journal:
+    with keep_outcomes(None if out is None else Path(out), "require", task, resume) as journal:
         execution = Execution(partial(build_executor, workers), show or show_nothing, journal)
         evaluate = _Evaluation(scenario, parameter, value, name, between, rollouts, seed, execution)
         found = find_requirement(evaluate, parameter, name, limit, between, confidence=definition.confidence)

@@ -73,6 +73,7 @@ def execute(args: argparse.Namespace) -> int:
         seed=args.seed,
         workers=args.workers,
         out=args.out,
+        resume=args.resume,
         show=show,
     )
     content = {

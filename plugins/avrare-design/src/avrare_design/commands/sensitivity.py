@@ -69,7 +69,7 @@ def execute(args: argparse.Namespace) -> int:
         "run": None if args.run is None else identify_run(Run.read(args.run)),
     }
     out = None if args.out is None else Path(args.out)
-    with keep_outcomes(out, "sensitivity", task) as journal:
+    with keep_outcomes(out, "sensitivity", task, args.resume) as journal:
         with progress_line() as progress:
             found = sensitivity(
                 args.scenario,
