@@ -84,7 +84,6 @@ def test_the_core_imports_no_plugin():
 OTHER_MEANINGS = {
     ("analysis/page/build.py", "is"): "the verb",
     ("cli/main.py", "policy"): "a command, with the distribution to install for it",
-    ("cli/replay.py", "commonroad"): "a file format",
     ("testing/problems.py", "linear"): "a problem with an exact answer",
     ("testing/static_problems.py", "linear"): "a problem with an exact answer",
     ("testing/conformance/description_checks.py", "gymnasium"): "a package that is heavy to import",

@@ -51,7 +51,7 @@ resources: send it by mail, or archive it with the build.
 examples:
   avrare run scenarios/lane_change.yaml --out runs/night
   avrare report runs/night --open
-  avrare report runs/night --out lane_change.html
+  avrare report runs/night --out pages
 """,
 }
 """Command -> what follows its options: explanations, examples, exit codes."""

@@ -188,10 +188,11 @@ OPTIONS: dict[str, Options] = {
         **SEARCH,
         "--shrink": "find the smallest noise that still fails",
         "--lost": "say when it was lost: the last moment from which a drive on without noise keeps the rule",
-        "--csv FILE": "write the rollout as CSV for `avrare monitor`",
-        "--commonroad FILE": "write the rollout as a CommonRoad scenario; the ego has ID 1",
-        "--mcap FILE": "write the rollout as MCAP for Foxglove: boxes, observations, tracks, plan, signals",
-        "--rerun FILE": "write the same as .rrd for the Rerun viewer",
+        "--export FILE": (
+            "write the rollout as .csv for `avrare monitor`, .xml (CommonRoad), .mcap (Foxglove) or .rrd "
+            "(Rerun); may be repeated",
+            REPEATABLE,
+        ),
     },
     "falsify": {
         **SCENARIO,
@@ -241,7 +242,7 @@ OPTIONS: dict[str, Options] = {
     },
     "report": {
         "folder DIR": "run folder",
-        "--out FILE": "report file (default: report.html in DIR)",
+        "--out DIR": "write report.html into this folder (default: the run folder)",
         "--open": "open the report in the browser",
         **SAFE,
     },

@@ -20,8 +20,6 @@ from avrare.plugin.provided import load_function
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario
 
-_EXPORTS = ("csv", "commonroad", "mcap", "rerun")
-
 
 def execute(args: argparse.Namespace) -> int:
     """Replay, and with ``--shrink`` shrink; return exit code 0 if it fails again, 1 if not."""
@@ -59,9 +57,8 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError("--specification requires --run", "a stored failure names its specification")
     elif args.blob is not None:
         raise UsageError("--blob cannot be combined with --run", "give one of them")
-    for name in _EXPORTS:
-        if getattr(args, name) == "":
-            raise UsageError(f"--{name} must be a file, not ''")
+    if "" in args.export:
+        raise UsageError("--export must be a file, not ''")
 
 
 def _replay_stored_failure(args: argparse.Namespace) -> FailureReplay:
@@ -91,9 +88,8 @@ def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
 
 
 def _export(args: argparse.Namespace, replay: FailureReplay) -> None:
-    for name in _EXPORTS:
-        if path := getattr(args, name):
-            say(f"written to {path}", *load_function("export")(replay, path, name))
+    for path in args.export:
+        say(f"written to {path}", *load_function("export")(replay, path))
 
 
 def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure) -> None:

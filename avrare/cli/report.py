@@ -6,7 +6,6 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from avrare.base.errors import UsageError
 from avrare.cli.output import print_warnings, say
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, resume_hint
 from avrare.output.session.report import write_report
@@ -15,9 +14,7 @@ from avrare.output.session.report import write_report
 def execute(args: argparse.Namespace) -> None:
     """Write the report and print its path."""
     folder = Path(args.folder)
-    path = Path(args.out) if args.out is not None else folder / "report.html"
-    if path.is_dir():
-        raise UsageError(f"--out {path}: is a folder, not a file", "give the path of a file")
+    path = (folder if args.out is None else Path(args.out)) / "report.html"
     say(f"report in {write_report(folder, path)}")
     for home in dict.fromkeys((folder, folder.parent)):  # that of several scenarios is beside their folders
         if (home / FOLDER / INDEX).exists():

@@ -225,9 +225,9 @@ def test_a_replay_has_its_road_vehicles_and_observations(lane_change):
 
 
 def test_the_file_is_written_where_requested(made, tmp_path, capsys):
-    assert main(["report", str(made), "--out", str(tmp_path / "new" / "a.html")]) == 0
-    assert (tmp_path / "new" / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-    assert "a.html" in capsys.readouterr().out
+    assert main(["report", str(made), "--out", str(tmp_path / "new")]) == 0
+    assert (tmp_path / "new" / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert "new/report.html" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -249,8 +249,8 @@ def test_damaged_folders_are_a_clear_error(plane, capsys, name, content, message
 def test_a_folder_of_several_runs_names_them(made, capsys):
     assert main(["report", str(made.parent)]) == 4
     assert "it holds several runs; give one of them: run" in capsys.readouterr().err
-    assert main(["report", str(made), "--out", str(made)]) == 4
-    assert "is a folder" in capsys.readouterr().err
+    assert main(["report", str(made), "--out", str(made / "result.json")]) == 4
+    assert "result.json/report.html: cannot write" in capsys.readouterr().err
 
 
 def test_a_rule_that_the_scenario_lacks_is_a_clear_error(plane):

@@ -114,8 +114,10 @@ def test_every_vehicle_of_one_file(folder, capsys):
 
 
 def test_what_does_not_go_together(folder, capsys):
-    assert main(["monitor", str(folder / "one.csv"), "--rule", "R_G1", "--lanes", "1.75", "--jobs", "2"]) == 4
-    assert "--jobs" in capsys.readouterr().err
+    assert (
+        main(["monitor", str(folder / "one.csv"), "--rule", "R_G1", "--lanes", "1.75", "--workers", "2"]) == 4
+    )
+    assert "--workers" in capsys.readouterr().err
     assert main(["monitor", str(folder / "one.csv"), "--stl", "always (x > 0)", "--ego", "all"]) == 4
     assert "--rule" in capsys.readouterr().err
 
@@ -129,5 +131,5 @@ def test_lanes_elsewhere_are_no_verdict(folder, capsys):
 def test_the_number_of_processes_does_not_matter(folder):
     files = [str(folder / name) for name in ("one.csv", "deeper/two.csv", "other.csv")]
     question = Question(("R_G1",), road=ROAD)
-    alone, together = (monitor_files(files, question, jobs) for jobs in (1, 2))
+    alone, together = (monitor_files(files, question, workers) for workers in (1, 2))
     assert repr(alone) == repr(together)

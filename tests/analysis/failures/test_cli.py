@@ -133,7 +133,7 @@ def test_shrinking_stores_what_is_left(avrare, stored):
 
 
 def test_the_exported_rollout_breaks_the_same_formula(avrare, stored):
-    code, out, _ = avrare("replay", SCENARIO, *CHANGES, "--failure", stored, "--csv", "f.csv")
+    code, out, _ = avrare("replay", SCENARIO, *CHANGES, "--failure", stored, "--export", "f.csv")
     robustness = float(re.search(r"robustness (\S+)", out)[1])
     code, out, _ = avrare("monitor", "f.csv", "--stl", "always (y < 0.2)", "--json")
     assert code == 1
@@ -182,7 +182,7 @@ def test_falsify_that_finds_nothing(avrare):
         (["replay", SCENARIO, "--failure", "a", "--budget", "rollouts=0"], "--budget"),
         (["replay", "--run", "none", "--blob", "x"], "--blob cannot be combined with --run"),
         (["replay", "none.yaml", "--blob", "avrare1.AAAA"], "the blob is damaged"),
-        (["replay", SCENARIO, "--failure", "a", "--csv", ""], "--csv must be a file"),
+        (["replay", SCENARIO, "--failure", "a", "--export", ""], "--export must be a file"),
         (["falsify", SCENARIO, "--seed", "-1"], "--seed must be at least 0"),
         (["falsify", SCENARIO, "--budget", "rollouts=1"], "--budget"),
         (["falsify", SCENARIO, "--specification", "clean"], "no specification 'clean'"),

@@ -91,8 +91,8 @@ TASKS = {
         lambda: result("out"), ("walk.yaml",), codes=(0, 1, 3),
     ),
     "failures add": Task(["failures", "add", "run", "--failures", "stored"], _failures, ("run", "walk.yaml")),
-    "replay --csv": Task(
-        ["replay", "--run", "run", "--csv", "r.csv", "--write-blob", "b"],
+    "replay --export": Task(
+        ["replay", "--run", "run", "--export", "r.csv", "--write-blob", "b"],
         lambda: Path("r.csv").read_text(), ("run",), codes=(0, 1),
     ),
     "monitor --out": Task(["monitor", "run", "--out", "m"], _texts("m/*.json"), ("run",), codes=(0, 1)),

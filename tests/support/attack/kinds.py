@@ -158,7 +158,7 @@ _RUN_COMMANDS = [
     "report run", "run --out run --resume", "run --out run --resume --json",
     "replay --run run --specification far", "replay --run run", "failures add run --failures new",
     "monitor run", "monitor run --specification near --out m", "check walk.yaml --baseline run --plan",
-    "replay --run run --specification near --failure 1 --csv c.csv",
+    "replay --run run --specification near --failure 1 --export c.csv",
 ]  # fmt: skip
 
 

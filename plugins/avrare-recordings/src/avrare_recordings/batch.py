@@ -242,14 +242,14 @@ def monitor_all(
 def monitor_files(
     files: Sequence[str],
     question: Question,
-    jobs: int = 1,
+    workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> BatchResult:
-    """Score every drive of the files, on ``jobs`` processes; the result does not depend on their number."""
+    """Score every drive of the files on some processes; the result does not depend on their number."""
     scores: list[DriveScore] = []
     refusals: list[Refusal] = []
     work = [part for file in files for part in _split(file, question, refusals)]
-    for done, (mine, refused) in enumerate(_run(work, question, jobs), start=1):
+    for done, (mine, refused) in enumerate(_run(work, question, workers), start=1):
         scores += mine
         refusals += refused
         if progress is not None:
@@ -276,13 +276,13 @@ def _split(file: str, question: Question, refusals: list[Refusal]) -> Iterator[W
 
 
 def _run(
-    work: Sequence[Work], question: Question, jobs: int
+    work: Sequence[Work], question: Question, workers: int
 ) -> Iterable[tuple[list[DriveScore], list[Refusal]]]:
     score = functools.partial(score_drives, question)
-    if jobs <= 1 or len(work) <= 1:
+    if workers <= 1 or len(work) <= 1:
         yield from map(score, work)
         return
-    with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(min(workers, len(work)), mp_context=get_context("spawn")) as pool:
         yield from pool.map(score, work)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal
 
 from avrare.analysis.failures.stored_replays import FailureReplay
 from avrare.base.atomic_files import explain_file_errors, write_text
@@ -17,39 +16,42 @@ from avrare_recordings.formats.csv_recording import csv_vehicle_names, to_csv
 from avrare_recordings.formats.mcap_recording import write_mcap
 from avrare_recordings.formats.rerun_recording import write_rerun
 
-Format = Literal["csv", "commonroad", "mcap", "rerun"]
+SUFFIXES = (".csv", ".xml", ".mcap", ".rrd")
 
 
-def export(replay: FailureReplay, path: str | os.PathLike[str], file_format: Format) -> list[str]:
-    """Write the rollout of a replayed failure into a file.
+def export(replay: FailureReplay, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rollout of a replayed failure into a file, whose suffix chooses the format.
 
     Args:
         replay: Result of ``avrare.replay``.
-        path: File to write.
-        file_format: ``csv`` for ``avrare monitor``, ``commonroad``, ``mcap`` for Foxglove, or ``rerun``.
+        path: File to write: ``.csv`` for ``avrare monitor``, ``.xml`` (CommonRoad), ``.mcap`` (Foxglove) or
+            ``.rrd`` (Rerun).
 
     Returns:
         Sentences about vehicles that the file calls by another name.
 
     Raises:
-        UsageError: The rollout ended before its first sample, or the file cannot be written.
+        UsageError: The suffix is of no format, the rollout ended before its first sample, or the file cannot
+            be written.
         PluginError: A package that writes the format is not installed.
     """
+    file = Path(path)
+    if file.suffix not in SUFFIXES:
+        raise UsageError(f"{path}: its suffix is of no format", f"one of {', '.join(SUFFIXES)}")
     source = f"failure {replay.failure.id}"
     if not replay.rollout.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")
     problem = replay.scenario.problem(replay.scenario.specifications)
     recording = record_rollout(problem, replay.rollout, source)
-    file = Path(path)
-    match file_format:
-        case "csv":
+    match file.suffix:
+        case ".csv":
             _write_text(file, to_csv(recording))
             return _list_new_names(recording)
-        case "commonroad":
+        case ".xml":
             _write_text(file, to_commonroad(recording, replay.scenario.name))
-        case "mcap":
+        case ".mcap":
             write_mcap(file, recording, extract_frames(problem, replay.rollout))
-        case "rerun":
+        case ".rrd":
             write_rerun(file, recording, extract_frames(problem, replay.rollout))
     return []
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.options import REPEATABLE, SAFE, Options, add_rows, at_least, permit_negative_lists
+from avrare.cli.options import REPEATABLE, SAFE, WORKERS, Options, add_rows, permit_negative_lists
 from avrare.cli.output import can_draw, print_warnings, write_files
 from avrare.driving import Road
 from avrare.output.plots.monitoring_plot import plot_monitoring
@@ -40,7 +40,7 @@ _OPTIONS: Options = {
         "--network FILE": "CommonRoad file with the lanes of a recording in the format of inD",
         "--failure K": ("index of a run's failure (default: the worst)", {"type": int}),
     },
-    "--jobs N": ("processes for many drives (default 1)", {"type": at_least(1), "default": 1}),
+    **WORKERS,
     "--out DIR": "write monitor.csv, monitor.json and, of one drive, monitor.png",
     "--json": "print the result with all samples, or with all drives, as JSON",
     **SAFE,
@@ -58,7 +58,7 @@ FILE is one of
 examples:
   avrare monitor gaps.csv --stl "always (gap > 2)"
   avrare monitor drive.csv --rule R_G1 --lanes -1.75,1.75,5.25 --access-ramp 0
-  avrare monitor recordings --rule R_G1,R_I2 --jobs 2 --out table
+  avrare monitor recordings --rule R_G1,R_I2 --workers 2 --out table
   avrare monitor runs/lane_change --specification safe_distance --failure 0
 
 exit code: 0 satisfied, 1 violated, 4 bad file or usage, 5 a package or plugin is missing
@@ -91,8 +91,8 @@ def execute(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace, batch: bool) -> None:
     chosen = [f"--{name}" for name in ("rule", "stl", "specification") if getattr(args, name) is not None]
-    if args.jobs != 1 and not batch:
-        raise UsageError("--jobs is for a folder of recordings, or for --ego all")
+    if args.workers != 1 and not batch:
+        raise UsageError("--workers is for a folder of recordings, or for --ego all")
     if Path(args.file).is_dir() and not batch:
         names = ("ego", "scenario", "lanes", "lane_width", "access_ramp", "broad_marking", "network")
         if wrong := [name.replace("_", "-") for name in names if getattr(args, name) is not None]:

@@ -41,7 +41,7 @@ def execute(args: argparse.Namespace, road: Road | None) -> int:
         scenario=args.scenario,
         road=road,
         network=args.network,
-        workers=args.jobs,
+        workers=args.workers,
     )
     if args.out is not None:
         folder = Path(args.out)

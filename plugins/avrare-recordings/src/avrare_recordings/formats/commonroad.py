@@ -97,10 +97,10 @@ def to_commonroad(recording: Recording, name: str) -> str:
     scene = recording.scene
     if scene is None:
         text = f"{recording.source}: a CommonRoad file needs vehicles and a road"
-        raise UsageError(text, "use --csv instead")
+        raise UsageError(text, "write a .csv file instead")
     if scene.road.line is not None or scene.road.lanes:
         text = f"{recording.source}: only straight roads are written as CommonRoad files"
-        raise UsageError(text, "use --csv instead")
+        raise UsageError(text, "write a .csv file instead")
     root = ET.Element(
         "commonRoad",
         timeStepSize=repr(recording.dt),
