@@ -42,14 +42,23 @@ PROVIDED = {
     "require": ("avrare-design", "find the parameter value that keeps a probability below a bound"),
     "synthesise": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
     "pem": ("avrare-pem-training", "fit a perception error model to detections"),
-    "flow": ("avrare-flows", "fit a normalizing flow to noise samples"),
-    "scenes": ("avrare-single-track", "tell which OpenSCENARIO files are read, or act one out"),
-    "policy": ("avrare-policy", "convert a trained policy network to a file of the plugin"),
+    "flow": ("avrare-flows", "fit a normalising flow to samples of noise"),
+    "scenes": ("avrare-single-track", "check which OpenSCENARIO files can be read, or act one out"),
+    "policy": ("avrare-policy", "convert a trained network to a policy file"),
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.
 
 Such a module has ``add_arguments(parser)`` as well.
 """
+
+GROUPS = {
+    "estimate": ("run", "rate", "compare"),
+    "judge": ("check", "monitor", "rules"),
+    "explain": ("why", "replay", "falsify", "failures", "sensitivity"),
+    "look": ("report", "plugins", "scenes"),
+    "build": ("new", "validate", "require", "synthesise", "pem", "flow", "policy"),
+}
+"""Heading in the help -> commands."""
 
 _BROKEN_PIPE = 141
 """Exit code after SIGPIPE, as shells report it: 128 + 13."""
@@ -168,12 +177,16 @@ def _module(name: str) -> Any:
 
 
 def _top_parser() -> Parser:
-    listing = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in (COMMANDS | PROVIDED).items())
+    known = COMMANDS | PROVIDED
+    listing = "\n\n".join(
+        "\n".join([f"{title}:", *(f"  {name:<14}{known[name][1]}" for name in names)])
+        for title, names in GROUPS.items()
+    )
     parser = Parser(
         prog="avrare",
         usage="avrare [-h] [--version] [--traceback] COMMAND ...",
         description="avrare: how likely is this driving stack to break this traffic rule?",
-        epilog=f"commands:\n{listing}\n\n'avrare COMMAND --help' shows the options of a command.",
+        epilog=f"{listing}\n\n'avrare COMMAND --help' shows the options of a command.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -15,7 +15,7 @@ from avrare.base.errors import FormulaError
 from avrare.logic.explanation import Explanation, FormulaValues, explain, to_single_trace
 from avrare.logic.monitor.monitors import IntervalMonitor, RobustnessMonitor
 from avrare.logic.semantics.input_signals import Trace, read_trace
-from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
 from avrare.logic.syntax import nodes
@@ -199,8 +199,8 @@ class Formula:
         return IntervalMonitor(self.node, self.closed, length)
 
     @functools.cached_property
-    def _normalized(self) -> nodes.Node:
-        return normalize(self.node)
+    def _normalised(self) -> nodes.Node:
+        return normalise(self.node)
 
     @functools.cached_property
     def _needs_truth(self) -> bool:
@@ -214,7 +214,7 @@ class Formula:
         values = np.empty((trace.rows, trace.steps))
         for rows in trace.blocks():
             block = trace.take(rows)
-            x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalized)
+            x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalised)
             require_scalar(x.ndim - 2)
             shown = flush(x)
             if shown is not x:

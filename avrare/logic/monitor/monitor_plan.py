@@ -27,7 +27,7 @@ from avrare.logic.monitor.operator_nodes import FEW, make_nodes
 from avrare.logic.semantics.normal_form import (
     find_obligations,
     find_truth_at_zero,
-    normalize,
+    normalise,
     place_quantifiers,
 )
 from avrare.logic.semantics.trace_evaluator import Evaluator, align, get_join
@@ -73,7 +73,7 @@ class MonitorPlan:
         self._axes: dict[Node, int] = {}
         self.nodes: list[MonitorNode] = []
         self.folds: list[RootFold] = []
-        normal = place_quantifiers(normalize(formula))
+        normal = place_quantifiers(normalise(formula))
         _replace_temporal(normal, self._collect_axes)
         self.skeleton = _replace_temporal(normal, self._add_fold)
         axes = {node.obligation: node for node in self.nodes if node.obligation is not None}

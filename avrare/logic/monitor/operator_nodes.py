@@ -33,7 +33,7 @@ FEW = 16
 def make_nodes(
     formula: Node, children: Sequence[MonitorNode], closed: bool, axes: Mapping[Node, int]
 ) -> list[MonitorNode]:
-    """Make the node of a normalized formula, after the nodes that only it needs.
+    """Make the node of a normalised formula, after the nodes that only it needs.
 
     Args:
         formula: Formula.

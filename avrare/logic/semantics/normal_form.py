@@ -33,33 +33,33 @@ _OFFSET_UNTIL = {
 }
 
 
-def normalize(node: Node, positive: bool = True) -> Node:
+def normalise(node: Node, positive: bool = True) -> Node:
     """Return the formula, or its negation, in normal form; robustness and truth are the same."""
     match node:
         case Constant(value):
             return Constant(value == positive)
         case nodes.Predicate() | nodes.Step() | Connective(op="implies") | Until(op="unless"):
-            return normalize(nodes.expand(node), positive)
+            return normalise(nodes.expand(node), positive)
         case Comparison(op):
             return node if positive else dataclasses.replace(node, op=_OPPOSITE[op])
         case Not(child):
-            return normalize(child, not positive)
+            return normalise(child, not positive)
         case Connective("iff" | "xor" as op, left, right):
-            return Connective(_signed(op, positive), normalize(left), normalize(right))
+            return Connective(_signed(op, positive), normalise(left), normalise(right))
         case Connective(op, left, right):
-            return Connective(_signed(op, positive), normalize(left, positive), normalize(right, positive))
+            return Connective(_signed(op, positive), normalise(left, positive), normalise(right, positive))
         case Quantifier(op="at_least"):
-            counted = dataclasses.replace(node, child=normalize(node.child))
+            counted = dataclasses.replace(node, child=normalise(node.child))
             return counted if positive else Not(counted)
         case Quantifier(op):
-            return dataclasses.replace(node, op=_signed(op, positive), child=normalize(node.child, positive))
+            return dataclasses.replace(node, op=_signed(op, positive), child=normalise(node.child, positive))
         case Window(op, lo, hi, child):
-            op, child = _signed(op, positive), normalize(child, positive)
+            op, child = _signed(op, positive), normalise(child, positive)
             if math.isinf(hi) and lo > 0:
                 return Window(op, lo, lo, Window(op, 0, hi, child))
             return Window(op, lo, hi, child)
         case Until(op, lo, hi, left, right):
-            left, right = normalize(left, positive), normalize(right, positive)
+            left, right = normalise(left, positive), normalise(right, positive)
             return _until(_signed(op, positive), lo, hi, left, right)
     raise TypeError(f"not a formula: {node!r}")
 
@@ -77,7 +77,7 @@ def _until(op: str, lo: int, hi: float, left: Node, right: Node) -> Node:
 
 
 def find_truth_at_zero(root: Node) -> bool | None:
-    """Return whether a normalized formula is true where its robustness is 0; None if that varies.
+    """Return whether a normalised formula is true where its robustness is 0; None if that varies.
 
     Minimum and maximum cannot tell a 0 that is true from one that is false, but if all comparisons are
     strict, or none is, only one of the two occurs.
@@ -101,7 +101,7 @@ def find_obligations(node: Node) -> list[Node]:
 
 
 def place_quantifiers(node: Node) -> Node:
-    """Move the outer quantifiers of a normalized formula to where a monitor needs least memory.
+    """Move the outer quantifiers of a normalised formula to where a monitor needs least memory.
 
     ``forall (always φ)`` becomes ``always (forall φ)``, which carries one number per particle. If φ has an
     unbounded future operator, which carries one number per vehicle, it is the other way round. Exists and

@@ -128,7 +128,7 @@ class Window(Node):
 class Until(Node):
     """``left op right`` with op one of until, since, unless; the witness is ``lo`` to ``hi`` samples away.
 
-    Normalized formulas also have release and trigger, the duals of until and since.
+    Normalised formulas also have release and trigger, the duals of until and since.
     """
 
     op: str

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from avrare.logic.formula import Formula
-from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, System
@@ -44,8 +44,8 @@ def find_flat_parts(
     judge, signals = (
         (guide.formula, signals | guide.repeat_sizes(PROBE_ROWS)) if guide else (formula, signals)
     )
-    parts = split_requirements(normalize(formula.node))
-    judged = split_requirements(normalize(judge.node))
+    parts = split_requirements(normalise(formula.node))
+    judged = split_requirements(normalise(judge.node))
     flat = [is_flat(replace(judge, derived=part), signals, by_sample) for part in judged]
     may_fail = [bool(nodes.signals(part)) for part in parts]  # what reads no signal is true, or always broken
     return tuple(
@@ -54,7 +54,7 @@ def find_flat_parts(
 
 
 def split_requirements(node: nodes.Node) -> list[nodes.Node]:
-    """Split a normalized formula into parts that it needs one and all."""
+    """Split a normalised formula into parts that it needs one and all."""
     match node:
         case nodes.Connective("and", left, right):
             return [*split_requirements(left), *split_requirements(right)]

@@ -1,4 +1,4 @@
-"""Noise that is not normal: isoprobabilistic transforms, copulas and normalizing flows."""
+"""Noise that is not normal: isoprobabilistic transforms, copulas and normalising flows."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -116,11 +116,11 @@ class Elimination(Kernel):
         return Move.begin(state, level, draw, rotated(state.tape, other, angle), arcs)
 
 
-def free_angle(center: Floats, half: Floats, uniforms: Floats) -> tuple[Floats, Bools]:
+def free_angle(centre: Floats, half: Floats, uniforms: Floats) -> tuple[Floats, Bools]:
     """Return an angle uniform on the circle without some arcs.
 
     Args:
-        center: (W, J) centres of the arcs, in [0, 2 pi).
+        centre: (W, J) centres of the arcs, in [0, 2 pi).
         half: (W, J) half their widths; 0 for none.
         uniforms: (W,) in (0, 1).
 
@@ -128,10 +128,10 @@ def free_angle(center: Floats, half: Floats, uniforms: Floats) -> tuple[Floats, 
         (W,) angles, and (W,) bool: nothing is left, and the angle has no meaning.
     """
     half = np.minimum(half, np.pi)
-    low = np.mod(center - half, _CIRCLE)
+    low = np.mod(centre - half, _CIRCLE)
     high = low + 2.0 * half
     over = np.maximum(high - _CIRCLE, 0.0)  # the part beyond 2 pi begins at 0 again
-    ends = np.zeros((len(center), 1))
+    ends = np.zeros((len(centre), 1))
     start = np.concatenate([low, np.zeros_like(low), ends + _CIRCLE], axis=1)
     stop = np.concatenate([np.minimum(high, _CIRCLE), over, ends + _CIRCLE], axis=1)
     order = np.argsort(start, axis=1, kind="stable")
