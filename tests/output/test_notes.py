@@ -71,6 +71,7 @@ MAKERS = {
     "twin in vain": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=200),
     "counts": lambda: estimate("mc", problem(system=Solved()), rollouts=50),
     "blind": lambda: estimate("ams", runs=4, **SMALL),
+    "witness": lambda: estimate("is", rollouts=20_000),
     "choice": lambda: estimate("auto", problem(0.5), rollouts=5000),
     "model": estimate_ensemble,
     "cross_check": lambda: estimate("ams", runs=4, cross_check={"share": 1.0}, **SMALL),

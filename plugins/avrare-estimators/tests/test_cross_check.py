@@ -6,7 +6,7 @@ import pytest
 import avrare
 from avrare.estimation.result import intervals
 from avrare.testing.problems import reference_problem
-from avrare_estimators.common.samples.agreement import find_doubts
+from avrare_estimators.common.samples.agreement import compare_checks
 from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
 
 LINE = reference_problem("b_linear_d100_p1e-4")
@@ -34,13 +34,21 @@ def check(around, scatter=1.1):
 
 
 def doubts(checks):
-    return find_doubts(1e-4, OWN, checks, 0.95)
+    return compare_checks(1e-4, OWN, 0.05, checks, 0.95)[0]
 
 
 def test_a_check_that_agrees_raises_no_doubt():
     assert doubts([check(1.05e-4)]) == {}
     assert doubts([check(1.05e-4), None, check(0.9e-4)]) == {}
     assert doubts([]) == {}
+
+
+def test_a_check_that_vouches_states_its_power():
+    (note,) = compare_checks(1e-4, OWN, 0.05, [check(1.05e-4)], 0.95)[1]
+    assert note.kind == "witness"
+    assert "would have been noticed in 100 of 100" in note.text
+    (weaker,) = compare_checks(1e-4, (0.5e-4, 2e-4), 0.35, [check(1.05e-4, scatter=1.8)], 0.95)[1]
+    assert int(weaker.text.split(" in ")[1].split()[0]) < 90
 
 
 def test_a_climb_that_contradicts_is_told_with_both_numbers():
@@ -63,7 +71,7 @@ def test_a_climb_that_is_somewhat_low_contradicts_nothing():
         ([None, check(1e-4)], "did not reach a failure"),
         ([CrossCheckResult((), 900)], "did not reach a failure"),
         ([CrossCheckResult((0.0,) * GROUPS, 900)], "died out"),
-        ([check(0.3e-4, scatter=30.0)], "too wide to vouch"),
+        ([check(0.3e-4, scatter=30.0)], "vouches for little: a miss by a factor 3"),
     ],
 )
 def test_a_check_without_an_answer_does_not_vouch(checks, reason):
@@ -109,6 +117,16 @@ def test_few_rollouts_are_not_vouched_for():
     low, high = result.interval
     assert low <= result.probability
     assert high >= intervals.clopper_pearson(0, result.diagnostics["target_rows"][0], 0.95)[1]
+
+
+def test_a_check_that_ends_without_an_answer_is_paid_for():
+    results = [
+        avrare.estimate(LINE.problem(), "is", seed=seed, rollouts=4000, check=0.4) for seed in range(3)
+    ]
+    for result in results:
+        (look,) = result.diagnostics["second_look"]
+        rollouts = 0 if look is None else look["rollouts"]
+        assert result.diagnostics["check_rollouts"] == rollouts
 
 
 @pytest.mark.slow

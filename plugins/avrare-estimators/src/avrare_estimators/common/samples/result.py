@@ -15,11 +15,12 @@ from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
-from avrare_estimators.common.samples.agreement import find_doubts
+from avrare_estimators.common.samples.agreement import compare_checks
 from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
 from avrare_estimators.common.samples.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.common.samples.stages import has_reached
@@ -126,11 +127,14 @@ def summarise(
     mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
     warnings = _health(plan, runs, marks, tally)
     interval_at = _interval_of_weights(runs, values, marks)
+    notes: tuple[Note, ...] = ()
     alone = [replace(run, check_share=0.0) for run in runs]
     sampled = np.array([run.probability for run in alone])
     if sampled.any():
         own = _interval_of_weights(alone, sampled, _pooled_quality(alone))(plan.confidence)
-        warnings |= find_doubts(float(sampled.mean()), own, checks, plan.confidence)
+        error = math.sqrt(_relative_variance(alone, sampled))
+        doubts, notes = compare_checks(float(sampled.mean()), own, error, checks, plan.confidence)
+        warnings |= doubts
     plain = all(run.plain for run in runs)
     if plain:
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
@@ -149,6 +153,7 @@ def summarise(
         robustness=first if first is not None else np.zeros(0),
         fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
+        notes=notes,
         diagnostics=_diagnostics(runs, marks),
     )
 
