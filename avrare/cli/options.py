@@ -172,7 +172,7 @@ OPTIONS: dict[str, Options] = {
     "validate": {
         **SCENARIOS,
         "scenarios SCENARIO": ("scenario file", {"nargs": "*"}),
-        "--build": "also build the stack and run three steps",
+        "--build": "also build the stack, run three steps, and compare half the integration step",
         "--schema": "print the JSON schema of scenario files, with the options of all components",
     },
     "replay": {

@@ -34,7 +34,7 @@ class Validation(Answer):
         contents: Name and sizes of the scenario or catalogue; empty where it is not valid.
         warnings: Messages, with hints, on what is valid but may not be meant.
         error: What is wrong; None where the file is valid.
-        notes: Lines on the draws and the memory of the built stack.
+        notes: Lines on draws, memory and integration of the built stack.
     """
 
     path: str
@@ -90,7 +90,7 @@ def validate(
         path: YAML file.
         overrides: Settings as for ``--set``.
         estimator: Name of another estimator, with its default options.
-        build: Build the stack as well, and run three steps.
+        build: Build the stack as well, run three steps, and a few tapes with half the integration step.
         safe: As for ``avrare.load``.
 
     Returns:
@@ -135,7 +135,8 @@ def _describe(scenario: Scenario, built: bool) -> tuple[str, ...]:
 
 
 def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
-    """Build the stack, run a few steps, add to the warnings, and return lines on draws and memory."""
+    """Build the stack, run a few steps, add to the warnings, and return lines on what was found."""
+    from avrare.analysis.check.refinement import compare_substeps
     from avrare.estimation.estimate_scenario import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.child_process import run_guarded
     from avrare.rollout.loaded_scenario import LoadedScenario
@@ -151,7 +152,8 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     memory = max((clearance.memory for clearance in clearances), key=lambda forecast: forecast.total)
     with first_steps(scenario):
         draws = run_guarded(_PURPOSE, stack.loop, partial(try_draws, scenario, stack))
-    return [*draws, memory.describe()]
+        changes = run_guarded(_PURPOSE, stack.loop, partial(compare_substeps, scenario, stack))
+    return [*draws, memory.describe(), *changes]
 
 
 @contextmanager

@@ -247,6 +247,9 @@ class SingleTrackConfig(Options):
     model_config = ConfigDict(json_schema_extra={"examples": [{"ego": {"x": 0.0, "y": 1.75, "speed": 20.0}}]})
 
     dt: float = Field(default=0.1, gt=0.0, le=1.0, description="step [s]")
+    substeps: int = Field(
+        default=1, ge=1, le=100, description="integration steps of the ego and of drivers within a step"
+    )
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")
     ego: EgoConfig = Field(description="the vehicle under test")
     vehicles: tuple[VehicleConfig, ...] = Field(

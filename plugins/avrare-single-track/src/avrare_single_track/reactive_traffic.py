@@ -55,14 +55,15 @@ class ReactiveTraffic:
     Args:
         vehicles: All vehicles; those with a ``driver`` react.
         scene: Road and sizes.
+        substeps: Moves within a step of the scene, between which moods do not change.
 
     Attributes:
         places: (R,) index of each driver among the vehicles.
         noise_names: A number of each driver, and a second one of those whose reaction time varies.
     """
 
-    def __init__(self, vehicles: tuple[VehicleConfig, ...], scene: Scene) -> None:
-        self.scene, self.dt = scene, scene.dt
+    def __init__(self, vehicles: tuple[VehicleConfig, ...], scene: Scene, substeps: int = 1) -> None:
+        self.scene, self.dt = scene, scene.dt / substeps
         chosen = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
         drivers = [driver for _, _, driver in chosen]
         self.places = np.array([k for k, _, _ in chosen], dtype=np.int64)
@@ -77,14 +78,14 @@ class ReactiveTraffic:
             + [f"reaction time of {names[row]}" for row in self._varies]
         )
         seconds = np.array([one.correlation_time for one in drivers])
-        self._decay = np.exp(-self.dt / seconds)
+        self._decay = np.exp(-scene.dt / seconds)
         self._spread = np.array([one.acceleration_sd for one in drivers])
         self._haste_spread = np.array([one.reaction_sd for one in drivers])[self._varies]
         late = self._table[:, _REACTION].max(initial=0.0) * np.exp(4.0 * self._haste_spread.max(initial=0.0))
         self._slots = _slots(late, self.dt)
         ways = [1 if np.cos(one.heading) >= 0.0 else -1 for _, one, _ in chosen]
         self._flows = [
-            Flow(vehicles, scene, np.flatnonzero(np.array(ways) == way), way)
+            Flow(vehicles, scene, np.flatnonzero(np.array(ways) == way), way, substeps)
             for way in (1, -1)
             if way in ways
         ]
@@ -112,6 +113,13 @@ class ReactiveTraffic:
         self, memory: DriverMemory, step: NDArray[np.int64], ego: Vehicles, others: Vehicles, noise: Floats
     ) -> tuple[DriverMemory, Floats]:
         """Return the memory and (5, N, R) x, y, heading, speed, acceleration of the drivers a step later."""
+        moved, out = self.move(memory, step, ego, others)
+        return self.change_moods(moved, noise), out
+
+    def move(
+        self, memory: DriverMemory, substep: NDArray[np.int64], ego: Vehicles, others: Vehicles
+    ) -> tuple[DriverMemory, Floats]:
+        """Return what ``step`` does a substep later, with the moods as they are."""
         table = self._table[None] if memory.table is None else memory.table
         late = np.zeros_like(memory.mood)
         if memory.past.size:
@@ -124,16 +132,20 @@ class ReactiveTraffic:
         out = np.empty((5, *memory.mood.shape))
         with announced("note: the drivers of single_track are compiled, once for this machine and version"):
             for flow in self._flows:
-                flow.step(later, table, late, step, ego, others, out)
+                flow.step(later, table, late, substep, ego, others, out)
         line = self.scene.road.line
         if line is not None:  # the way driven, as a difference of stations
             before = others.x[:, self.places]
             aside = 0.5 * (others.y[:, self.places] + out[1])
             out[0] = line.advance(before, aside, out[0] - before)
+        return later, out
+
+    def change_moods(self, memory: DriverMemory, noise: Floats) -> DriverMemory:
+        """Return the memory with the moods of a step later."""
         drivers = len(self.places)
         mood = _walk(memory.mood, self._decay, self._spread, noise[:, :drivers])
         haste = _walk(memory.haste, self._decay[self._varies], self._haste_spread, noise[:, drivers:])
-        return replace(later, mood=mood, haste=haste), out
+        return replace(memory, mood=mood, haste=haste)
 
     def placed(self, others: Vehicles, found: Floats) -> Vehicles:
         """Return all vehicles with those of the drivers in their places."""
@@ -151,12 +163,18 @@ class Flow:
         scene: Road and sizes.
         rows: (R',) indices of these among the drivers.
         way: 1 towards greater x, -1 towards smaller x.
+        substeps: Moves within a step of the scene.
     """
 
     def __init__(
-        self, vehicles: tuple[VehicleConfig, ...], scene: Scene, rows: NDArray[np.int64], way: int
+        self,
+        vehicles: tuple[VehicleConfig, ...],
+        scene: Scene,
+        rows: NDArray[np.int64],
+        way: int,
+        substeps: int,
     ) -> None:
-        self._way, self._dt = way, scene.dt
+        self._way, self._dt = way, scene.dt / substeps
         known = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
         mine = [known[row] for row in rows]
         self._rows = None if way > 0 and len(rows) == len(known) else rows
@@ -182,14 +200,16 @@ class Flow:
         self._ends = np.array([np.inf if end is None else way * end for end in ends])
         self._forced = np.array(
             [
-                (self._lane(one.merge.lane), one.merge.from_step, start) if one.merge else (-1, 0, start)
+                (self._lane(one.merge.lane), one.merge.from_step * substeps, start)
+                if one.merge
+                else (-1, 0, start)
                 for (_, _, one), start in zip(mine, starts, strict=True)
             ],
             dtype=np.int64,
         )
         self._brake = np.array(
             [
-                (row, part.from_step, part.to_step, part.acceleration)
+                (row, part.from_step * substeps, (part.to_step + 1) * substeps - 1, part.acceleration)
                 for row, (_, _, one) in enumerate(mine)
                 for part in one.brake
             ]

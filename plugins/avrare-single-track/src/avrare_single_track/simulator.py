@@ -62,9 +62,11 @@ class SingleTrack(Simulator):
     """
 
     scene: Scene
+    _substeps = 1
 
     def __init__(self, config: SingleTrackConfig) -> None:
         self.config = config
+        self._substeps = config.substeps
         self.dt = config.dt
         vehicles = config.vehicles
         self.scene = Scene(
@@ -86,7 +88,7 @@ class SingleTrack(Simulator):
 
     def react(self, vehicles: tuple[VehicleConfig, ...], scene: Scene) -> None:
         """Let those of a scene's vehicles react that have a driver."""
-        self.reactive = ReactiveTraffic(vehicles, scene)
+        self.reactive = ReactiveTraffic(vehicles, scene, self._substeps)
         self.noise_names = self.reactive.noise_names
         self.noise_size = len(self.noise_names)
 
@@ -146,12 +148,7 @@ class SingleTrack(Simulator):
         """
         if action is None:
             raise UsageError("the ego needs a controller", "add a `controller:` block to the scenario")
-        road = self.scene.road
-        ego, steering, slips = advance(
-            self.config.ego, self.dt, to_plane(road, world.ego), world.steering, action, world.friction
-        )
-        if road.line is not None:
-            ego = to_road(road.line, ego)
+        ego, steering, slips, moved_others = self._move(world, action, noise)
         before, now = self._lateral(world.ego, world.steering), self._lateral(ego, steering)
         jerk = np.hypot(ego.acceleration - world.ego.acceleration, now - before) / self.dt
         moved = replace(
@@ -161,9 +158,48 @@ class SingleTrack(Simulator):
             steering=steering,
             jerk=jerk,
             slips=world.slips + slips,
-            **self._move_others(world, noise),
+            **moved_others,
         )
         return moved if world.ended is None else end_at_impact(self.scene, world, moved)
+
+    def _move(
+        self, world: TrackWorld, action: Action, noise: Floats
+    ) -> tuple[Vehicles, Floats, Bools, dict[str, Any]]:
+        # Ego, steering angle, slipping rows, and what changes besides.
+        if self._substeps > 1:
+            return self._move_in_substeps(world, action, noise)
+        ego, steering, slips = self._drive(world.ego, world.steering, action, world.friction)
+        return ego, steering, slips, self._move_others(world, noise)
+
+    def _move_in_substeps(
+        self, world: TrackWorld, action: Action, noise: Floats
+    ) -> tuple[Vehicles, Floats, Bools, dict[str, Any]]:
+        ego, steering, drivers, others = world.ego, world.steering, world.drivers, world.others
+        slips, scripted = np.zeros(len(steering), dtype=np.bool_), self._others(world.step + 1, world.plans)
+        for part in range(self._substeps):
+            found = None
+            if drivers is not None:
+                substep = world.step * self._substeps + part
+                drivers, found = self.reactive.move(drivers, substep, ego, others)
+            ego, steering, slipping = self._drive(ego, steering, action, world.friction)
+            slips |= slipping
+            others = _between(world.others, scripted, (part + 1) / self._substeps)
+            others = others if found is None else self.reactive.placed(others, found)
+        if drivers is not None:
+            drivers = self.reactive.change_moods(drivers, noise)
+            changed = others.acceleration.copy()
+            reacting = self.reactive.places
+            changed[:, reacting] = ((others.speed - world.others.speed) / self.dt)[:, reacting]
+            others = replace(others, acceleration=changed)
+        ego = replace(ego, acceleration=(ego.speed - world.ego.speed) / self.dt)
+        return ego, steering, slips, {"others": others, "drivers": drivers}
+
+    def _drive(
+        self, ego: Vehicles, steering: Floats, action: Action, friction: Floats | None
+    ) -> tuple[Vehicles, Floats, Bools]:
+        road, dt = self.scene.road, self.dt / self._substeps
+        moved, angle, slips = advance(self.config.ego, dt, to_plane(road, ego), steering, action, friction)
+        return moved if road.line is None else to_road(road.line, moved), angle, slips
 
     def ended(self, world: TrackWorld) -> Bools:
         """Return (N,) the drives that an impact has ended."""
@@ -212,6 +248,13 @@ class SingleTrack(Simulator):
         """Tell (N,) which rows have an ego state that is not finite."""
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
+
+
+def _between(before: Vehicles, after: Vehicles, share: float) -> Vehicles:
+    if share == 1.0:
+        return after
+    places = (x + share * (y - x) for x, y in zip(vars(before).values(), vars(after).values(), strict=True))
+    return Vehicles(*places)
 
 
 class ScriptedTraffic:

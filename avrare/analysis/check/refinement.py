@@ -1,0 +1,81 @@
+"""Comparison of a stack with one whose simulator integrates in half the step, on the same noise tapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from avrare.protocols import Bools, Floats
+from avrare.scenario.schema import Scenario
+from avrare.stack.builder import Stack, build_stack
+
+_OPTION = "substeps"
+"""Option by which a simulator integrates in parts of its step, while noise and all other parts keep it."""
+_MOST_TAPES, _MOST_STEPS = 8, 2000
+"""Most tapes that are compared, and most steps of all of them together, but for a single one."""
+_ABSENT = 1e5
+"""Distance beyond which a vehicle counts as absent [m]."""
+_SHOWN = ("ego_x", "ego_y", "ego_speed", "others_x", "others_y", "others_speed", "gap")
+_MOST_SIGNALS = 6
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Drives of a few tapes: signals by name (steps + 1, tapes, ...), and what each specification says."""
+
+    signals: dict[str, Floats]
+    robustness: dict[str, Floats]
+    violated: dict[str, Bools]
+
+
+def compare_substeps(scenario: Scenario, stack: Stack) -> list[str]:
+    """Return lines on what changes where the simulator integrates in half the step."""
+    config = scenario.simulator.config
+    if _OPTION not in type(config).model_fields:
+        return [f"integration: the simulator has no `{_OPTION}`: whether its dt is small enough is not known"]
+    substeps = dict(config)[_OPTION]
+    finer = config.model_copy(update={_OPTION: 2 * substeps})
+    count = max(min(_MOST_TAPES, _MOST_STEPS // (scenario.steps + 1)), 1)
+    tapes = np.random.default_rng(0).standard_normal((scenario.steps + 1, count, stack.loop.noise_size))
+    try:
+        other = build_stack(replace(scenario, simulator=replace(scenario.simulator, config=finer)))
+        now, then = (_drive(part, tapes) for part in (stack, other))
+    except Exception as error:  # in a run such rollouts count as errors
+        return [f"integration: not compared, as a rollout breaks down: {type(error).__name__}: {error}"]
+    names = [name for name in _SHOWN if name in now.signals] or list(now.signals)[:_MOST_SIGNALS]
+    changes = [f"{name} {_greatest(now.signals[name], then.signals[name]):.2g}" for name in names]
+    tried = f"{count} tape{'s' * (count > 1)}"
+    lines = [
+        f"integration: {_OPTION} {2 * substeps} in place of {substeps}, {tried}, greatest changes:",
+        f"  {', '.join(changes)}",
+    ]
+    for name, robustness in now.robustness.items():
+        flips = int((now.violated[name] != then.violated[name]).sum())
+        change = _greatest(robustness, then.robustness[name])
+        lines.append(f"  {name}: robustness {change:.2g}, {flips} of {count} verdicts")
+    return lines
+
+
+def _drive(stack: Stack, tapes: Floats) -> Drives:
+    loop, count = stack.loop, tapes.shape[1]
+    state, samples = loop.initial(tapes[0]), []
+    monitors = {name: spec.start(count) for name, spec in stack.specifications.items()}
+    verdicts = {}
+    for step in range(len(tapes)):
+        state = loop.step(state, tapes[step]) if step else state
+        samples.append(loop.signals(state))
+        for name, spec in stack.specifications.items():
+            monitors[name], verdicts[name] = spec.update(monitors[name], samples[-1])
+    signals = {name: np.stack([sample[name] for sample in samples]) for name in samples[0]}
+    return Drives(
+        signals,
+        {name: verdict.robustness for name, verdict in verdicts.items()},
+        {name: verdict.violated for name, verdict in verdicts.items()},
+    )
+
+
+def _greatest(one: Floats, other: Floats) -> float:
+    """Return the greatest difference of numbers that both have, absent vehicles left out."""
+    finite = (np.abs(one) < _ABSENT) & (np.abs(other) < _ABSENT)
+    return float(np.abs(one[finite] - other[finite]).max(initial=0.0))
