@@ -8,7 +8,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.logic.formula import Formula, FormulaMonitor
-from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.syntax import nodes
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
@@ -155,7 +155,7 @@ def _guide(problem: Problem) -> ScaledMonitor | None:
 
 
 def _has_closed_form(problem: Problem) -> bool:
-    scored, node = problem.specifications[0], normalize(_formula(problem).node)
+    scored, node = problem.specifications[0], normalise(_formula(problem).node)
     match scored:
         case FunctionScored():
             return isinstance(scored.function, WholeTrace)
@@ -170,7 +170,7 @@ def _has_closed_form(problem: Problem) -> bool:
 
 def _sizes(affine: AffineFormula, guide: ScaledMonitor) -> Floats:
     # (T + 1, P); a comparison that the formula negates has its opposite's size.
-    sizes = {normalize(term, sign): size for term, size in guide.sizes.items() for sign in (True, False)}
+    sizes = {normalise(term, sign): size for term, size in guide.sizes.items() for sign in (True, False)}
     equal = np.ones(len(next(iter(sizes.values()))))
     return np.stack(
         [sizes.get(margin.term, equal) if margin.term else equal for margin in affine.margins], axis=1

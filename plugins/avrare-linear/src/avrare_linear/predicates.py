@@ -14,7 +14,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.logic.formula import Formula
-from avrare.logic.semantics.normal_form import normalize
+from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.semantics.trace_evaluator import Evaluator, compile_term
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra
 from avrare.logic.syntax import nodes
@@ -88,7 +88,7 @@ class AffineFormula:
         """
         collector = _MarginCollector(apart)
         return AffineFormula(
-            collector.node(normalize(formula.node)), tuple(collector.margins), formula.closed
+            collector.node(normalise(formula.node)), tuple(collector.margins), formula.closed
         )
 
     @property
