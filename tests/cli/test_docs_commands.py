@@ -46,7 +46,6 @@ NOT_RUN = {
     r"avrare pem fit .*": "a fit of minutes; avrare-pem-training's tests fit logs",
     r"avrare run .* --set perception.model=(models|fitted)/.*": "needs the fit before it",
     r"avrare run .* --set perception.tail_scale=.*": "thousands of drives; avrare-gp-pem's tests",
-    r"avrare run scenarios/lane_change_distributed.yaml .*": "thousands; tests/stack/test_drawn_start.py",
     r"avrare flow fit .*": "avrare-flows' tests fit flows",
     r"avrare synthesise .*": "a descent of minutes; avrare-design's tests synthesise",
     r"avrare why .*": "needs a large run; tests/cli/test_why.py and tests/analysis",

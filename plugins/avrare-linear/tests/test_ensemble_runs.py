@@ -64,5 +64,5 @@ def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatc
         patched.setattr(estimate_scenario, "LoadedScenario", dies)
         with pytest.raises(AssertionError):
             run("killed", DRAWS)
-    assert main(["run", "--resume", str(tmp_path / "killed"), "--no-pictures"]) == 0
+    assert main(["run", "--out", str(tmp_path / "killed"), "--resume", "--no-pictures"]) == 0
     assert read(tmp_path / "killed") == whole
