@@ -12,14 +12,14 @@ from pathlib import Path
 from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.storage import FailureDatabase, encode
-from avrare.cli.output import say, write_file
+from avrare.cli.output import say_beside, write_file
 from avrare.output.terminal.failure_text import MAX_BLOB
 
 
 @contextmanager
-def progress_line() -> Iterator[Callable[[str, int], None] | None]:
-    """Give a function that redraws a line with the number of rollouts; None if stderr is no terminal."""
-    if not sys.stderr.isatty():
+def progress_line(args: argparse.Namespace) -> Iterator[Callable[[str, int], None] | None]:
+    """Give a function that redraws a line with the number of rollouts; None where nothing is redrawn."""
+    if args.quiet or args.plain or not sys.stderr.isatty():
         yield None
         return
 
@@ -39,7 +39,7 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     scenario = args.scenario or f"{args.run}/scenario.yaml"
     settings = [word for setting in args.set for word in ("--set", setting)]
     command = ["avrare", "replay", scenario, *settings]
-    say(f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
+    say_beside(args, f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
     blob = encode(failure)
     if args.write_blob is not None:
         write_file(args.write_blob, blob + "\n", "choose another --write-blob")
@@ -49,4 +49,4 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     else:
         export = shlex.join(["avrare", "failures", "blob", failure.id, *folder])
         elsewhere = f"{export} > FILE, then {shlex.join([*command, '--blob'])} @FILE"
-    say(f"on another machine: {elsewhere}")
+    say_beside(args, f"on another machine: {elsewhere}")

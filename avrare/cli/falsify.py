@@ -8,7 +8,7 @@ from avrare.analysis.failures.failure import record_failure
 from avrare.analysis.failures.falsify import BUDGET, falsify
 from avrare.base.errors import ExitCode
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import print_warnings, say
+from avrare.cli.output import print_warnings, say_beside, show
 from avrare.rollout.loaded_scenario import load, select_specification
 
 
@@ -18,9 +18,10 @@ def execute(args: argparse.Namespace) -> int:
     print_warnings(scenario.definition.warnings)
     name = select_specification(scenario.specifications, args.specification, args.scenario)
     budget = BUDGET if args.budget is None else args.budget
-    with progress_line() as progress:
+    with progress_line(args) as progress:
         found = falsify(scenario.problem(name), seed=args.seed, budget=budget, progress=progress)
-    say(f"{scenario.name}: {name}", *found.lines())
+    say_beside(args, f"{scenario.name}: {name}")
+    show(args, found.table()[0], [found])
     if found.noise is not None:
         store_failure(args, record_failure(scenario, name, found.noise))
     return int(ExitCode.PASS if found.noise is None else ExitCode.FAIL)

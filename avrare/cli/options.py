@@ -74,20 +74,17 @@ RUN: Options = {
     "--budget KIND=N": "budget per estimate: steps=N, rollouts=N or seconds=N",
 }
 DISPLAY: Options = {
-    "|": {
-        "--quiet": "print only verdicts and errors",
-        "--plain": "no colours, nothing redrawn: for logs",
-    }
-}
-OUTPUT: Options = {
-    "--out DIR": "write the result as JSON into this folder",
     "--json": "print JSON and nothing else on stdout",
-    **SAFE,
+    "|": {
+        "--quiet": "print one line for each answer, and errors",
+        "--plain": "no colours, nothing redrawn: for logs",
+    },
 }
+OUTPUT: Options = {"--out DIR": "write the result as JSON into this folder"}
 RESUME: Options = {
     "--resume": "go on in the folder of --out where an interrupted command left off, or begin there"
 }
-RESUMABLE: Options = {**OUTPUT, **RESUME}
+RESUMABLE: Options = {**OUTPUT, **RESUME, **DISPLAY, **SAFE}
 FAILURES: Options = {
     "--failures DIR": (f"folder of stored failures (default {FAILURES_FOLDER})", {"default": FAILURES_FOLDER})
 }
@@ -109,7 +106,6 @@ OPTIONS: dict[str, Options] = {
         "--out DIR": "results folder (default: a new one under runs/)",
         **RESUME,
         "--failures DIR": "replay the failures stored in DIR first, and store new ones there",
-        "--json": "print result.json and nothing else on stdout",
         "--no-pictures": "draw no pictures",
         **DISPLAY,
     },
@@ -133,7 +129,6 @@ OPTIONS: dict[str, Options] = {
             "--markdown FILE": "write a summary for a merge request",
             "--out DIR": "write check.json and the run folders",
             "--resume": "save finished work in the folder of --out, and go on there after an interruption",
-            "--json": "print check.json and nothing else on stdout",
         },
         **DISPLAY,
     },
@@ -145,7 +140,6 @@ OPTIONS: dict[str, Options] = {
         "default: the catalogue's",
         "--out DIR": "results folder (default: a new one under runs/)",
         **RESUME,
-        "--json": "print rate.json and nothing else on stdout",
         **SAFE,
         **DISPLAY,
     },
@@ -164,7 +158,6 @@ OPTIONS: dict[str, Options] = {
         **SEED,
         **WORKERS,
         "--out DIR": "write comparison.json, .md and .png",
-        "--json": "print comparison.json and nothing else on stdout",
         "--no-pictures": "draw nothing",
         **SAFE,
         **DISPLAY,
@@ -193,6 +186,7 @@ OPTIONS: dict[str, Options] = {
             "(Rerun); may be repeated",
             REPEATABLE,
         ),
+        **DISPLAY,
     },
     "falsify": {
         **SCENARIO,
@@ -201,6 +195,7 @@ OPTIONS: dict[str, Options] = {
         "--specification NAME": "specification to violate; required if there are several",
         **SEED,
         **SEARCH,
+        **DISPLAY,
     },
     "failures": {},
     "failures list": FAILURES,

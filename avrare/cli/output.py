@@ -10,6 +10,7 @@ from pathlib import Path
 
 from avrare.base.atomic_files import ensure_writable, explain_file_errors, write_text
 from avrare.base.errors import UsageError
+from avrare.base.records import Answer
 from avrare.base.visible_text import spell_controls
 from avrare.estimation.result.result import finite
 
@@ -50,17 +51,28 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def show_or_write(
-    args: argparse.Namespace, file: str, content: Mapping[str, object], lines: Iterable[str]
+    args: argparse.Namespace, file: str, content: Mapping[str, object], answers: Sequence[Answer]
 ) -> None:
-    """Write ``content`` as ``file`` into the folder of ``--out``, and print it (``--json``) or the lines."""
+    """Write ``content`` as ``file`` into the folder of ``--out``, and show it or the answers."""
     if args.out is not None:
         write_files(Path(args.out), {file: json.dumps(finite(content), indent=2) + "\n"})
+    show(args, content, answers)
+    if args.out is not None and not args.json and not args.quiet:
+        say(f"written: {Path(args.out) / file}")
+
+
+def show(args: argparse.Namespace, content: Mapping[str, object], answers: Sequence[Answer]) -> None:
+    """Print ``content`` (``--json``), or the answers in words: of each the first line alone if quiet."""
     if args.json:
         print(json.dumps(finite(content)))
-    else:
-        say(*lines)
-        if args.out is not None:
-            say(f"written: {Path(args.out) / file}")
+    for answer in () if args.json else answers:
+        say(*answer.lines()[: 1 if args.quiet else None])
+
+
+def say_beside(args: argparse.Namespace, *lines: str) -> None:
+    """Print lines that are no answer: nothing if quiet, on stderr beside JSON."""
+    if not args.quiet:
+        say(*lines, error=args.json)
 
 
 def can_draw() -> bool:

@@ -14,7 +14,7 @@ from avrare.analysis.failures.storage import decode
 from avrare.analysis.failures.stored_replays import FailureReplay, replay
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import print_warnings, say
+from avrare.cli.output import print_warnings, say_beside, show
 from avrare.output.terminal.failure_text import describe_shrinking
 from avrare.plugin.provided import load_function
 from avrare.results.run import Run
@@ -26,7 +26,7 @@ def execute(args: argparse.Namespace) -> int:
     _check(args)
     found = _replay_failure_of_run(args) if args.run is not None else _replay_stored_failure(args)
     scenario, failure = found.scenario, found.failure
-    say(*found.lines())
+    show(args, found.table()[0], [found])
     _export(args, found)
     if found.rollout.outcome == "error":
         return int(ExitCode.ROLLOUT_ERRORS)
@@ -35,10 +35,10 @@ def execute(args: argparse.Namespace) -> int:
     problem = scenario.problem(failure.specification)
     first = find_first_violation(problem, found.rollout)
     if first.severity is not None:
-        say(f"the {first.severity.describe()}")
+        say_beside(args, f"the {first.severity.describe()}")
     if args.lost:
         sample = first.sample if first.sample >= 0 else None
-        say(continue_without_noise(problem, failure.noise).describe(sample))
+        say_beside(args, continue_without_noise(problem, failure.noise).describe(sample))
     if args.shrink:
         _shrink(args, scenario, failure)
     elif args.write_blob is not None:
@@ -89,14 +89,13 @@ def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
 
 def _export(args: argparse.Namespace, replay: FailureReplay) -> None:
     for path in args.export:
-        say(f"written to {path}", *load_function("export")(replay, path))
+        say_beside(args, f"written to {path}", *load_function("export")(replay, path))
 
 
 def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure) -> None:
     budget = BUDGET if args.budget is None else args.budget
     problem = scenario.problem(failure.specification)
-    with progress_line() as progress:
+    with progress_line(args) as progress:
         small = shrink(problem, failure.noise, budget, progress)
-    for line in describe_shrinking(problem, small):
-        say(line)
+    say_beside(args, *describe_shrinking(problem, small))
     store_failure(args, record_failure(scenario, failure.specification, small.noise))

@@ -49,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
             "attribution": {name: _describe_attribution(run, name, attributions[name]) for name in several},
         }
         answers = [answer for name in names for answer in (kinds[name], attributions.get(name)) if answer]
-        show_or_write(args, WHY_FILE, content, [line for answer in answers for line in answer.lines()])
+        show_or_write(args, WHY_FILE, content, answers)
     limit = run.scenario.definition.max_error_rate
     failed = any(found.errors > limit * found.rollouts for found in attributions.values())
     return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
@@ -88,7 +88,7 @@ def _find_kinds(run: Run, name: str, args: argparse.Namespace) -> Kinds:
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
-    with progress_line() as progress:
+    with progress_line(args) as progress:
         return describe_kinds(problem, kinds, result.failures.noise, budget, progress)
 
 
@@ -100,7 +100,7 @@ def _attribute(
     journal: OpenJournal,
 ) -> Attribution:
     problem = run.scenario.problem(name)
-    with progress_line() as progress:
+    with progress_line(args) as progress:
         return attribute(
             problem,
             FailureSample.of(run[name]),

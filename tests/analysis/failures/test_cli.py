@@ -154,6 +154,20 @@ def test_falsify_finds_prints_and_stores_a_failure(avrare):
     assert avrare("replay", SCENARIO, *CHANGES, "--blob", "@found.txt")[0] == 0
 
 
+def test_json_and_quiet_print_the_answer_alone(avrare, stored):
+    code, out, err = avrare("replay", SCENARIO, *CHANGES, "--failure", stored, "--json", "--export", "f.csv")
+    answer = json.loads(out)
+    assert (code, answer["failure"], answer["outcome"]) == (0, stored, "fails")
+    assert "written to f.csv" in err
+    words = ["falsify", SCENARIO, *CHANGES, "--budget", "rollouts=900"]
+    _, out, _ = avrare(*words, "--quiet")
+    assert len(out.splitlines()) == 1
+    code, out, err = avrare(*words, "--json")
+    assert code == 1
+    assert json.loads(out)["beta"] > 0.0
+    assert "stored as" in err
+
+
 def test_falsify_that_finds_nothing(avrare):
     impossible = "specifications={far: {stl: 'always (y < 1e6)'}}"
     code, out, _ = avrare(

@@ -38,7 +38,6 @@ _OPTIONS: Options = {
     **SEED,
     **WORKERS,
     **RESUMABLE,
-    "--plain": "no colours, nothing redrawn: for logs",
 }
 
 
@@ -55,11 +54,10 @@ def execute(args: argparse.Namespace) -> int:
             "--parameter and --probability are required",
             "for example --parameter perception.miss_scale --probability '< 1e-3'",
         )
-    args.quiet = args.json
 
     @contextmanager
     def show(label: str, problem: Problem) -> Iterator[Progress]:
-        with Progress(label, problem, display(args)) as progress:
+        with Progress(label, problem, "quiet" if args.json else display(args)) as progress:
             yield progress
 
     found = require(
@@ -88,7 +86,7 @@ def execute(args: argparse.Namespace) -> int:
         "trials": list(found.table()),
         "warnings": list(found.warnings),
     }
-    show_or_write(args, "require.json", content, found.lines())
+    show_or_write(args, "require.json", content, [found])
     return int(ExitCode.PASS if found.kept is not None else ExitCode.INCONCLUSIVE)
 
 

@@ -70,7 +70,7 @@ def execute(args: argparse.Namespace) -> int:
     }
     out = None if args.out is None else Path(args.out)
     with keep_outcomes(out, "sensitivity", task, args.resume) as journal:
-        with progress_line() as progress:
+        with progress_line(args) as progress:
             found = sensitivity(
                 args.scenario,
                 args.parameter,
@@ -90,6 +90,6 @@ def execute(args: argparse.Namespace) -> int:
             "errors": found.errors,
             "sensitivity": list(found.table()),
         }
-        show_or_write(args, "sensitivity.json", content, found.lines())
+        show_or_write(args, "sensitivity.json", content, [found])
     most = definition.max_error_rate
     return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)

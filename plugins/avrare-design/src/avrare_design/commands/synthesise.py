@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.cli.options import (
+    DISPLAY,
     NATURAL,
     SAFE,
     SCENARIO,
@@ -20,8 +23,9 @@ from avrare.cli.options import (
     add_rows,
     read_rollouts,
 )
-from avrare.cli.output import say
+from avrare.cli.output import say, say_beside
 from avrare.estimation.loop.checkpoint import SCENARIO as SCENARIO_FILE
+from avrare.estimation.result.result import finite
 
 _GROUP = "avrare_design.synthesis"
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
@@ -32,6 +36,8 @@ _ANY = {
     "step": 0.1,
     "directions": 0,
     "proof": None,
+    "json": False,
+    "quiet": False,
 }
 _EPILOG = """\
 A parameter with a dot is a number, list or matrix of the scenario, or an array of a policy network
@@ -85,6 +91,7 @@ _OPTIONS: Options = {
         "--moves N": ("moves of each chain at failures (default 10)", {"type": int, "default": 10}),
     },
     "--out DIR": "write the changed scenario as scenario.yaml into this folder",
+    **DISPLAY,
     **SAFE,
 }
 
@@ -131,7 +138,7 @@ def _execute_any(args: argparse.Namespace) -> int:
     from avrare.cli.failure_output import progress_line
     from avrare_design.synthesis import synthesise
 
-    with progress_line() as progress:
+    with progress_line(args) as progress:
         synthesis = synthesise(
             args.scenario,
             args.parameter,
@@ -149,10 +156,14 @@ def _execute_any(args: argparse.Namespace) -> int:
             proof=args.proof,
             workers=args.workers,
             runner=TapeRunner(args.workers, progress),
-            show=say,
+            show=partial(say_beside, args),
         )
-    say(*synthesis.conclude())
+    if args.json:
+        content = {"specification": synthesis.specification, "proved": synthesis.proved}
+        print(json.dumps(finite({**content, "iterations": list(synthesis.table())})))
+    else:
+        say(*synthesis.conclude()[: 1 if args.quiet else None])
     if args.file is not None and synthesis.proof is not None:
         synthesis.write(args.file)
-        say(f"{args.file}: the scenario with other {', '.join(synthesis.numbers.paths)}")
+        say_beside(args, f"{args.file}: the scenario with other {', '.join(synthesis.numbers.paths)}")
     return int(ExitCode.PASS if synthesis.proved else ExitCode.INCONCLUSIVE)

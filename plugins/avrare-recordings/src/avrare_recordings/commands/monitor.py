@@ -9,8 +9,17 @@ from pathlib import Path
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.options import REPEATABLE, SAFE, WORKERS, Options, add_rows, permit_negative_lists
-from avrare.cli.output import can_draw, print_warnings, write_files
+from avrare.cli.options import (
+    DISPLAY,
+    REPEATABLE,
+    SAFE,
+    WORKERS,
+    Options,
+    add_rows,
+    display,
+    permit_negative_lists,
+)
+from avrare.cli.output import can_draw, print_warnings, say, write_files
 from avrare.driving import Road
 from avrare.output.plots.monitoring_plot import plot_monitoring
 from avrare.output.terminal.console import make_console
@@ -42,7 +51,7 @@ _OPTIONS: Options = {
     },
     **WORKERS,
     "--out DIR": "write monitor.csv, monitor.json and, of one drive, monitor.png",
-    "--json": "print the result with all samples, or with all drives, as JSON",
+    **DISPLAY,
     **SAFE,
 }
 _EPILOG = """\
@@ -85,7 +94,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(monitoring_document(scored)))
     else:
-        _show(scored, args.out)
+        _show(scored, args)
     return int(ExitCode.FAIL if scored.violated else ExitCode.PASS)
 
 
@@ -148,9 +157,12 @@ def _write(scored: MonitoringResult, folder: Path) -> None:
             plot_monitoring(scored).save(folder / "monitor.png")
 
 
-def _show(scored: MonitoringResult, out: str | None) -> None:
-    console = make_console()
+def _show(scored: MonitoringResult, args: argparse.Namespace) -> None:
+    if args.quiet:
+        say(*scored.lines())
+        return
+    console = make_console(display(args))
     for line in [*headline(scored), *([] if scored.no_vehicles else ["", *draw_chart(scored)])]:
         console.print(line)
-    if out:
-        console.print(f"\nwritten to {out}", markup=False)
+    if args.out:
+        console.print(f"\nwritten to {args.out}", markup=False)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.output import write_files
+from avrare.cli.options import display
+from avrare.cli.output import say, write_files
 from avrare.driving import Road
 from avrare.estimation.result.result import finite
 from avrare_recordings.batch import monitor_all
@@ -50,8 +51,10 @@ def execute(args: argparse.Namespace, road: Road | None) -> int:
             write_batch_csv(result, folder / "monitor.csv")
     if args.json:
         print(json.dumps(finite(result.to_dict())))
+    elif args.quiet:
+        say(*result.lines()[: len(result.totals)])
     else:
-        print_batch(result)
+        print_batch(result, display(args))
     if not result.scores:
         raise UsageError(f"{args.file}: no drive could be scored", "the reasons are above")
     return int(ExitCode.FAIL if any(score.violations for score in result.scores) else ExitCode.PASS)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from avrare.output.terminal.console import make_console, make_table, print_table
+from avrare.output.terminal.console import Mode, make_console, make_table, print_table
 from avrare_recordings.batch import BatchResult
 
 
-def print_batch(result: BatchResult) -> None:
+def print_batch(result: BatchResult, mode: Mode) -> None:
     """Print a line for every rule, its worst drives, and the refusals by reason."""
-    console = make_console()
+    console = make_console(mode)
     if result.totals:
         numbers = ("drives", "violated", "violations", "per hour", "per km", "hours", "km")
         table = make_table(None, ("rule",), numbers)
