@@ -1,6 +1,6 @@
 """The figures of docs/perception.md, from the shipped models themselves.
 
-    avrare pem convert nuscenes_inputs.txt nuscenes_labels.txt --period 0.5 --out data.csv
+    avrare pem convert nuscenes_inputs.txt nuscenes_labels.txt --period 0.5 --out data
     OMP_NUM_THREADS=1 python benchmarks/pem_card.py data.csv
 
 Prints each model's scores on the held-out fifth, its counts of large errors, misses and misses after a miss

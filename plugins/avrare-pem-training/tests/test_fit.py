@@ -164,11 +164,11 @@ def test_fit_writes_everything_and_repeats_itself(drive, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["delivered"] == scores["delivered"]
 
 
-def test_a_folder_in_place_of_a_file_is_refused(tmp_path, capsys):
+def test_a_file_in_place_of_a_folder_is_refused(tmp_path, capsys):
     (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
     (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
-    assert run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path) == 4
-    assert "cannot be written" in capsys.readouterr().err
+    assert run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path / "in.txt") == 4
+    assert "in.txt: the folder cannot be created" in capsys.readouterr().err
 
 
 def test_scores_without_a_number_are_null(drive):
@@ -183,12 +183,10 @@ def test_scores_without_a_number_are_null(drive):
 def test_convert_then_too_few_rows(tmp_path, capsys):
     (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n")
     (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n")
-    assert (
-        run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path / "new/x.csv") == 0
-    )
-    assert run("pem", "fit", tmp_path / "new/x.csv", "--model", "mlp", "--out", tmp_path / "out") == 4
+    assert run("pem", "convert", tmp_path / "in.txt", tmp_path / "out.txt", "--out", tmp_path / "new") == 0
+    assert run("pem", "fit", tmp_path / "new/in.csv", "--model", "mlp", "--out", tmp_path / "out") == 4
     error = capsys.readouterr().err
-    assert "x.csv: too few rows" in error
+    assert "new/in.csv: too few rows" in error
     assert "Traceback" not in error
 
 
@@ -198,7 +196,7 @@ def test_convert_then_too_few_rows(tmp_path, capsys):
         (["fit", "none.csv", "--out", "x"], "none.csv: no such file"),
         (["fit", "none.csv", "--model", "forest", "--out", "x"], "invalid choice: 'forest'"),
         (["fit", "none.csv", "--name", "a/b", "--out", "x"], "is not a file name"),
-        (["convert", "none.txt", "none.txt", "--out", "x.csv"], "none.txt: no such file"),
+        (["convert", "none.txt", "none.txt", "--out", "x"], "none.txt: no such file"),
         (["score", "pointpillarz", "none.csv"], "none.csv: no such file"),
         (["fit", "none.csv", "--name", "..", "--out", "x"], "is not a file name"),
         (["fit", "none.csv", "--name", "", "--out", "x"], "is not a file name"),

@@ -60,9 +60,9 @@ def test_convert_with_a_period_links(tmp_path, capsys):
     (tmp_path / "in.txt").write_text("1 20 0.5 4.5 1.8 1.6 3\n1 21 0.5 4.5 1.8 1.6 3\n")
     (tmp_path / "out.txt").write_text("1 0.1 0.2 0.3\n0 0 0 0\n")
     words = [str(tmp_path / name) for name in ("in.txt", "out.txt")]
-    assert main(["pem", "convert", *words, "--out", str(tmp_path / "x.csv"), "--period", "0.1"]) == 0
-    np.testing.assert_array_equal(read_table(tmp_path / "x.csv").time, [0, 0.1])
-    assert main(["pem", "convert", *words, "--out", str(tmp_path / "x.csv"), "--period", "-1"]) == 4
+    assert main(["pem", "convert", *words, "--out", str(tmp_path / "made"), "--period", "0.1"]) == 0
+    np.testing.assert_array_equal(read_table(tmp_path / "made" / "in.csv").time, [0, 0.1])
+    assert main(["pem", "convert", *words, "--out", str(tmp_path / "made"), "--period", "-1"]) == 4
     assert "is not a time" in capsys.readouterr().err
 
 

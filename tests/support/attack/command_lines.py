@@ -60,7 +60,7 @@ def words(random):
     options = dict(_flat(OPTIONS.get(command, {})))
     if name in PROVIDED:
         options = {
-            "--out FILE": None,
+            "--out DIR": None,
             "--seed N": None,
             "action NAME": None,
             "samples FILE": None,

@@ -136,13 +136,13 @@ TASKS = {
         fits.FIT, lambda: Path("fitted/model.npz").read_bytes(), ("detections.csv",), prepare=fits.shorten,
     ),
     "pem convert": Task(
-        ["pem", "convert", "vehicles.txt", "labels.txt", "--out", "made.csv"],
-        _texts("made.csv"), ("vehicles.txt", "labels.txt"),
+        ["pem", "convert", "vehicles.txt", "labels.txt", "--out", "made"],
+        _texts("made/vehicles.csv"), ("vehicles.txt", "labels.txt"),
     ),
-    "flow fit": Task(fits.FLOW, lambda: Path("fitted.npz").read_bytes(), ("samples.npy",)),
+    "flow fit": Task(fits.FLOW, lambda: Path("fitted/samples.npz").read_bytes(), ("samples.npy",)),
     "policy convert": Task(
-        ["policy", "convert", "policy.zip", "--out", "p.npz"],
-        lambda: Path("p.npz").read_bytes(), ("policy.zip",),
+        ["policy", "convert", "policy.zip", "--out", "p"],
+        lambda: Path("p/policy.npz").read_bytes(), ("policy.zip",),
     ),
     "new scenario": Task(
         ["new", "scenario", "first", "--simulator", "toy_walk"], lambda: Path("first.yaml").read_text(),

@@ -12,7 +12,7 @@ import damage
 from attack.mutation import mutate_table, mutate_text, pick
 
 FIT = ["pem", "fit", "detections.csv", "--model", "logistic", "--out", "fitted"]
-FLOW = ["flow", "fit", "samples.npy", "--steps", "2", "--out", "fitted.npz"]
+FLOW = ["flow", "fit", "samples.npy", "--steps", "2", "--out", "fitted"]
 
 
 @functools.cache
@@ -48,7 +48,7 @@ def _texts(random):
     text = mutate_text(text, random) if random.random() < 0.2 else text
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     period = ["--period", pick(random, ["0.1", "1e308", "1e-320"])] if random.random() < 0.4 else []
-    return ["pem", "convert", "vehicles.txt", "labels.txt", "--out", "made.csv", *period]
+    return ["pem", "convert", "vehicles.txt", "labels.txt", "--out", "made", *period]
 
 
 def _model(random):
@@ -60,7 +60,7 @@ def _model(random):
 def _samples(random):
     if random.random() < 0.5:
         _table(Path("samples.csv"), random)
-        return ["flow", "fit", "samples.csv", "--steps", "1", "--out", "f.npz"]
+        return ["flow", "fit", "samples.csv", "--steps", "1", "--out", "f"]
     path = Path("samples.npy")
     archive = io.BytesIO()
     np.savez(archive, arr_0=np.load(path))
@@ -79,7 +79,7 @@ def _policy(random):
         content = damage.damage_bytes(content, random) or b"x"
     path.write_bytes(content)
     activation = ["--activation", "tanh"] if path.suffix == ".pt" else []
-    return ["policy", "convert", str(path), "--out", "converted.npz", *activation]
+    return ["policy", "convert", str(path), "--out", "converted", *activation]
 
 
 def make() -> None:

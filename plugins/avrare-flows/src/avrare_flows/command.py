@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.protocols import Floats
 
@@ -18,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("action", choices=("fit",), help="action")
     parser.add_argument("samples", metavar="SAMPLES", help=".npy file, or .csv with a line of names or none")
-    parser.add_argument("--out", required=True, metavar="FILE", help="output file (.npz)")
+    parser.add_argument("--out", required=True, metavar="DIR", help="write SAMPLES.npz into this folder")
     parser.add_argument("--kind", choices=_KINDS, help="kind of flow; affine_coupling needs two columns")
     parser.add_argument("--steps", type=int, default=2000, metavar="N", help="training steps (2000)")
     parser.add_argument("--blocks", type=int, metavar="N", help="blocks of the flow (6 couplings, 2 splines)")
@@ -27,10 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Fit and write a flow, and print its quality on held-out samples."""
-    if not Path(args.out).parent.is_dir():
-        raise UsageError(f"{args.out}: there is no folder {Path(args.out).parent}")
-    if Path(args.out).is_dir():
-        raise UsageError(f"{args.out} is a folder")
+    ensure_writable(Path(args.out), "--out")
+    file = Path(args.out) / f"{Path(args.samples).stem}.npz"
     samples = read_samples(Path(args.samples))
     try:
         from avrare_flows.train import fit
@@ -39,9 +38,9 @@ def execute(args: argparse.Namespace) -> int:
         raise PluginError(reason, "pip install torch pyro-ppl") from error
     kind = args.kind or ("affine_coupling" if samples.shape[1] > 1 else "spline_autoregressive")
     found = fit(samples, kind, steps=args.steps, seed=args.seed, blocks=args.blocks)
-    found.flow.save(args.out)
+    found.flow.save(file)
     numbers = f"{samples.shape[1]} number{'s' if samples.shape[1] > 1 else ''}"
-    print(f"{args.out}: {kind}, {numbers} a row, {len(samples)} samples")
+    print(f"{file}: {kind}, {numbers} a row, {len(samples)} samples")
     print(f"log density of held-out samples: {found.held_out:.4f} nat a row (step {found.step})")
     print(f"log density of a normal law:     {found.normal:.4f}")
     if found.held_out < found.normal:

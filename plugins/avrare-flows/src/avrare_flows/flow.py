@@ -219,7 +219,7 @@ class Flow:
         except OSError as error:
             raise UsageError(f"{path}: cannot be read: {error.strerror or error}") from error
         except _DAMAGED as error:
-            hint = "make one with `avrare flow fit SAMPLES --out flow.npz`"
+            hint = "make one with `avrare flow fit SAMPLES --out DIR`"
             # NumPy's own message would be about pickles.
             reason = error if zipfile.is_zipfile(path) else "not an .npz file"
             raise UsageError(f"{path}: not a flow ({reason})", hint) from error

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="keep K refits to bootstrap samples of the data in the file, for intervals with the model",
     )
-    fit.add_argument("--seed", type=_seed, default=0, help="same seed, same machine: same bytes")
+    fit.add_argument("--seed", type=_seed, default=0, metavar="N", help="same seed, same machine: same bytes")
     for option, text in (
         ("--licence", "licence of the data, for the model card"),
         ("--source", "description of the data, for the model card"),
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     convert = commands.add_parser("convert", help="make the CSV from two text files", allow_abbrev=False)
     convert.add_argument("inputs", type=Path, metavar="INPUTS", help="annotated vehicles, one a line")
     convert.add_argument("labels", type=Path, metavar="LABELS", help="their detections, line by line")
-    convert.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
+    convert.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of INPUTS.csv")
     convert.add_argument(
         "--period",
         type=_period,
@@ -114,9 +114,10 @@ def _convert(args: argparse.Namespace) -> None:
     rows = convert(args.inputs, args.labels)
     if args.period is not None:
         rows = link_by_size(rows, args.period)
-    _make_folder(args.out.parent)
-    write_table(args.out, rows)
-    print(f"{args.out}: {len(rows)} rows, {int(rows.detected.sum())} detected")
+    _make_folder(args.out)
+    file = args.out / f"{args.inputs.stem}.csv"
+    write_table(file, rows)
+    print(f"{file}: {len(rows)} rows, {int(rows.detected.sum())} detected")
 
 
 def _fit(args: argparse.Namespace) -> None:
