@@ -55,8 +55,8 @@ REPEATABLE: dict[str, Any] = {"action": "append", "default": []}
 SCENARIO: Options = {"scenario SCENARIO": "scenario file"}
 SET: Options = {"--set KEY=VALUE": ("override one value", REPEATABLE)}
 SAFE: Options = {
-    "--safe": "refuse code that is no installed plugin, and files outside the scenario's folder: for "
-    "scenarios of strangers"
+    "--safe": "refuse code that is not of an installed plugin, and files outside the scenario's folder: for "
+    "untrusted scenarios"
 }
 OVERRIDES: Options = {
     "--set KEY=VALUE": ("override one value, e.g. estimator.rollouts=1000; may be repeated", REPEATABLE),
