@@ -107,7 +107,7 @@ def test_a_first_part_of_the_final_sample_tells_how_large_the_rest_must_be():
     ]
     for result, goal in zip(results, (0.1, 0.05), strict=True):
         (shares,) = result.diagnostics["shares"]
-        assert sum(shares) == pytest.approx(0.7, abs=1e-3)  # annealing has the others
+        assert sum(shares) == pytest.approx(1.0, abs=1e-3)
         assert shares[0] == pytest.approx(2.0 * shares[1], abs=1e-3)
         assert result.relative_error < 1.25 * goal
 

@@ -25,7 +25,7 @@ from avrare_estimators.common.samples.sampling import (
     failing_weights,
     wave_rows,
 )
-from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
+from avrare_estimators.common.samples.scale_annealing import MOST_COUNTED, ROLLOUTS_TO_VOUCH, can_anneal
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import (
     gain_nothing,
@@ -249,7 +249,8 @@ class LearnedSampling(WeightedSampler):
 
     def _check_share(self, state: SamplingState) -> float:
         """Return the share of annealing, which takes about as many rollouts as all that was learned from."""
-        return _CHECK_SHARE if self.config.relative_error is not None and can_anneal(state.plan) else 0.0
+        counts = self.config.relative_error is not None and can_anneal(state.plan, MOST_COUNTED)
+        return _CHECK_SHARE if counts else 0.0
 
     def _check_rollouts(self, state: SamplingState) -> int:
         """Return the cross-check's rollouts; where an error is asked for, at least what an answer takes.
