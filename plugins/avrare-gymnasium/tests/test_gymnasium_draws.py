@@ -68,3 +68,9 @@ def test_an_attribute_that_is_computed_is_refused():
             build(GymnasiumConfig(env="Weighed-v0", attributes={"weight": 1.0}))
     finally:
         del gymnasium.registry["Weighed-v0"]
+
+
+def test_noise_numbers_have_names():
+    noise = {"stream": {"by": "tape", "at": "reset", "numbers": 2}, "action": {"law": "normal", "scale": 1.0}}
+    simulator = build(GymnasiumConfig(env="Pendulum-v1", noise=noise))
+    assert simulator.noise_names == ("random number 0", "random number 1", "action noise")
