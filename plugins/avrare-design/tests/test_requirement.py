@@ -301,10 +301,10 @@ def test_a_search_resumes_from_its_folder(plane, tmp_path, monkeypatch):
         with pytest.raises(Interrupted, match="finished rollouts are saved"):
             avrare.require(*arguments, **keywords, out=out)
     with pytest.raises(UsageError, match="rollouts 3000 -> 4000"):
-        avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out)
+        avrare.require(*arguments, **keywords | {"rollouts": 4000}, out=out, resume=True)
     with monkeypatch.context() as patch:
         patch.setattr(FileJournal, "write", lambda *chunk: chunks.append(chunk))
-        assert numbers_of(avrare.require(*arguments, **keywords, out=out)) == numbers_of(whole)
+        assert numbers_of(avrare.require(*arguments, **keywords, out=out, resume=True)) == numbers_of(whole)
     trials = {chunk[0].folder.name for chunk in chunks[3:]}
     assert "trial-0-at--0.5" not in trials  # its chunks are read
     assert len(trials) >= len(whole.trials) - 3
