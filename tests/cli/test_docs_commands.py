@@ -25,8 +25,7 @@ PROGRAMS = ("avrare", "make", "pip", "python", "pytest", "git", "rerun", "nox")
 CONFORMANCE = "tests/testing/conformance/test_docs.py"
 ELSEWHERE = {
     "docs/index.md": (CONFORMANCE, ".*"),
-    "docs/av-engineers-hour.md": (CONFORMANCE, ".*"),
-    "docs/researchers-hour.md": (CONFORMANCE, ".*"),
+    "docs/hours.md": (CONFORMANCE, ".*"),
     "docs/write-a-plugin.md": (CONFORMANCE, ".*"),
     "docs/concepts.md": (CONFORMANCE, ".*"),
     "docs/running.md": ("tests/cli/resume/test_docs.py", ".*"),
