@@ -5,9 +5,9 @@
     OMP_NUM_THREADS=1 python benchmarks/metadrive_study.py picture
     python benchmarks/metadrive_study.py report
 
-Runs in the environment of ``plugins/avrare-metadrive/README.md``. An estimate consists of parts: ``estimate`` runs
-those that the results folder lacks, so that a later call with more parts adds to it; ``report`` prints the table of all.
-``picture`` draws from the failing tapes (it needs matplotlib and scikit-learn).
+Runs in the environment of ``plugins/avrare-metadrive/README.md``. An estimate consists of parts: ``estimate``
+runs those that the results folder lacks, so that a later call with more parts adds to it; ``report`` prints the
+table of all. ``picture`` draws from the failing tapes (it needs matplotlib and scikit-learn).
 """
 
 from __future__ import annotations
