@@ -106,18 +106,18 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
     detecting it is a disturbance too; for a tape of zeros all misses are told.
     """
     words = _Words(problem)
-    found = [
+    disturbances = [
         error
         for reading in rollout.misreadings.values()
         for error in words.find_errors(reading, bool(tape.any()))
     ]
     least = _SMALL_SHARE_OF_NORM * float(np.linalg.norm(tape))
-    for channel in words.list_raw_channels(rollout.misreadings if found else ()):
-        found += words.find_peaks(channel, tape[:, channel], least)
+    for channel in words.list_raw_channels(rollout.misreadings if disturbances else ()):
+        disturbances += words.find_peaks(channel, tape[:, channel], least)
     for k, (value, score) in enumerate(words.list_draws(rollout)):
         if abs(score) > _USUAL_DRAW:
-            found.append(words.tell_draw(k, value, score))
-    return sorted(dict.fromkeys(found), key=lambda each: each.step)
+            disturbances.append(words.tell_draw(k, value, score))
+    return sorted(dict.fromkeys(disturbances), key=lambda each: each.step)
 
 
 def find_common_noise(
@@ -135,7 +135,7 @@ def find_common_noise(
         shares: (F,) what each stands for; they add up to 1.
         effective: Number of independent rollouts that tell as much.
     """
-    words, found = _Words(problem), []
+    words, disturbances = _Words(problem), []
     moments = [np.einsum("f,ftc->ct", shares, power) for power in (tapes, tapes**2)]
     for channel, (mean, square) in enumerate(zip(*moments, strict=True)):
         last_step = 0 if channel < words.drawn else problem.steps
@@ -147,13 +147,13 @@ def find_common_noise(
             if sign:
                 magnitude = abs(shift) * math.sqrt(count)
                 each = words.tell_mean(channel, (first, last), shift, rollouts, shares, magnitude)
-            found.append(each)
-    return sorted(found, key=lambda each: -each.magnitude)[:_MOST_WINDOWS]
+            disturbances.append(each)
+    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MOST_WINDOWS]
 
 
 def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[int, int, int]]:
     """Return the stretches that differ from chance: by the sign of their mean, or 0 by their size alone."""
-    found: list[tuple[int, int, int]] = []
+    stretches: list[tuple[int, int, int]] = []
     steps = np.arange(1, len(mean))
     for window in [np.zeros(1, dtype=np.int64), *np.array_split(steps, min(_WINDOWS, max(len(steps), 1)))]:
         count = effective * len(window)
@@ -165,10 +165,10 @@ def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[
             continue
         sign = int(np.sign(shift)) if abs(shift) >= _TELLING else 0
         first, last = int(window[0]), int(window[-1])
-        if found and found[-1][0] == sign and first - found[-1][2] - 1 <= len(window):
-            first = found.pop()[1]
-        found.append((sign, first, last))
-    return found
+        if stretches and stretches[-1][0] == sign and first - stretches[-1][2] - 1 <= len(window):
+            first = stretches.pop()[1]
+        stretches.append((sign, first, last))
+    return stretches
 
 
 class _Words:
@@ -219,10 +219,10 @@ class _Words:
         """
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * numbers > 0.0, self._gap):
-                part = np.maximum(sign * numbers[first : last + 1], 0.0)
+                section = np.maximum(sign * numbers[first : last + 1], 0.0)
                 upto = "" if first == last else "up to "
-                text = f"{upto}{sign * part.max():+.2g} sigma {format_span(first, last, self._dt)}"
-                norm = float(np.linalg.norm(part))
+                text = f"{upto}{sign * section.max():+.2g} sigma {format_span(first, last, self._dt)}"
+                norm = float(np.linalg.norm(section))
                 yield Disturbance(self.names[channel], text, first, norm if norm >= least else 0.0)
 
     def find_errors(self, reading: Misreading, noisy: bool) -> Iterator[Disturbance]:
@@ -308,8 +308,8 @@ def _tell_error(reading: Misreading, size: float) -> str:
 
 def _find_stretches(mask: Bools, gap: int) -> list[tuple[int, int]]:
     """Return the first and last step of each stretch in which a mask (T,) holds, but for short gaps."""
-    found: list[tuple[int, int]] = []
+    stretches: list[tuple[int, int]] = []
     for step in np.flatnonzero(mask).tolist():
-        first = found.pop()[0] if found and step - found[-1][1] <= gap + 1 else step
-        found.append((first, step))
-    return found
+        first = stretches.pop()[0] if stretches and step - stretches[-1][1] <= gap + 1 else step
+        stretches.append((first, step))
+    return stretches

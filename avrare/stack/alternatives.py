@@ -48,8 +48,8 @@ def list_alternatives(loop: ClosedLoop) -> dict[str, ClosedLoop]:
     if loop.controller is None:
         return {}
     known = loop.scene if loop.tracker is None else loop.tracker.known_scene or loop.scene
-    found = _list_controllers(loop.controller, known if loop.tracker is not None else None)
-    return {f"planner that {name}": loop.controlled_by(each) for name, each in found.items()}
+    controllers = _list_controllers(loop.controller, known if loop.tracker is not None else None)
+    return {f"planner that {name}": loop.controlled_by(each) for name, each in controllers.items()}
 
 
 def _list_controllers(controller: Controller, scene: Scene | None) -> dict[str, Controller]:
@@ -61,12 +61,12 @@ def _list_controllers(controller: Controller, scene: Scene | None) -> dict[str, 
             scene is not None and paced is not None and paced.dt != scene.dt
         ):  # the truth is extrapolated at the simulator's step
             inner.pop(_SEES, None)
-        found: dict[str, Controller] = {name: controller.around(each) for name, each in inner.items()}
+        controllers: dict[str, Controller] = {name: controller.around(each) for name, each in inner.items()}
         informed = controller.compensating()
-        return found if informed is None else {**found, "knows the delays": informed}
-    found = dict(controller.alternatives())
+        return controllers if informed is None else {**controllers, "knows the delays": informed}
+    controllers = dict(controller.alternatives())
     if scene is not None and not isinstance(controller, EmergencyBraking):
-        found["has emergency braking"] = EmergencyBraking(controller, Aeb(), scene)
+        controllers["has emergency braking"] = EmergencyBraking(controller, Aeb(), scene)
     if scene is not None and not controller.sees_truth:
-        found[_SEES] = _Seeing(controller)
-    return found
+        controllers[_SEES] = _Seeing(controller)
+    return controllers

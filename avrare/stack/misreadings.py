@@ -28,18 +28,18 @@ def find_misreadings(
     neutral = perception.observe(world, np.zeros((len(observation.x), perception.noise_size)))
     errors, usual = (_compute_errors(world, seen) for seen in (observation, neutral))
     names = [*scene.names, *(f"ghost {k + 1}" for k in range(observation.x.shape[1] - len(scene.names)))]
-    found = {}
+    misreadings = {}
     for v, name in enumerate(names):
         subject = f"car {name}" if name.isdecimal() else name
         seen = (np.where(each.detected[:, v], 0.0, np.nan) for each in (observation, neutral))
         values, expected = seen
-        found[f"detection of {name}"] = Misreading(values, subject, "", "", expected)
+        misreadings[f"detection of {name}"] = Misreading(values, subject, "", "", expected)
         for axis, (error, (above, below, least)) in enumerate(_DIRECTIONS.items()):
             if v < len(scene.names):
-                found[f"{error} of {name}"] = Misreading(
+                misreadings[f"{error} of {name}"] = Misreading(
                     errors[axis, :, v], subject, above, below, usual[axis, :, v], least
                 )
-    return found
+    return misreadings
 
 
 def _compute_errors(world: Any, observation: Observation) -> Floats:

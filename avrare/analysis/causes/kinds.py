@@ -317,10 +317,10 @@ def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> s
     floor = 1e-3 * tables.std(axis=(0, 1)) + 1e-300
     step, column = np.unravel_index(np.argmax(np.abs(means[0] - means[1]) / (spread + floor)), spread.shape)
     name = tabulate_signals(failing.rollouts[0].signals, failing.problem.scene)[0][column]
-    own, other = (float(mean[step, column]) for mean in means)
-    digits = next((digits for digits in range(3, 17) if f"{own:.{digits}g}" != f"{other:.{digits}g}"), 17)
+    here, there = (float(mean[step, column]) for mean in means)
+    digits = next((digits for digits in range(3, 17) if f"{here:.{digits}g}" != f"{there:.{digits}g}"), 17)
     time = format_time(int(step), failing.problem.dt)
-    return f"{name} is {own:.{digits}g} at {time} ({other:.{digits}g}"
+    return f"{name} is {here:.{digits}g} at {time} ({there:.{digits}g}"
 
 
 def describe_noise(
