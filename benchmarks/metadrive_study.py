@@ -6,8 +6,8 @@
     python benchmarks/metadrive_study.py report
 
 Runs in the environment of ``plugins/avrare-metadrive/README.md``. An estimate consists of parts: ``estimate``
-runs those that the results folder lacks, so that a later call with more parts adds to it; ``report`` prints the
-table of all. ``picture`` draws from the failing tapes (it needs matplotlib and scikit-learn).
+runs those that the results folder lacks, so that a later call with more parts adds to it; ``report`` prints
+the table of all. ``picture`` draws from the failing tapes (it needs matplotlib and scikit-learn).
 """
 
 from __future__ import annotations
