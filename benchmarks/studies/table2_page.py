@@ -113,33 +113,33 @@ def _mean_and_spread(study: Study, rule: str, method: str) -> str:
 
 
 def _accuracy(study: Study) -> Iterator[str]:
-    yield "| rule | method | mean / truth | z | relative RMSE | steps, in rollouts | relMSE x steps |"
-    yield "|---|---|---|---|---|---|---|"
-    for rule in RULES:
-        truth, error = _truth(study, rule)
-        for method in METHODS:
-            values = _values(study, rule, method)
-            if len(values) < 2 or not truth:
-                continue
-            spent = [one["simulated_steps"] for one in study.outcomes[rule, method]]
-            steps = sum(spent) / len(values) / study.steps
-            z = (values.mean() - truth) / math.hypot(values.std(ddof=1) / math.sqrt(len(values)), error)
-            square = ((values / truth - 1.0) ** 2).mean()
-            score = f"{z:+.1f}" if values.std() else ""
-            cells = (f"{values.mean() / truth:.2f}", score, f"{math.sqrt(square):.2f}")
-            yield f"| {rule} | {method} | {' | '.join(cells)} | {steps:,.0f} | {square * steps:,.0f} |"
+    yield f"| | {' | '.join(RULES)} |"
+    yield "|---|" + "---|" * len(RULES)
+    for method in METHODS:
+        yield _row(method, [_accuracy_of(study, rule, method) for rule in RULES])
+
+
+def _accuracy_of(study: Study, rule: str, method: str) -> str:
+    values = _values(study, rule, method)
+    truth, error = _truth(study, rule)
+    if len(values) < 2 or not truth:
+        return ""
+    steps = np.mean([outcome["simulated_steps"] for outcome in study.outcomes[rule, method]]) / study.steps
+    deviation = values.std(ddof=1)
+    z = (values.mean() - truth) / math.hypot(deviation / math.sqrt(len(values)), error)
+    square = ((values / truth - 1.0) ** 2).mean()
+    score = f" ({z:+.1f})" if deviation else ""
+    return f"{values.mean() / truth:.2f}{score}; {math.sqrt(square):.2f}; {square * steps:,.0f}"
 
 
 def _weights(study: Study) -> Iterator[str]:
-    yield "| rule | method | results | mean weight within 3 errors of 1 | flagged | neither |"
-    yield "|---|---|---|---|---|---|"
-    for rule in RULES:
-        for method in ("Imp-Naive", "Imp-CE"):
-            results = study.outcomes.get((rule, method), [])
-            valid = [_valid(one) for one in results]
-            flagged = [bool(one["health"]) for one in results]
-            neither = sum(not v and not f for v, f in zip(valid, flagged, strict=True))
-            yield f"| {rule} | {method} | {len(results)} | {sum(valid)} | {sum(flagged)} | {neither} |"
+    keys = [(rule, method) for rule in RULES for method in ("Imp-Naive", "Imp-CE")]
+    results = [result for key in keys for result in study.outcomes.get(key, [])]
+    valid = [_valid(result) for result in results]
+    flagged = [bool(result["health"]) for result in results]
+    neither = sum(not v and not f for v, f in zip(valid, flagged, strict=True))
+    yield f"Of {len(results)} results of both importance samplers {sum(valid)} have a mean weight within"
+    yield f"3 errors of 1, {sum(flagged)} are flagged, and {neither} are neither."
 
 
 def _valid(one: dict[str, Any]) -> bool:
