@@ -1,4 +1,4 @@
-"""Conformance suite for estimators, as tests to inherit (docs/testing.md).
+"""Conformance suite for estimators, as tests to inherit (docs/write-a-plugin.md).
 
     class TestMine(EstimatorConformance):
         estimator = "mine"

@@ -1,4 +1,4 @@
-"""The code of docs/testing.md runs."""
+"""The code on testing estimators in docs/write-a-plugin.md runs."""
 
 import re
 import subprocess
@@ -9,7 +9,8 @@ import pytest
 
 from avrare.testing.problems import families
 
-PAGE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text()
+TEXT = (Path(__file__).parents[2] / "docs" / "write-a-plugin.md").read_text()
+PAGE = TEXT.split("## Test an estimator")[1].split("## The contracts")[0]
 PROBLEMS, SUITE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
