@@ -150,7 +150,7 @@ def test_the_options_of_every_command_exist(page, command):
 def stage(tmp_path, monkeypatch):
     """A folder with what the pages' commands name."""
     monkeypatch.chdir(tmp_path)
-    for path in ("drive.yaml", "drive_new.yaml", "scenarios/lane_change.yaml", "stranger/scenario.yaml"):
+    for path in ("drive.yaml", "drive_new.yaml", "scenarios/lane_change.yaml", "untrusted/scenario.yaml"):
         Path(path).parent.mkdir(exist_ok=True)
         Path(path).write_text(DRIVE.format(name=Path(path).stem.removesuffix("_new")))
     Path("docs").mkdir()
