@@ -64,6 +64,7 @@ CHANGES = {
     "common error 0.3 m": ["perception.common={sd: [0.3, 0.3], time: 0.5}"],
     "own place 0.2 m aside": ["perception.pose={sd: [0.0, 0.2]}"],
     "blackouts": ["perception.blackouts={rate: 0.05, duration: 0.5}"],
+    "half the step": ["simulator.substeps=2"],
     "start: empty": ["tracker.start=empty"],
     "start: truth": ["tracker.start=truth"],
     "aeb": ["aeb={}"],
