@@ -17,7 +17,6 @@ from avrare_openscenario.distributions import read_distributions
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.xml_tree import read_xml
 from openscenario_files import (
-    ACTION,
     EUCLIDEAN,
     GAP,
     LANE,
@@ -114,11 +113,6 @@ def test_references_that_are_not_clear_are_refused(build):
     last = event(slow_down(), state_of("event", "first", "completeState"), "second")
     with pytest.raises(UsageError, match="there are 2 elements event 'first'"):
         build(document(event(change_lane()), event(change_lane()), last))
-    both = event(change_lane()).replace("<StartTrigger>", f"<Action name='b'>{ACTION}</Action><StartTrigger>")
-    for state in ("completeState", "runningState"):
-        last = event(slow_down(), state_of("action", "b", state), "second")
-        with pytest.raises(UsageError, match="one action among several"):
-            build(document(both, last))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,9 @@ from openscenario_files import (
     document,
     event,
     lane_position,
+    of_entity,
     slow_down,
+    state_of,
 )
 
 DATA = next(
@@ -33,7 +35,7 @@ DATA = next(
     ),
     None,
 )
-READ_BY_NOW = 150
+READ_BY_NOW = 159
 """Least number of the given scenes that are read."""
 
 
@@ -282,6 +284,61 @@ def test_a_vehicle_drives_straight_on_or_along_its_route(write):
     )
     assert (x[-1], y[-1]) == pytest.approx(there, abs=0.02)
     assert heading[-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_one_action_of_an_event_ends_before_the_other(write):
+    both = event(change_lane("linear", "time", 4.0)).replace(
+        "<StartTrigger>",
+        f"<Action name='b'><PrivateAction>{slow_down(shape='linear', dimension='time', value=1.0)}"
+        "</PrivateAction></Action><StartTrigger>",
+    )
+    last = event(slow_down(shape="step", target=3.0), state_of("action", "b", "completeState"), "second")
+    times, (_, _, _, speed) = states_of(write(document(both, last)), "Car", 4.0)
+    assert times[np.argmax(speed < 4.0)] == pytest.approx(2.05, abs=0.051)
+
+
+def test_a_maneuver_group_is_executed_again(write):
+    pair = (
+        event(slow_down(shape="step", target=10.0)),
+        event(slow_down(shape="step", target=20.0), state_of("event", "first", "completeState"), "second"),
+    )
+    text = document(*pair)
+    speeds = [
+        states_of(
+            write(text.replace('maximumExecutionCount="1"', f'maximumExecutionCount="{n}"', 1)), "Car", 3.0
+        )[1][3]
+        for n in (1, 3)
+    ]
+    assert [int((np.diff(speed) < 0.0).sum()) for speed in speeds] == [1, 3]
+
+
+def test_a_scene_without_a_road_is_acted_out_in_the_plane(write):
+    text = document(event(follow([(0.0, 0.0, 0.0), (1.0, 10.0, 0.0), (2.0, 10.0, 10.0)], TIMED)))
+    text = text.replace('<LogicFile filepath="motorway.xodr"/>', "")
+    for lane, y in ((-2, 5), (-3, 0)):
+        start = lane_position(10 if lane == -2 else 30, lane)
+        assert start in text
+        text = text.replace(start, f'<WorldPosition x="0" y="{y}" h="0.5"/>')
+    path = write(text)
+    assert "open plane" in judge_scene(path).reason
+    _, (x, y, heading, _) = states_of(path, "Ego", 1.0)
+    assert (x[-1], y[-1], heading[-1]) == pytest.approx((20 * math.cos(0.5), 5 + 20 * math.sin(0.5), 0.5))
+    times, (x, y, heading, _) = states_of(path, "Car", 3.0)
+    turning = np.argmin(np.abs(times - 2.0))  # the trajectory begins at 1 s: half-way around the corner
+    assert (x[turning], y[turning], heading[turning]) == pytest.approx((10.0, 0.0, math.pi / 4), abs=1e-6)
+
+
+def test_nobody_beside_is_a_clearance(write):
+    clear = (
+        '<RelativeClearanceCondition distanceForward="{}" distanceBackward="30" freeSpace="true" '
+        'oppositeLanes="false"><RelativeLaneRange from="1" to="1"/></RelativeClearanceCondition>'
+    )
+    for reach, target in ((10.0, 20.0), (4.0, 5.0)):
+        text = document(
+            event(slow_down(shape="step", target=5.0), of_entity(clear.format(reach))), speed=20.0
+        )
+        text = text.replace(lane_position(30), lane_position(0.5))
+        assert states_of(write(text), "Car", 1.0)[1][3][-1] == target
 
 
 def test_a_route_that_begins_later_holds_at_the_next_junction(write):

@@ -14,7 +14,7 @@ from avrare.protocols import Bools, Floats
 from avrare_openscenario.conditions import Traffic, holds
 from avrare_openscenario.courses import Course
 from avrare_openscenario.motions import Drive, Motions
-from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import move_all, move_along_body, place_all, speed_all
 from avrare_openscenario.story import Assignment, Route, Trigger
@@ -36,6 +36,7 @@ class StoryMemory:
         begun: (N, E) step at which an event began, -1 before.
         ended: (N, E) step at which it ended, -1 before.
         runs: (N, E) how often it began.
+        rounds: (N, G) how often a maneuver group was executed.
         before: (N, C) 1 where a condition held at the last step, 0 where not, -1 before the first.
         late: (N, C, D) what held, edges included, at the last D steps, the newest first.
         travelled: (N, V + 1) way so far [m].
@@ -51,6 +52,7 @@ class StoryMemory:
     begun: Integers
     ended: Integers
     runs: Integers
+    rounds: Integers
     before: Integers
     late: Bools
     travelled: Floats
@@ -89,11 +91,11 @@ class ActedTraffic:
         points = Vehicles(*place_all(self.story, self.maps, table), speed, np.zeros_like(speed))
         for action in self.story.adjustments:
             points = self.motions.put(action, table, points)
+        story, vehicles = self.story, self.count
         if self.ways is not None:
             self.ways.changed.update(range(len(self.maps)))
-            points = self.ways.renew(points, [True] * len(self.maps))
+            points, _ = self.ways.renew(points, Course.idle(1, vehicles), [False] * len(self.maps))
         heading, speed = points.heading, points.speed
-        story, vehicles = self.story, self.count
         own = Vehicles(*(values[:, :vehicles] for values in vars(points).values()))
         memory = StoryMemory(
             table,
@@ -102,6 +104,7 @@ class ActedTraffic:
             np.full((n, len(story.events)), -1),
             np.full((n, len(story.events)), -1),
             np.zeros((n, len(story.events)), np.int64),
+            np.zeros((n, len(story.groups)), np.int64),
             np.full((n, len(story.conditions)), -1),
             np.zeros((n, len(story.conditions), int(self.delays.max(initial=0)) + 1), np.bool_),
             np.zeros_like(speed),
@@ -152,7 +155,11 @@ class ActedTraffic:
         memory, every = self._trigger(memory, step, every, _join(others, ego))
         changes = memory.drive.across.action[:1].ravel()
         if self.ways is not None:
-            every = self.ways.renew(every, (changes < 0).tolist())
+            follows = np.isin(changes, self.motions.trajectories).tolist()
+            before = every.heading
+            every, across = self.ways.renew(every, memory.drive.across, follows)
+            turned = memory.drive.heading + every.heading - before
+            memory = replace(memory, drive=replace(memory.drive, across=across, heading=turned))
         drive, points = self.motions.move(memory.table, memory.drive, step, every)
         if self.ways is not None:
             self.ways.changed.update(np.flatnonzero((changes >= 0) & (drive.across.action[0] < 0)).tolist())
@@ -189,6 +196,8 @@ class ActedTraffic:
                 stopped[:, index] |= acts[:, index] & _meets(stop, met)
         memory = self._stop_events(replace(memory, acts=acts, stopped=stopped), step)
         for index, event in enumerate(self.story.events):
+            if event.whole >= 0:
+                continue
             rows = acts[:, event.act] & ~stopped[:, event.act] & _meets(event.trigger, met)
             rows &= (memory.begun[:, index] < 0) | (memory.ended[:, index] >= 0)
             rows &= memory.runs[:, index] < event.count
@@ -248,6 +257,9 @@ class ActedTraffic:
                 if other != index and peer.maneuver == event.maneuver and running.any():
                     ended[:, other] = np.where(running, step, ended[:, other])
                     memory = _drop(memory, peer.actions, running)
+        singles = [k for k, single in enumerate(self.story.events) if single.whole == index]
+        begun[:, singles] = np.where(rows, step, begun[:, singles].T).T
+        ended[:, singles] = np.where(rows, -1, ended[:, singles].T).T
         runs = np.array(memory.runs)
         runs[:, index] += rows
         memory = replace(memory, begun=begun, ended=ended, runs=runs)
@@ -274,7 +286,23 @@ class ActedTraffic:
                 busy |= np.isin(course.action, list(event.actions)).any(axis=1)
             over = (memory.begun[:, index] >= 0) & (ended[:, index] < 0) & ~busy
             ended[:, index] = np.where(over, step, ended[:, index])
-        return replace(memory, ended=ended)
+        return self._repeat_groups(replace(memory, ended=ended))
+
+    def _repeat_groups(self, memory: StoryMemory) -> StoryMemory:
+        for index, group in enumerate(self.story.groups):
+            events = list(group.events)
+            counts = np.array([self.story.events[k].count for k in events])
+            over = ((memory.runs[:, events] >= counts) & (memory.ended[:, events] >= 0)).all(axis=1)
+            over &= memory.rounds[:, index] < group.count - 1
+            if over.any():
+                begun, ended, runs, rounds = map(
+                    np.array, (memory.begun, memory.ended, memory.runs, memory.rounds)
+                )
+                for part, value in ((begun, -1), (ended, -1), (runs, 0)):
+                    part[over[:, None] & np.isin(np.arange(part.shape[1]), events)] = value
+                rounds[over, index] += 1
+                memory = replace(memory, begun=begun, ended=ended, runs=runs, rounds=rounds)
+        return memory
 
 
 def _drop(memory: StoryMemory, actions: Sequence[int], rows: Bools) -> StoryMemory:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.curves import sample_clothoids, sample_nurbs
-from avrare_openscenario.opendrive import Network
+from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity, find_lane, read_place
 from avrare_openscenario.route_reader import read_route, read_route_place
@@ -30,7 +31,7 @@ from avrare_openscenario.story import (
     Trajectory,
     Transition,
 )
-from avrare_openscenario.xml_tree import Element, read_boolean
+from avrare_openscenario.xml_tree import Element
 
 _IDLE = {
     "ControllerAction": "controllers are left out: the entity obeys the storyboard",
@@ -38,7 +39,6 @@ _IDLE = {
     "VisibilityAction": "visibility changes nothing",
     "AppearanceAction": "lights and animations change nothing",
     "EnvironmentAction": "environment and weather change nothing",
-    "TrafficSignalAction": "",
 }
 """Actions that are passed over, with their notes."""
 
@@ -115,8 +115,7 @@ class ActionReader:
                 return Route(actor, (place.roads,))
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
-        known = "SpeedAction, SpeedProfileAction, LaneChangeAction, LaneOffsetAction"
-        raise action.unknown(f"{known}, LongitudinalDistanceAction, FollowTrajectoryAction")
+        raise action.unknown("actions of speed, distance, lanes, routes and trajectories")
 
     def _number(self, element: Element, name: str, default: float | None = None) -> Number:
         return self.parameters.number(element, name, default)
@@ -166,7 +165,7 @@ class ActionReader:
         """Read a ``SpeedAction``."""
         transition = self._read_transition(action.child("SpeedActionDynamics"))
         target = action.child("SpeedActionTarget").choice()
-        continuous = target.tag == "RelativeTargetSpeed" and read_boolean(target, "continuous")
+        continuous = target.tag == "RelativeTargetSpeed" and self.parameters.boolean(target, "continuous")
         return SpeedChange(actor, transition, self.read_speed(target), continuous)
 
     def read_speed(self, target: Element) -> TargetSpeed:
@@ -186,12 +185,23 @@ class ActionReader:
         if limits := action.find("DynamicConstraints"):
             limits.pass_over("limits of a speed profile are left out: its times count")
         entries = action.list("SpeedProfileEntry")
-        if not entries or any(entry.get("time") is None for entry in entries):
-            raise action.error("an entry has no time", "give each SpeedProfileEntry a time")
+        if not entries:
+            raise action.error("has no SpeedProfileEntry")
+        if any(entry.get("time") is None for entry in entries):
+            return self._read_untimed_profile(entries, limits, actor)
         if action.get("entityRef") is not None:
             raise action.error("speeds relative to another entity are not read")
         durations = tuple(self.parameters.number(entry, "time", low=0.0) for entry in entries)
         return SpeedProfile(actor, durations, tuple(self._number(entry, "speed") for entry in entries))
+
+    def _read_untimed_profile(
+        self, entries: Sequence[Element], limits: Element | None, actor: int
+    ) -> SpeedProfile:
+        # Speeds that are taken one after another with the highest acceleration.
+        if limits is None:
+            raise entries[0].error("has no time", "give it one, or the action DynamicConstraints")
+        rates = tuple(self._number(limits, f"max{name}") for name in ("Acceleration", "Deceleration"))
+        return SpeedProfile(actor, (), tuple(self._number(entry, "speed") for entry in entries), rates)
 
     def _read_gap(self, action: Element, actor: int) -> Gap:
         across = action.tag == "LateralDistanceAction"
@@ -212,10 +222,10 @@ class ActionReader:
             self._find_entity(action),
             value,
             timed,
-            read_boolean(action, "freespace"),
+            self.parameters.boolean(action, "freespace"),
             sides[side],
             across,
-            read_boolean(action, "continuous"),
+            self.parameters.boolean(action, "continuous"),
             self._limit(limits, "maxAcceleration"),
             self._limit(limits, "maxSpeed"),
         )
@@ -233,7 +243,7 @@ class ActionReader:
         return LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
 
     def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
-        read_boolean(action, "continuous")  # an offset is kept until another action in any case
+        self.parameters.boolean(action, "continuous")  # an offset is kept until another action in any case
         dynamics = action.child("LaneOffsetActionDynamics")
         form = self.parameters.text(dynamics, "dynamicsShape")
         if form not in FORMS:
@@ -265,11 +275,9 @@ class ActionReader:
             absolute = timing.attribute("domainAbsoluteRelative") == "absolute"
             scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
         found = self.read_curve(holder, actor, timing is not None and timing.tag == "Timing", scale, offset)
-        begin = action.get("initialDistanceOffset")
-        if begin is not None:
-            begin_number = self._number(action, "initialDistanceOffset")
-            return Trajectory(**{**vars(found), "begin": begin_number, "absolute": absolute})
-        return Trajectory(**{**vars(found), "absolute": absolute})
+        name = "initialDistanceOffset"
+        begin = None if action.get(name) is None else self._number(action, name)
+        return replace(found, begin=begin, absolute=absolute)
 
     def read_curve(
         self, holder: Element, actor: int, timed: bool, scale: float = 1.0, offset: float = 0.0
@@ -282,13 +290,17 @@ class ActionReader:
         assert trajectory is not None
         trajectory.get("name")
         trajectory.skip_children("ParameterDeclarations")
-        if read_boolean(trajectory, "closed"):
-            raise trajectory.error("a closed trajectory is not read")
+        if self.parameters.boolean(trajectory, "closed"):
+            trajectory.note("a closed trajectory is driven once")
         form = trajectory.child("Shape").choice()
         if form.tag == "Polyline":
             return self._read_polyline(form, actor, timed, scale, offset)
         if form.tag in ("Clothoid", "ClothoidSpline"):
-            return self._read_clothoids(form, actor)
+            times = [
+                self._number(form, name) for name in ("startTime", "stopTime") if timed and form.get(name)
+            ]
+            times = [self.parameters.scaled(one, scale, offset) for one in times] if len(times) == 2 else []
+            return replace(self._read_clothoids(form, actor), times=tuple(times))
         if form.tag == "Nurbs":
             return self._read_nurbs(form, actor)
         raise form.unknown("Polyline, Clothoid, ClothoidSpline, Nurbs")
@@ -300,14 +312,10 @@ class ActionReader:
         if len(vertices) < 2:
             raise form.error("should have at least two vertices")
         places = tuple(self.read_place(vertex.child("Position")) for vertex in vertices)
-        if not timed or any(vertex.attributes.get("time") is None for vertex in vertices):
-            for vertex in vertices:
-                vertex.get("time")
-            return Trajectory(actor, places)
-        times = tuple(
-            self.parameters.scaled(self._number(vertex, "time"), scale, offset) for vertex in vertices
-        )
-        return Trajectory(actor, places, times)
+        written = [vertex.get("time") for vertex in vertices]
+        timed = timed and None not in written
+        times = [self._number(vertex, "time") for vertex in vertices] if timed else []
+        return Trajectory(actor, places, tuple(self.parameters.scaled(one, scale, offset) for one in times))
 
     def _read_clothoids(self, form: Element, actor: int) -> Trajectory:
         fixed = self.parameters.fixed

@@ -7,14 +7,15 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 from avrare_openscenario.action_reader import ActionReader
-from avrare_openscenario.opendrive import Network
+from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity, read_place
 from avrare_openscenario.story import Condition, Edge, Place, Rule
-from avrare_openscenario.xml_tree import Element, read_boolean
+from avrare_openscenario.xml_tree import Element
 
 _LONGEST_DELAY = 100_000
 """Longest delay of a condition [steps]."""
+_MANY_LANES = 1_000
 
 
 class ConditionReader:
@@ -126,6 +127,8 @@ class ConditionReader:
             case "CollisionCondition":
                 one_value = self.parameters.constant(1.0)
                 return Condition("collision", "equalTo", one_value, against=self._read_against(one))
+            case "RelativeClearanceCondition":
+                return self._read_clearance(one)
             case "EndOfRoadCondition" | "OffroadCondition":
                 kind = "road_end" if one.tag == "EndOfRoadCondition" else "off_road"
                 steps = round(self.parameters.fixed(one, "duration") / self.dt)
@@ -166,6 +169,33 @@ class ConditionReader:
         other = find_entity(target, "entityRef", self.parameters, self.names)
         return Condition("collision_time", rule, value, other=other, free=free)
 
+    def _read_clearance(self, one: Element) -> Condition:
+        # Whether no other vehicle is within a way ahead and behind, in some lanes.
+        reach = tuple(
+            self.parameters.number(one, name, 0.0) for name in ("distanceForward", "distanceBackward")
+        )
+        if self.parameters.boolean(one, "oppositeLanes"):
+            one.note("vehicles in opposing lanes count where the lanes do")
+        lanes = []
+        for span in one.list("RelativeLaneRange"):
+            low, high = (
+                limit if span.get(name) is None else self.parameters.whole(span, name)
+                for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
+            )
+            lanes.append((low, high))
+        against = tuple(
+            find_entity(other, "entityRef", self.parameters, self.names) for other in one.list("EntityRef")
+        )
+        return Condition(
+            "clearance",
+            "equalTo",
+            self.parameters.constant(1.0),
+            free=self.parameters.boolean(one, "freeSpace"),
+            against=against or tuple(range(len(self.names))),
+            reach=reach,
+            lanes=tuple(lanes),
+        )
+
     def _place(self, one: Element) -> Place:
         return read_place(one.child("Position"), self.parameters, self.roads, self.names, self.curves)
 
@@ -196,7 +226,7 @@ class ConditionReader:
         # Whether a distance is along the road, and whether between the boxes.
         kind = one.get("relativeDistanceType")
         if kind is None:
-            along = read_boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
+            along = self.parameters.boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
             kind = "longitudinal" if along else "euclidianDistance"
         one.get("alongRoute")
         if kind not in ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance"):
@@ -205,4 +235,4 @@ class ConditionReader:
             raise one.error("coordinateSystem should be entity, lane or road")
         one.get("routingAlgorithm")
         one.attribute("freespace")
-        return kind == "longitudinal", read_boolean(one, "freespace")
+        return kind == "longitudinal", self.parameters.boolean(one, "freespace")

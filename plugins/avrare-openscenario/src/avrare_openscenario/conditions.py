@@ -12,8 +12,8 @@ from avrare.driving import Vehicles
 from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.opendrive import RoadMap
-from avrare_openscenario.starts import move_along_body, place_point
+from avrare_openscenario.network import RoadMap
+from avrare_openscenario.starts import move_along_body, nearest_lane, place_point
 from avrare_openscenario.story import Condition
 from avrare_openscenario.trajectories import list_places
 
@@ -142,6 +142,8 @@ def _measure(
             return np.asarray(speeds[:, entity] - speeds[:, other])
         case "collision":
             return _touches(condition, entity, traffic, maps)
+        case "clearance":
+            return _is_clear(condition, entity, traffic, maps, table)
         case "road_end":
             station = traffic.vehicles.x[:, entity]
             return np.asarray((station <= 0.0) | (station >= roads.line.length), dtype=np.float64)
@@ -225,6 +227,27 @@ def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[Ro
             theirs = _box(maps[one], _see(traffic, other, maps[one], maps), traffic, other)
             touches |= signed_distance(mine, theirs) <= 0.0
     return touches.astype(np.float64)
+
+
+def _is_clear(
+    condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Floats:
+    roads, here = maps[one], _pick(traffic.vehicles, one)
+    ahead, behind = (table[:, number] for number in condition.reach)
+    along = np.sign(np.cos(here.heading))
+    lane, taken = nearest_lane(roads, here.y, here.x), np.zeros(len(here.x), np.bool_)
+    for other in condition.against:
+        if other == one:
+            continue
+        there = _see(traffic, other, roads, maps)
+        way, size = along * (there.x - here.x), 0.0
+        if condition.free:
+            size = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
+        near = (way - size <= ahead) & (-way - size <= behind)
+        beside = along * (nearest_lane(roads, there.y, there.x) - lane)
+        inside = [(low <= beside) & (beside <= high) for low, high in condition.lanes]
+        taken |= near & np.any(inside, axis=0) if inside else near
+    return np.asarray(~taken, dtype=np.float64)
 
 
 def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:

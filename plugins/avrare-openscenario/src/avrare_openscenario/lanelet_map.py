@@ -14,7 +14,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare_openscenario.opendrive import Network, RoadMap
+from avrare_openscenario.network import Network, RoadMap
 from avrare_openscenario.xml_tree import Element
 from avrare_recordings.formats.commonroad import read_lanelets
 from avrare_recordings.roads.lanelet_road import find_road

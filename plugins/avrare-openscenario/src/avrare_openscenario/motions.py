@@ -9,8 +9,9 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.courses import Course, Integers, transition_span
-from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.courses import Course, Integers, interpolate, transition_span
+from avrare_openscenario.gaps import close_gap, place_gap
+from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import (
     build_path,
@@ -40,8 +41,6 @@ _CRAWL = 0.5
 """Speed below which a heading does not follow a lane change [m/s]."""
 _GONE = 1e6
 """Station of a vehicle that is taken out [m]."""
-_STIFFNESS = 0.4
-"""Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,6 @@ class Motions:
         self.bodies = file.bodies
         actions = enumerate(self.story.actions)
         self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
-        self.ahead = np.array([body.ahead for body in file.bodies])
         others = file.maps[: len(file.bodies) - file.ego]
         self.free = np.array([not roads.lanes for roads in others], np.bool_)
 
@@ -90,6 +88,10 @@ class Motions:
         match action:
             case SpeedChange():
                 speed = self._begin_speed(drive.speed, number, action, rows, table, every)
+                if action.transition.form == "step":
+                    now = np.array(every.speed)
+                    now[rows, actor] = speed.target[rows, actor]
+                    every = replace(every, speed=now)
                 return replace(drive, speed=speed), every
             case LaneChange():
                 across = self._begin_across(drive.across, number, action, rows, table, every)
@@ -108,8 +110,7 @@ class Motions:
             case Gap() if action.acceleration is None and not action.continuous:
                 return drive, _choose(rows, actor, self.set_gap(action, table, every), every)
             case Trajectory():
-                anchors = np.array(drive.anchors)
-                poses = np.stack([every.x, every.y, every.heading], axis=2)
+                anchors, poses = np.array(drive.anchors), np.stack([every.x, every.y, every.heading], axis=2)
                 anchors[rows, self.trajectories.index(number)] = poses[rows]
                 drive = replace(drive, anchors=anchors)
                 path, begin = self._path(number, table, drive), np.zeros(len(rows))
@@ -148,7 +149,7 @@ class Motions:
     def set_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Vehicles:
         """Put a vehicle at its distance to another one, with the other's speed."""
         parts = {name: np.array(part) for name, part in vars(every).items()}
-        place = self._gap_place(gap, table, every)
+        place = place_gap(gap, self.bodies, table, every)
         if gap.across:
             parts["y"][:, gap.actor] = place
         else:
@@ -282,48 +283,22 @@ class Motions:
                     target[:, actor] = np.where(rows, wanted, target[:, actor])
                     course = replace(course, action=keep, target=target)
                 case SpeedProfile():
-                    times = np.cumsum(table[:, list(action.durations)], axis=1)
                     speeds = np.column_stack([begun.start[:, actor], table[:, list(action.speeds)]])
-                    value = _interpolate(clock, np.column_stack([np.zeros(len(times)), times]), speeds)
+                    durations = table[:, list(action.durations)]
+                    if action.rates:
+                        change = np.diff(speeds, axis=1)
+                        up, down = (table[:, [rate]] for rate in action.rates)
+                        durations = np.abs(change) / np.where(change >= 0.0, up, down)
+                    times = np.cumsum(durations, axis=1)
+                    value = interpolate(clock, np.column_stack([np.zeros(len(times)), times]), speeds)
                     over = clock >= times[:, -1] - 1e-9
                 case Gap():
-                    value = self._close_gap(action, table, every)
+                    value = close_gap(action, self.bodies, table, every, self.dt)
                 case Synchronize():
                     value, over = self._synchronize(action, table, drive, every)
             velocity[:, actor] = np.where(rows, value, velocity[:, actor])
             course = course.finish(actor, rows & over)
         return course, velocity
-
-    def _gap_place(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
-        # Station, or offset, at which the distance is as it should be.
-        value = table[:, gap.value]
-        if gap.timed:
-            value = value * np.abs(every.speed[:, gap.other])
-        here, there = (every.y, every.y) if gap.across else (every.x, every.x)
-        mine, theirs = here[:, gap.actor], there[:, gap.other]
-        along = np.sign(np.cos(every.heading[:, gap.other]))
-        side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
-        if not gap.free:
-            return np.asarray(theirs + side * value)
-        sizes = [body.width if gap.across else body.length for body in self.bodies]
-        centre = theirs + side * (value + 0.5 * (sizes[gap.actor] + sizes[gap.other]))
-        if gap.across:
-            return np.asarray(centre)
-        mine_along = np.sign(np.cos(every.heading[:, gap.actor]))
-        return np.asarray(centre - mine_along * self.ahead[gap.actor] + along * self.ahead[gap.other])
-
-    def _close_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Floats:
-        lag = (self._gap_place(gap, table, every) - every.x[:, gap.actor]) * np.sign(
-            np.cos(every.heading[:, gap.actor])
-        )
-        now, theirs = every.speed[:, gap.actor], every.speed[:, gap.other]
-        if gap.acceleration is None:
-            return np.asarray(theirs + lag / self.dt)
-        most = table[:, gap.acceleration]
-        stiffness = _STIFFNESS * most
-        demand = np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * (theirs - now), -most, most)
-        fastest = np.inf if gap.speed is None else table[:, gap.speed]
-        return np.clip(now + self.dt * demand, 0.0, fastest)
 
     def _synchronize(
         self, action: Synchronize, table: Floats, drive: Drive, every: Vehicles
@@ -372,7 +347,7 @@ class Motions:
             actor = action.actor
             if isinstance(action, Gap):
                 y = np.array(found.y)
-                y[:, actor] = np.where(rows, self._gap_place(action, table, every), y[:, actor])
+                y[:, actor] = np.where(rows, place_gap(action, self.bodies, table, every), y[:, actor])
                 found = replace(found, y=y)
                 continue
             path = self._path(number, table, drive)
@@ -423,11 +398,3 @@ def _choose(rows: Bools, vehicle: int, moved: Vehicles, every: Vehicles) -> Vehi
     for name, part in parts.items():
         part[:, vehicle] = np.where(rows, getattr(moved, name)[:, vehicle], part[:, vehicle])
     return Vehicles(**parts)
-
-
-def _interpolate(at: Floats, stations: Floats, values: Floats) -> Floats:
-    rows = np.arange(len(at))
-    begin = np.clip((stations <= at[:, None]).sum(axis=1) - 1, 0, stations.shape[1] - 2)
-    low, high = stations[rows, begin], stations[rows, begin + 1]
-    share = np.clip((at - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-    return np.asarray(values[rows, begin] + share * (values[rows, begin + 1] - values[rows, begin]))

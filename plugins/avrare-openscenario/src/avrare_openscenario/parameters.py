@@ -7,8 +7,8 @@ import functools
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -99,6 +99,7 @@ class Parameters:
         self._constraints: list[_Constraint] = []
         self._texts: list[str] = []
         self._given = given
+        self._names: dict[str, str] = {}
         self.declare(declarations)
         for name in given:
             if name not in self.values:
@@ -107,21 +108,25 @@ class Parameters:
                 )
 
     def declare(self, declarations: Element | None) -> None:
-        """Add the parameters that an element ``ParameterDeclarations`` has.
-
-        Raises:
-            UsageError: One is declared already, with another value.
-        """
+        """Add the parameters that an element has; they hide others of the same names."""
         elements = declarations.list("ParameterDeclaration") if declarations is not None else []
         for element in elements:
             element.get("parameterType")
             name = element.attribute("name")
             value = self._given[name] if name in self._given else self._declare(element, name)
             if self.values.get(name, value) != value:
-                raise element.error(f"the parameter {name!r} is declared already", "give it another name")
-            self.values[name] = value
+                self._names[name] = f"{name}_{len(self.values)}"
+            self.values[self._names.get(name, name)] = value
         for element in elements:
             self._read_constraints(element)
+
+    @contextmanager
+    def scope(self, declarations: Element | None) -> Iterator[None]:
+        """Add parameters that hold within an element."""
+        names = dict(self._names)
+        self.declare(declarations)
+        yield
+        self._names = names
 
     def _declare(self, element: Element, name: str) -> float | str:
         # Value of a declaration, which may refer to those before it.
@@ -180,6 +185,13 @@ class Parameters:
             return written
         self.decisive.add(reference[1])
         return str(self._value(element, name, reference[1]))
+
+    def boolean(self, element: Element, name: str) -> bool:
+        """Return an attribute that is true or false, False where it is not there."""
+        text = "false" if element.get(name) is None else self.text(element, name)
+        if text not in ("true", "false", "1", "0"):
+            raise element.error(f"{name} should be true or false, found {text[:40]!r}")
+        return text in ("true", "1")
 
     def number(
         self, element: Element, name: str, default: float | None = None, low: float | None = None
@@ -279,6 +291,7 @@ class Parameters:
         return found
 
     def _value(self, element: Element, name: str, parameter: str) -> float | str:
+        parameter = self._names.get(parameter, parameter)
         if parameter not in self.values:
             hint = did_you_mean(parameter, self.values)
             raise element.error(f"{name}: no parameter {parameter!r} is declared", hint)
@@ -296,8 +309,9 @@ class Parameters:
         try:
             if len(inner) > _LONGEST or "__" in inner:
                 raise ValueError
-            tree = ast.parse(_REFERENCE.sub(r"\1", inner), mode="eval").body
-            _check(tree, frozenset(_REFERENCE.findall(inner)))
+            names = {name: self._names.get(name, name) for name in _REFERENCE.findall(inner)}
+            tree = ast.parse(_REFERENCE.sub(lambda found: names[found[1]], inner), mode="eval").body
+            _check(tree, frozenset(names.values()))
         except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
             text = f"{name}: {written[:80]!r} is neither a number nor an expression"
             raise element.error(text, "such as $speed or ${2 * $speed + 1}") from None

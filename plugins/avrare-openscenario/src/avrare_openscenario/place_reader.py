@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from avrare.base.errors import did_you_mean
-from avrare_openscenario.opendrive import Network, RoadMap
+from avrare_openscenario.network import Network, RoadMap
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.story import Place
 from avrare_openscenario.xml_tree import Element
@@ -90,7 +90,8 @@ def _read_kind(
             across = parameters.whole(one, "dLane")
             ahead = number("ds" if one.get("dsLane") is None else "dsLane", 0.0)
             offset = number("offset", 0.0)
-            return Place("beside", ahead, offset, heading, across, other, absolute)
+            by_lane = one.get("dsLane") is not None
+            return Place("beside", ahead, offset, heading, across, other, absolute, by_lane=by_lane)
         case "RelativeRoadPosition":
             other = find_entity(one, "entityRef", parameters, names)
             heading, absolute = read_orientation(one, parameters)

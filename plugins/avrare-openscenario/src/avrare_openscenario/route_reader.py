@@ -9,7 +9,7 @@ from avrare_openscenario.place_reader import read_orientation
 from avrare_openscenario.routes import follow_lane
 from avrare_openscenario.starts import place_point
 from avrare_openscenario.story import Place, Route
-from avrare_openscenario.xml_tree import Element, read_boolean
+from avrare_openscenario.xml_tree import Element
 
 if TYPE_CHECKING:
     from avrare_openscenario.action_reader import ActionReader
@@ -54,7 +54,7 @@ def _read_waypoints(reader: ActionReader, action: Element) -> list[Place]:
     assert route is not None
     route.skip_children("ParameterDeclarations")
     route.get("name")
-    if read_boolean(route, "closed"):
+    if reader.parameters.boolean(route, "closed"):
         raise route.error("a closed route is not read")
     places = []
     for point in route.list("Waypoint"):

@@ -12,7 +12,8 @@ from avrare.base.errors import did_you_mean
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
-from avrare_openscenario.opendrive import Network, RoadMap, open_plane, read_opendrive
+from avrare_openscenario.network import Network, RoadMap, open_plane
+from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity
 from avrare_openscenario.starts import Starts

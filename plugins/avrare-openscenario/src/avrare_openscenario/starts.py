@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
-from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.network import RoadMap
 from avrare_openscenario.story import (
     Action,
     Gap,
@@ -196,13 +196,16 @@ def _place_on(
             s, d = their_s + x, their_d + y
         else:
             lane = nearest_lane(roads, their_d, their_s) + (along * place.lane).astype(np.int64)
-            s = their_s + along * x
+            s = their_s + (along if place.by_lane else 1.0) * x
             d = lane_middle(roads, lane, s) + y
     if place.absolute:
         return s, d, heading - roads.line.heading(s)
-    if place.turned and (place.kind == "road" or place.lane is None):
+    if place.turned and place.kind != "lane":
         return s, d, heading  # against the reference line, not the lane
-    return s, d, heading + np.where(lane_direction(roads, d, s) < 0.0, np.pi, 0.0)
+    opposing = lane_direction(roads, d, s) < 0.0
+    if place.kind == "lane":
+        opposing = np.full(len(s), place.lane in roads.road.opposing)
+    return s, d, heading + np.where(opposing, np.pi, 0.0)
 
 
 def build_path(

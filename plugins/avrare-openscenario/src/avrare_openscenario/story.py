@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.network import RoadMap
 from avrare_openscenario.parameters import Number
 
 Form: TypeAlias = Literal["step", "linear", "cubic", "sinusoidal"]
@@ -48,6 +48,7 @@ class Place:
         absolute: Whether the heading is that in the plane.
         curve: Trajectory of a ``curve``.
         turned: Whether a heading is given.
+        by_lane: Whether x of a ``beside`` goes in the direction of the lane, not of the road.
         roads: Road of a ``road`` or ``lane``; None: the one of the vehicle that is placed.
     """
 
@@ -60,6 +61,7 @@ class Place:
     absolute: bool = False
     curve: Trajectory | None = None
     turned: bool = False
+    by_lane: bool = False
     roads: RoadMap | None = None
 
 
@@ -101,13 +103,15 @@ class SpeedProfile:
 
     Attributes:
         actor: Index of the vehicle.
-        durations: Time for each [s].
+        durations: Time for each, empty: as fast as the rates allow [s].
         speeds: The speeds [m/s].
+        rates: Highest acceleration and deceleration, where there are no times [m/s^2].
     """
 
     actor: int
     durations: tuple[Number, ...]
     speeds: tuple[Number, ...]
+    rates: tuple[Number, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -275,7 +279,7 @@ class Condition:
     Attributes:
         kind: ``time``, ``travelled``, ``speed``, ``relative_speed``, ``standstill``, ``distance``,
             ``headway``, ``collision_time``, ``reach``, ``acceleration``, ``collision``, ``road_end``,
-            ``off_road``, ``variable`` or ``state``.
+            ``off_road``, ``clearance``, ``variable`` or ``state``.
         rule: Comparison with ``value``.
         value: What is compared with.
         edge: Change of the comparison that counts.
@@ -292,7 +296,9 @@ class Condition:
         act: Index of that act.
         direction: Part of a speed or acceleration that counts; empty: its size.
         variable: Index of the variable that is compared.
-        against: Vehicles that a ``collision`` is with.
+        against: Vehicles that a ``collision`` is with, or that a ``clearance`` is from.
+        reach: Ways ahead and behind of a ``clearance`` [m].
+        lanes: Ranges of lanes to the left of the own one, of a ``clearance``; empty: all.
     """
 
     kind: str
@@ -313,6 +319,8 @@ class Condition:
     direction: Literal["", "longitudinal", "lateral"] = ""
     variable: int = -1
     against: tuple[int, ...] = ()
+    reach: tuple[Number, ...] = ()
+    lanes: tuple[tuple[int, int], ...] = ()
 
 
 Trigger: TypeAlias = tuple[tuple[int, ...], ...]
@@ -331,6 +339,7 @@ class Event:
         actions: Indices of its actions.
         overrides: Whether it ends the other events of its maneuver.
         count: How often it may begin.
+        whole: Index of the event of which it stands for one action; -1: none.
         waits: Whether it does not begin while another event of its maneuver is running.
     """
 
@@ -342,6 +351,15 @@ class Event:
     overrides: bool
     count: int = 1
     waits: bool = False
+    whole: int = -1
+
+
+@dataclass(frozen=True)
+class Group:
+    """Maneuver group that is executed several times, each time when all its events are over."""
+
+    count: int
+    events: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -358,6 +376,7 @@ class Storyboard:
         actions: Actions of all events.
         conditions: Conditions of all triggers.
         variables: Value of each variable at the start.
+        groups: Maneuver groups that are executed several times.
     """
 
     places: tuple[Place, ...]
@@ -369,3 +388,4 @@ class Storyboard:
     actions: tuple[Action, ...]
     conditions: tuple[Condition, ...]
     variables: tuple[Number, ...] = ()
+    groups: tuple[Group, ...] = ()

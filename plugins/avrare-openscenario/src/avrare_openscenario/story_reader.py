@@ -11,12 +11,12 @@ from typing import Literal
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.condition_reader import ConditionReader
-from avrare_openscenario.opendrive import Network
+from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity
 from avrare_openscenario.starts import Starts
-from avrare_openscenario.story import Action, Condition, Event, Route, Storyboard, Trigger
-from avrare_openscenario.xml_tree import Element, read_boolean
+from avrare_openscenario.story import Action, Condition, Event, Group, Route, Storyboard, Trigger
+from avrare_openscenario.xml_tree import Element
 
 _COUNT_MAX = 1_000_000_000
 
@@ -29,7 +29,7 @@ class _Named:
     events: tuple[int, ...]
     begin: Literal["event", "act", "story"] = "event"
     act: int = -1
-    alone: bool = True  # the only action of its event
+    actions: tuple[int, ...] = ()  # those of one action among several of an event
 
 
 class StoryReader:
@@ -68,7 +68,9 @@ class StoryReader:
         self.conditions: list[Condition] = []
         self.acts: list[Trigger] = []
         self.stops: list[Trigger | None] = []
+        self.groups: list[Group] = []
         self.maneuvers = 0
+        self.selects = False  # whether who meets a trigger acts
         self.elements: list[_Named] = []
         self._path: list[str] = []
         self._waiting: list[tuple[int, Element]] = []
@@ -82,8 +84,8 @@ class StoryReader:
             self.actions += starts.actions
             self.events.append(Event("Init", 0, -1, (), tuple(range(len(self.actions))), False))
         for story in board.list("Story"):
-            self.parameters.declare(story.find("ParameterDeclarations"))
-            with self._named(story, "story"):
+            declarations = story.find("ParameterDeclarations")
+            with self.parameters.scope(declarations), self._named(story, "story"):
                 for act in story.list("Act"):
                     self._read_act(act)
         for index, element in self._waiting:
@@ -98,6 +100,7 @@ class StoryReader:
             tuple(self.actions),
             tuple(self.conditions),
             tuple(self.variables.values()),
+            tuple(self.groups),
         )
 
     @contextmanager
@@ -124,20 +127,20 @@ class StoryReader:
 
     def _read_group(self, group: Element, act: int) -> None:
         group.get("name")
-        if group.get("maximumExecutionCount") not in (None, "0", "1"):
-            group.note("a maneuver group is executed once")
+        count, first = self._count(group), len(self.events)
         actors = group.child("Actors")
-        if read_boolean(actors, "selectTriggeringEntities"):
-            raise actors.error("selectTriggeringEntities is not read", "name the actors")
+        self.selects = self.parameters.boolean(actors, "selectTriggeringEntities")
         chosen = [
             find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
         ]
         referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
         for maneuver in [*referred, *group.list("Maneuver")]:
-            if not any(maneuver is entry for entry in referred):
-                self.parameters.declare(maneuver.find("ParameterDeclarations"))
-            with self._named(maneuver, "maneuver", act):
+            entry = any(maneuver is one for one in referred)
+            declarations = None if entry else maneuver.find("ParameterDeclarations")
+            with self.parameters.scope(declarations), self._named(maneuver, "maneuver", act):
                 self._read_maneuver(maneuver, act, chosen)
+        if count > 1:
+            self.groups.append(Group(count, tuple(range(first, len(self.events)))))
 
     def _read_maneuver(self, maneuver: Element, act: int, actors: list[int]) -> None:
         if self.ego in actors:
@@ -147,7 +150,11 @@ class StoryReader:
             actors = [actor for actor in actors if actor != self.ego]
         for event in maneuver.list("Event"):
             with self._named(event, "event"):
-                self._read_event(event, act, actors)
+                if self.selects:
+                    for actor in self._find_triggering(event):
+                        self._read_event(event, act, [actor])
+                else:
+                    self._read_event(event, act, actors)
         self.maneuvers += 1
 
     def _read_event(self, event: Element, act: int, actors: list[int]) -> None:
@@ -157,22 +164,29 @@ class StoryReader:
         first, number = len(self.actions), len(self.events)
         elements = event.list("Action")
         for element in elements:
-            path = (*self._path, element.get("name") or "")
-            self.elements.append(_Named("action", path, (number,), alone=len(elements) == 1))
+            path, before = (*self._path, element.get("name") or ""), len(self.actions)
             self.actions += self._read_action(element, actors)
+            several = tuple(range(before, len(self.actions))) if len(elements) > 1 else ()
+            self.elements.append(_Named("action", path, (number,), actions=several))
         start = event.find("StartTrigger")
-        trigger = () if start is None else self._read_trigger(start)
+        chosen = actors[0] if self.selects else None
+        trigger = () if start is None else self._read_trigger(start, chosen)
         actions = tuple(range(first, len(self.actions)))
         name, overrides = event.attribute("name"), priority in ("override", "overwrite")
-        self.events.append(
-            Event(
-                name, act, self.maneuvers, trigger, actions, overrides, self._count(event), priority == "skip"
-            )
-        )
+        count = self._count(event)
+        waits = priority == "skip"
+        self.events.append(Event(name, act, self.maneuvers, trigger, actions, overrides, count, waits))
+
+    def _find_triggering(self, event: Element) -> list[int]:
+        # Entities that may meet the trigger of an event, or of its act where it has none.
+        named = event.list_names("TriggeringEntities", "entityRef")
+        if not named:
+            raise event.error("selectTriggeringEntities needs a trigger of the event that names entities")
+        return [index for index, name in enumerate(self.names) if name in named and index != self.ego]
 
     def _count(self, event: Element) -> int:
-        # How often an event may begin.
-        if event.get("maximumExecutionCount") is None:
+        # How often an event or a maneuver group may begin.
+        if event.get("maximumExecutionCount") in (None, "0"):
             return 1
         count = self.parameters.whole(event, "maximumExecutionCount")
         if not 1 <= count <= _COUNT_MAX:
@@ -180,6 +194,9 @@ class StoryReader:
         return count
 
     def _read_action(self, element: Element, actors: Sequence[int]) -> list[Action]:
+        if not element.children:
+            element.note("an action without content does nothing")
+            return []
         kind = element.choice()
         if kind.tag == "PrivateAction":
             if not actors:
@@ -191,7 +208,7 @@ class StoryReader:
             actions = [self.reading.read_global(kind)]
         return [action for action in actions if action is not None]
 
-    def _read_trigger(self, trigger: Element) -> Trigger:
+    def _read_trigger(self, trigger: Element, chosen: int | None = None) -> Trigger:
         groups = []
         for group in trigger.list("ConditionGroup"):
             first = len(self.conditions)
@@ -200,7 +217,10 @@ class StoryReader:
                     element := state.find("StoryboardElementStateCondition")
                 ):
                     self._waiting.append((len(self.conditions), element))
-                self.conditions.append(self.asking.read(condition))
+                found = self.asking.read(condition)
+                if chosen is not None and chosen in found.entities:
+                    found = replace(found, entities=(chosen,))
+                self.conditions.append(found)
             if len(self.conditions) == first:
                 raise group.error("has no condition")
             groups.append(tuple(range(first, len(self.conditions))))
@@ -221,11 +241,15 @@ class StoryReader:
         if len(found) > 1:
             text = f"there are {len(found)} elements {kind} {name!r}"
             raise one.error(text, f"say which one: {'::'.join(found[0].path)}")
-        if not found[0].alone and state not in ("standbyState", "startTransition"):
-            raise one.error("the end of one action among several is not read", "ask for that of the event")
+        events = found[0].events
+        if found[0].actions:  # an event of its own, which begins with the whole one
+            whole = self.events[events[0]]
+            single = replace(whole, maneuver=-2, actions=found[0].actions, overrides=False, whole=events[0])
+            events = (len(self.events),)
+            self.events.append(single)
         self.conditions[index] = replace(
             self.conditions[index],
-            events=found[0].events,
+            events=events,
             state=state,
             begin=found[0].begin,
             act=found[0].act,

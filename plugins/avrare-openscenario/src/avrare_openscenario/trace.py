@@ -11,7 +11,7 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.acted_traffic import ActedTraffic
-from avrare_openscenario.opendrive import RoadMap
+from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 
 

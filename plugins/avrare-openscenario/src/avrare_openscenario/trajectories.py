@@ -87,7 +87,9 @@ class Path:
         return turned
 
     def when(self, times: Floats, time: Floats) -> tuple[Floats, Floats]:
-        """Return the way (N,) and the speed at a time (N,), given those (N, M) of the points."""
+        """Return the way (N,) and the speed at a time (N,), given those of all points or of the ends."""
+        if times.shape[1] != self.ways.shape[1]:
+            times = times[:, :1] + self.ways / self.ways[:, -1:] * np.diff(times, axis=1)
         rows, begin, share = _locate(times, time)
         way, step = self.ways[rows, begin], self.ways[rows, begin + 1] - self.ways[rows, begin]
         lasting = np.maximum(times[rows, begin + 1] - times[rows, begin], 1e-9)

@@ -8,7 +8,8 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
-from avrare_openscenario.opendrive import Leg, Network, RoadMap
+from avrare_openscenario.courses import Course
+from avrare_openscenario.network import Leg, Network, RoadMap
 from avrare_openscenario.routes import follow_lane
 from avrare_openscenario.starts import lane_middle, nearest_lane, place_point
 from avrare_openscenario.story import LaneChange, Place
@@ -51,23 +52,35 @@ class Ways:
         self.maps[vehicle] = roads
         self.changed.add(vehicle)
 
-    def renew(self, points: Vehicles, idle: Sequence[bool]) -> Vehicles:
-        """Return the points of reference (1, V) along the lines that vehicles take from where they are.
+    def renew(self, points: Vehicles, course: Course, follows: Sequence[bool]) -> tuple[Vehicles, Course]:
+        """Return points of reference (1, V) and lane changes along the lines that vehicles take from here.
 
         Args:
             points: States (1, V).
-            idle: Whether each vehicle changes no lane and follows no trajectory.
+            course: Lane changes under way.
+            follows: Whether each vehicle follows a trajectory, and so keeps its line.
         """
         for k, roads in enumerate(self.maps):
-            station = points.x[0, k]
-            if roads.legs and roads.line.length - _AHEAD < station < roads.line.length + _BEYOND:
-                last = roads.legs[-1]
-                if self.network.find_ways(last.roads, last.direction):
-                    self.changed.add(k)
-            if k in self.changed and idle[k]:
+            station = float(points.x[0, k])
+            if roads.legs and not follows[k] and self._leaves(k, roads, station, points):
+                self.changed.add(k)
+            if k in self.changed and not follows[k]:
                 self.changed.remove(k)
+                before = points.y[0, k]
                 points = self._renew(k, points)
-        return points
+                course = course.shift(k, float(points.y[0, k] - before))
+        return points, course
+
+    def _leaves(self, k: int, roads: RoadMap, station: float, points: Vehicles) -> bool:
+        # Whether the way ends, or goes on from another lane than the one in which the vehicle is.
+        leg, after = roads.find_leg(station), roads.find_leg(station + _AHEAD)
+        if station + _AHEAD > roads.line.length:
+            ways = self.network.find_ways(leg.roads, leg.direction)
+            return bool(ways) and station < roads.line.length + _BEYOND
+        if leg is after:
+            return False
+        found = self._find_leg(k, points)[0]
+        return found is not None and found.lane != leg.lane
 
     def _renew(self, k: int, points: Vehicles) -> Vehicles:
         leg, s, d, heading = self._find_leg(k, points)
@@ -78,8 +91,10 @@ class Ways:
         line = leg.roads
         if not line.closed and (self.network.find_ways(line, leg.direction) or line.bends(leg.lane)):
             line = follow_lane(self.network, line, leg.lane, self.routes.get(k, ()), leg.direction)
-        self.maps[k] = line
         s, d = line.line.to_road(x, y)
+        if not np.isfinite(s[0]):
+            return points
+        self.maps[k] = line
         parts = {name: np.array(part) for name, part in vars(points).items()}
         for name, value in (("x", s), ("y", d), ("heading", turned - line.line.heading(s))):
             parts[name][:, k] = value

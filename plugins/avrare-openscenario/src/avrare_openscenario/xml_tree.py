@@ -162,14 +162,6 @@ def parse_number(element: Element, name: str, text: str) -> float:
     return value
 
 
-def read_boolean(element: Element, name: str) -> bool:
-    """Return an attribute that is true or false, False where it is not there."""
-    text = element.get(name) or "false"
-    if text not in ("true", "false", "1", "0"):
-        raise element.error(f"{name} should be true or false, found {text[:40]!r}")
-    return text in ("true", "1")
-
-
 def read_xml(path: str, root: str) -> Element:
     """Read a file whose top element is ``root``.
 
