@@ -27,6 +27,8 @@ _MAX_TURN = 0.5  # of one clothoid piece [rad]: the quadrature then errs by less
 _ITERATIONS = 50
 _CLOSE = 1e-10  # last step of a projection, relative to the size of its station
 _SHORT = 1e-6  # points of a polyline nearer than this are one [m]
+_GROUP = 32  # points of a polyline that are searched together
+_FEW = 100_000  # distances up to which all of them are computed
 _BLOCK = 1_000_000  # distances at a time in the search for the nearest sample
 
 
@@ -224,6 +226,38 @@ class PolygonalLine(ReferenceLine):
         headings = np.unwrap(np.arctan2(begin[:, 1], begin[:, 0]))
         return np.array([stations, lengths, *origin.T, *directions.T, *begin.T, *end.T, headings])
 
+    @cached_property
+    def _groups(self) -> tuple[Floats, Floats, Floats]:
+        # Points that follow one another in groups, (2, G, K) with NaN at the end, and the circle of each.
+        count = -(-len(self.points) // _GROUP)
+        table = np.full((count * _GROUP, 2), np.nan)
+        table[: len(self.points)] = self.points
+        groups = table.reshape(count, _GROUP, 2)
+        centres = np.nanmean(groups, axis=1)
+        reach = np.nanmax(np.hypot(*(groups - centres[:, None]).transpose(2, 0, 1)), axis=1)
+        return groups.transpose(2, 0, 1), centres.T, reach
+
+    def _nearest_points(self, x: Floats, y: Floats) -> Integers:
+        # Only groups whose circle is near enough are looked at.
+        if len(x) * len(self.points) < _FEW:
+            return _nearest(x, y, *self.points.T)
+        found, finite = np.zeros(len(x), dtype=np.int64), np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        (points_x, points_y), (middle_x, middle_y), reach = self._groups
+        for block in np.array_split(finite, 1 + len(finite) * len(reach) // _BLOCK):
+            if not len(block):
+                continue
+            apart = np.hypot(x[block, None] - middle_x, y[block, None] - middle_y)
+            most = (apart + reach).min(axis=1) * (1.0 + _CLOSE) + _CLOSE
+            rows, groups = np.nonzero(apart - reach <= most[:, None])
+            at_x, at_y = x[block[rows]], y[block[rows]]
+            distance = (at_x[:, None] - points_x[groups]) ** 2 + (at_y[:, None] - points_y[groups]) ** 2
+            inside = np.nanargmin(distance, axis=1)
+            least = distance[np.arange(len(rows)), inside]
+            order = np.lexsort((groups, least, rows))  # the first of points that are equally near
+            first = order[np.searchsorted(rows[order], np.arange(len(block)))]
+            found[block] = groups[first] * _GROUP + inside[first]
+        return found
+
     def frame(self, s: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return x, y, heading and curvature at stations."""
         segment = np.searchsorted(self._stations, s, side="right")
@@ -240,7 +274,7 @@ class PolygonalLine(ReferenceLine):
         x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         px, py = x.ravel(), y.ravel()
         s, d = np.full(px.shape, np.nan), np.full(px.shape, np.nan)
-        segment = _nearest(px, py, *self.points.T) + 1
+        segment = self._nearest_points(px, py) + 1
         rows, last = np.flatnonzero(np.isfinite(px) & np.isfinite(py)), len(self.points)
         for _ in range(_ITERATIONS):
             if not len(rows):

@@ -148,3 +148,15 @@ def test_what_is_advanced_does_not_depend_on_its_neighbours():
     s, d, way = (rng.uniform(*bounds, 500) for bounds in ((0.0, 300.0), (-6.0, 6.0), (0.0, 3.0)))
     alone = [line.advance(s[k : k + 1], d[k : k + 1], way[k : k + 1])[0] for k in range(500)]
     np.testing.assert_array_equal(line.advance(s, d, way), alone)
+
+
+def test_many_points_find_the_segments_that_each_of_them_finds():
+    rng = np.random.default_rng(5)
+    turn = np.cumsum(rng.normal(0.0, 0.05, 700))
+    line = PolygonalLine(np.cumsum(np.stack([np.cos(turn), np.sin(turn)], axis=1), axis=0))
+    x, y = rng.uniform(-300.0, 300.0, (2, 500))
+    x[:3] = np.nan, np.inf, line.points[32, 0]
+    many = line.to_road(x, y)
+    single = [line.to_road(x[k : k + 1], y[k : k + 1]) for k in range(500)]
+    for axis in range(2):
+        np.testing.assert_array_equal(many[axis], np.concatenate([pose[axis] for pose in single]))
