@@ -1,5 +1,6 @@
 """Parts of a final sample that count by shares fixed before, the end of learning, and the fit between."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from outlier_systems import outliers
 import avrare
 from avrare_estimators.common.lessons import dictionary
 from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
 from avrare_estimators.common.samples.result import RunOutcome, _pooled_quality
 from avrare_estimators.common.samples.sampling import Sample
 from avrare_estimators.common.samples.sources import Stratum, TapeSource
@@ -56,6 +58,21 @@ def test_an_estimate_is_the_sum_of_its_samples_by_their_shares():
         variances.append((len(own) * own.var(ddof=1) + len(other) * other.var(ddof=1)) / n**2)
     assert run.probability == pytest.approx(np.dot(shares, means))
     assert run.variance(2.0) == pytest.approx(np.dot(np.square(shares), variances) / 4.0)
+
+
+def test_a_check_that_finds_more_than_chance_explains_widens_the_interval():
+    run, _ = made_run()
+    low, high = (replace(run, cross_check=check(factor * run.probability)) for factor in (0.5, 3.0))
+    assert run.shortfall(1.0) == low.shortfall(1.0) == 0.0
+    variance = high.variance(1.0) + high.cross_check.variance(1.0)
+    assert high.shortfall(1.0) == pytest.approx((2.0 * run.probability) ** 2 - variance)
+    assert high.shortfall(2.0) == pytest.approx(high.shortfall(1.0) / 4.0)
+    assert replace(run, cross_check=check(1.01 * run.probability)).shortfall(1.0) == 0.0
+    assert replace(run, cross_check=CrossCheckResult((), 100)).shortfall(1.0) == 0.0
+
+
+def check(around):
+    return CrossCheckResult(tuple(around * np.linspace(0.9, 1.1, GROUPS)), rollouts=4000)
 
 
 def test_the_doubts_about_an_estimate_are_those_of_all_its_samples():

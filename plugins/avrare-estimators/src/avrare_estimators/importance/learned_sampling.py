@@ -25,7 +25,7 @@ from avrare_estimators.common.samples.sampling import (
     failing_weights,
     wave_rows,
 )
-from avrare_estimators.common.samples.scale_annealing import MOST_COUNTED, ROLLOUTS_TO_VOUCH, can_anneal
+from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import (
     gain_nothing,
@@ -46,8 +46,6 @@ _PILOT_SHARE, _LEARNING_SHARE, _LEARNING_SHARE_OF_GOAL = 6, 2, 3
 for, a third."""
 _TARGET_OF_PILOT = 0.5
 """Share of the pilot that is drawn from the target."""
-_CHECK_SHARE = 0.3
-"""Share of the estimate that annealing has where an error is asked for."""
 _LEAST_ROWS, _MARGIN = 3000, 1.5
 """Rows of each part of the final sample at least, and the factor above those that are forecast: few failures
 mostly show too little of their variance."""
@@ -246,11 +244,6 @@ class LearnedSampling(WeightedSampler):
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         assert isinstance(state, LearnedState)
         return tuple(zip(state.shares[:-1], state.samples[-len(state.shares) : -1], strict=True))
-
-    def _check_share(self, state: SamplingState) -> float:
-        """Return the share of annealing, which takes about as many rollouts as all that was learned from."""
-        counts = self.config.relative_error is not None and can_anneal(state.plan, MOST_COUNTED)
-        return _CHECK_SHARE if counts else 0.0
 
     def _check_rollouts(self, state: SamplingState) -> int:
         """Return the cross-check's rollouts; where an error is asked for, at least what an answer takes.

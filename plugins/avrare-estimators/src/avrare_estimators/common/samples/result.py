@@ -21,7 +21,7 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
 from avrare_estimators.common.samples.agreement import compare_checks
-from avrare_estimators.common.samples.cross_check import GROUPS, CrossCheckResult
+from avrare_estimators.common.samples.cross_check import CrossCheckResult
 from avrare_estimators.common.samples.sampling import Sample, failing_weights, variance_of_sum
 from avrare_estimators.common.samples.stages import has_reached
 from avrare_estimators.common.weights import Quality, effective_size, quality
@@ -39,7 +39,6 @@ class RunOutcome:
         counted: Shares of the estimate that stages of learning have, and their samples. Each share was fixed
             before its sample was drawn, and so was the proposal: every sample alone is unbiased given those
             before it, and with the rest for the final sample so is their sum.
-        check_share: Share of the estimate that the cross-check has where it has an answer, fixed before.
     """
 
     sample: Sample
@@ -47,7 +46,6 @@ class RunOutcome:
     cross_check: CrossCheckResult | None
     stages: tuple[dict[str, Any], ...]
     counted: tuple[tuple[float, Sample], ...] = ()
-    check_share: float = 0.0
 
     @cached_property
     def weights(self) -> Floats:
@@ -62,22 +60,12 @@ class RunOutcome:
     @cached_property
     def parts(self) -> list[tuple[float, Sample]]:
         """Shares of the estimate and their samples, the final one first."""
-        sampled = 1.0 - sum(share for share, _ in self.checks)
-        own = 1.0 - sum(share for share, _ in self.counted)
-        return [(sampled * own, self.sample), *((sampled * share, part) for share, part in self.counted)]
-
-    @cached_property
-    def checks(self) -> list[tuple[float, CrossCheckResult]]:
-        """Share of the cross-check and the check itself, where it counts."""
-        check = self.cross_check
-        return [(self.check_share, check)] if check is not None and check.probabilities else []
+        return [(1.0 - sum(share for share, _ in self.counted), self.sample), *self.counted]
 
     @property
     def probability(self) -> float:
         """Estimate of the run, unbiased but for the cut at 1."""
-        sampled = sum(share * float(failing_weights(part).mean()) for share, part in self.parts)
-        checked = sum(share * check.mean for share, check in self.checks)
-        return min(1.0, sampled + checked)
+        return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
 
     @property
     def error_weight(self) -> float:
@@ -98,8 +86,19 @@ class RunOutcome:
 
     def variance(self, unit: float) -> float:
         """Return the variance of ``probability`` in units of ``unit``."""
-        checked = sum(share**2 * check.variance(unit) for share, check in self.checks)
-        return variance_of_sum(self.parts, unit) + checked
+        return variance_of_sum(self.parts, unit)
+
+    def shortfall(self, unit: float) -> float:
+        """Return the square, in units of ``unit``, by which the cross-check finds more than chance explains.
+
+        It estimates the variance between two methods (DerSimonian and Laird 1986, of two): a proposal that
+        misses a part of the failures has no row that tells of it.
+        """
+        check = self.cross_check
+        if check is None or not check.probabilities:
+            return 0.0
+        difference = max(0.0, (check.mean - self.probability) / unit)
+        return max(0.0, difference**2 - self.variance(unit) - check.variance(unit))
 
 
 def summarise(
@@ -126,15 +125,15 @@ def summarise(
     marks = _pooled_quality(runs)
     mean, checks = float(values.mean()), [run.cross_check for run in runs if run.checked]
     warnings = _health(plan, runs, marks, tally)
-    interval_at = _interval_of_weights(runs, values, marks)
+    variance = _relative_variance(runs, values)
+    interval_at = _interval_of_weights(runs, mean, variance, marks)
     notes: tuple[Note, ...] = ()
-    alone = [replace(run, check_share=0.0) for run in runs]
-    sampled = np.array([run.probability for run in alone])
-    if sampled.any():
-        own = _interval_of_weights(alone, sampled, _pooled_quality(alone))(plan.confidence)
-        error = math.sqrt(_relative_variance(alone, sampled))
-        doubts, notes = compare_checks(float(sampled.mean()), own, error, checks, plan.confidence)
+    if mean:
+        own = interval_at(plan.confidence)
+        doubts, notes = compare_checks(mean, own, math.sqrt(variance), checks, plan.confidence)
         warnings |= doubts
+        shortfall = sum(run.shortfall(mean) for run in runs) / len(runs)
+        interval_at = _interval_of_weights(runs, mean, variance + shortfall, marks)
     plain = all(run.plain for run in runs)
     if plain:
         interval_at = sum((run.sample.fresh for run in runs), FreshRows()).interval
@@ -146,7 +145,7 @@ def summarise(
         tally,
         values,
         interval_at=interval_at,
-        relative_error=math.sqrt(_relative_variance(runs, values)),
+        relative_error=math.sqrt(variance),
         health=warnings,
         failures=_failures(plan, runs, tally, noise_size),
         worst=_worst(plan, runs, noise_size),
@@ -168,11 +167,11 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
     weights = target_first(lambda run: run.weights)
     failing = target_first(lambda run: run.contributions) > 0.0
     marks = quality(weights, failing, sum(run.sample.target_rows for run in runs))
-    if not any(run.counted or run.check_share for run in runs):
+    if not any(run.counted for run in runs):
         return marks
-    sampled = [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
-    checked = [share / GROUPS * np.array(check.probabilities) for run in runs for share, check in run.checks]
-    terms = np.concatenate([*sampled, *checked])
+    terms = np.concatenate(
+        [share / len(part.error) * failing_weights(part) for run in runs for share, part in run.parts]
+    )
     total = float(terms.sum())
     largest = float(terms.max()) / total if total > 0.0 else 0.0
     return replace(marks, effective_failures=effective_size(terms), largest_share=largest)
@@ -203,12 +202,11 @@ def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
 
 
 def _interval_of_weights(
-    runs: Sequence[RunOutcome], values: Floats, marks: Quality
+    runs: Sequence[RunOutcome], mean: float, variance: float, marks: Quality
 ) -> Callable[[float], Interval]:
-    mean, errors = float(values.mean()), float(np.mean([run.error_weight for run in runs]))
+    errors = float(np.mean([run.error_weight for run in runs]))
     freedom = len(runs) - 1 if len(runs) > 1 else max(1, int(marks.effective_failures) - 1)
-    relative = _relative_variance(runs, values)
-    return partial(intervals.log_normal, mean, relative, freedom=freedom, errors=errors)
+    return partial(intervals.log_normal, mean, variance, freedom=freedom, errors=errors)
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object]:

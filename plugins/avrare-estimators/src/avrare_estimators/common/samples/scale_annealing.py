@@ -25,8 +25,6 @@ from avrare_estimators.common.weights import effective_size, resample
 
 MOST_NUMBERS = 50
 """Numbers of a tape up to which its scale is annealed."""
-MOST_COUNTED = 12
-"""Numbers up to which it is exact enough to count."""
 _SCALES = (1.3, 1.6, 2.0, 2.5, 3.0)
 LEAST_ROLLOUTS, ROLLOUTS_TO_VOUCH = 4000, 12_000
 """Rollouts that may suffice, and those that mostly do."""
@@ -40,9 +38,9 @@ _ACCEPTED = 0.3
 _STAGE, _STAGES_OF_RUN = 2**31, 2**20
 
 
-def can_anneal(plan: Plan, most: int = MOST_NUMBERS) -> bool:
-    """Return whether the scale of a plan's tapes can be annealed: they have at most so many numbers."""
-    return (plan.steps + 1) * plan.noise.noise_size <= most
+def can_anneal(plan: Plan) -> bool:
+    """Return whether the scale of a plan's tapes can be annealed: they have few enough numbers."""
+    return (plan.steps + 1) * plan.noise.noise_size <= MOST_NUMBERS
 
 
 @dataclass(frozen=True)

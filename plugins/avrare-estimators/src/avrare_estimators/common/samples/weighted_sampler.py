@@ -156,9 +156,7 @@ class WeightedSampler(Estimator):
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample = state.samples[-1]
         checked = self.config.check > 0.0 and sample.share < 1.0
-        outcome = RunOutcome(
-            sample, checked, result, state.stages, self._counted(state), self._check_share(state)
-        )
+        outcome = RunOutcome(sample, checked, result, state.stages, self._counted(state))
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -177,10 +175,6 @@ class WeightedSampler(Estimator):
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
-
-    def _check_share(self, state: SamplingState) -> float:
-        """Return the share of the estimate that the cross-check has."""
-        return 0.0
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check
