@@ -365,3 +365,12 @@ def test_the_census_does_not_fall():
     findings = [judge_scene(path) for path in roads]
     assert sum(finding.status != "refused" for finding in findings) >= READ_BY_NOW
     assert all(finding.reason for finding in findings if finding.status == "refused")
+
+
+def test_a_picture_is_drawn(write, tmp_path, capsys):
+    out = tmp_path / "out.png"
+    path = write(document(event(change_lane())))
+    assert run(capsys, path, "--picture", str(out), "--dt", "0.1", "--until", "2")[0] == ExitCode.PASS
+    assert out.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(UsageError, match="there is no folder"):
+        run(capsys, path, "--picture", str(tmp_path / "no" / "out.png"))

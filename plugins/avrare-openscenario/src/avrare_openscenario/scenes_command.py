@@ -16,6 +16,7 @@ import numpy as np
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare_openscenario.acted_traffic import ActedTraffic
+from avrare_openscenario.picture import draw_scene
 from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
 from avrare_openscenario.trace import list_departures, write_trace
 from avrare_openscenario.xml_tree import Element, read_xml
@@ -33,6 +34,7 @@ Of a folder, all files .xosc with a storyboard are taken. All entities obey the 
 examples:
   avrare scenes openscenario/
   avrare scenes cut_in.xosc --trace drive.csv --dt 0.01 --until 20
+  avrare scenes cut_in.xosc --picture drive.png
 
 exit code: 0 all are read, 1 some are refused
 """
@@ -63,14 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", metavar="FILE", help="OpenSCENARIO file, or folder of such files")
     parser.add_argument("--json", action="store_true", help="print a list of {file, status, reason, ...}")
     parser.add_argument("--trace", metavar="OUT.csv", help="act one scene out and write all states")
-    parser.add_argument("--dt", type=float, default=0.01, metavar="S", help="step of --trace [s] (0.01)")
-    parser.add_argument("--until", type=float, default=20.0, metavar="S", help="end of --trace [s] (20)")
+    parser.add_argument("--picture", metavar="OUT.png", help="act one scene out and draw the ways of all")
+    parser.add_argument("--dt", type=float, default=0.01, metavar="S", help="step of both [s] (0.01)")
+    parser.add_argument("--until", type=float, default=20.0, metavar="S", help="end of both [s] (20)")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Judge all files, or act one of them out."""
-    if args.trace is not None:
-        return _write_trace(args)
+    if args.trace is not None or args.picture is not None:
+        return _act_out(args)
     findings = [judge_scene(path) for path in list_scenes(args.paths)]
     if args.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
@@ -148,14 +151,17 @@ def list_ends(file: ScenarioFile) -> list[str]:
     return notes
 
 
-def _write_trace(args: argparse.Namespace) -> int:
+def _act_out(args: argparse.Namespace) -> int:
     if len(args.paths) != 1 or args.json:
-        raise UsageError("--trace acts out one scene", "name one file, without --json")
+        raise UsageError("--trace and --picture act out one scene", "name one file, without --json")
     if not (0.0 < args.dt <= args.until):
         raise UsageError(f"--dt {args.dt:g} --until {args.until:g}: should be 0 < dt <= until")
-    if not Path(args.trace).parent.is_dir():
-        raise UsageError(f"{args.trace}: there is no folder {Path(args.trace).parent}")
-    write_trace(Path(args.trace), read_acted(args.paths[0], args.dt), args.dt, args.until)
+    file = read_acted(args.paths[0], args.dt)
+    for target, write in ((args.trace, write_trace), (args.picture, draw_scene)):
+        if target is not None and not Path(target).parent.is_dir():
+            raise UsageError(f"{target}: there is no folder {Path(target).parent}")
+        if target is not None:
+            write(Path(target), file, args.dt, args.until)
     return int(ExitCode.PASS)
 
 
