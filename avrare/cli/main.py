@@ -43,7 +43,7 @@ PROVIDED = {
     "synthesise": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
     "pem": ("avrare-pem-training", "fit a perception error model to detections"),
     "flow": ("avrare-flows", "fit a normalising flow to samples of noise"),
-    "scenes": ("avrare-single-track", "check which OpenSCENARIO files can be read, or act one out"),
+    "scenes": ("avrare-openscenario", "check which OpenSCENARIO files can be read, or act one out"),
     "policy": ("avrare-policy", "convert a trained network to a policy file"),
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.

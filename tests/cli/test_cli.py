@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import avrare
 from avrare.cli import main as command
 from avrare.cli.main import main
+from avrare.plugin.provided import COMMAND_GROUP, FUNCTION_GROUP, FUNCTIONS
 from avrare.plugin.registry import default_registry
 
 ROOT = Path(__file__).parents[2]
@@ -230,6 +232,19 @@ def test_a_command_of_a_missing_plugin_gives_the_pip_command(capsys, monkeypatch
     first, second = capsys.readouterr().err.splitlines()
     assert first == "avrare fly is provided by avrare-wings, which is not installed"
     assert second == "hint: pip install avrare-wings"
+
+
+def test_commands_and_functions_name_the_distributions_that_provide_them():
+    projects = [tomllib.loads(path.read_text())["project"] for path in ROOT.glob("plugins/*/pyproject.toml")]
+    provided = {
+        (group, name): project["name"]
+        for project in projects
+        for group in (COMMAND_GROUP, FUNCTION_GROUP)
+        for name in project.get("entry-points", {}).get(group, {})
+    }
+    commands = {(COMMAND_GROUP, name): distribution for name, (distribution, _) in command.PROVIDED.items()}
+    functions = {(FUNCTION_GROUP, name): distribution for name, distribution in FUNCTIONS.items()}
+    assert provided == commands | functions
 
 
 def test_an_internal_error_exits_70(capsys, failing, monkeypatch):
