@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from outlier_systems import outliers
+from outlier_systems import outliers, peak
 
 import avrare
 from avrare_estimators.common.lessons import dictionary
@@ -127,6 +127,18 @@ def test_a_first_part_of_the_final_sample_tells_how_large_the_rest_must_be():
         assert sum(shares) == pytest.approx(1.0, abs=1e-3)
         assert shares[0] == pytest.approx(2.0 * shares[1], abs=1e-3)
         assert result.relative_error < 1.25 * goal
+
+
+def test_the_first_part_leaves_the_rest_as_many_rollouts_as_its_share():
+    for goal, rollouts in ((0.02, 12_000), (0.05, 8000)):
+        options = {"relative_error": goal, "rollouts": rollouts}
+        result = avrare.estimate(outliers("always (first < 4)"), "is", seed=1, **options)
+        counted = (
+            result.rollouts - result.diagnostics["check_rollouts"] - result.diagnostics["learning_rollouts"]
+        )
+        assert result.diagnostics["rows"][0] == pytest.approx(2.0 * counted / 3.0, abs=1.0)
+        assert result.probability == pytest.approx(peak(4.0), rel=0.5)
+        assert "weight_degenerate" not in result.health
 
 
 def test_learning_knows_failures_where_enough_are_among_its_elite():

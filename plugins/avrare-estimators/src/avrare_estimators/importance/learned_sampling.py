@@ -232,7 +232,9 @@ class LearnedSampling(WeightedSampler):
 
     def _draw(self, state: LearnedState, wanted: float, share: float) -> LearnedState:
         assert isinstance(state.source, TapeSource)
-        rows = int(min(self._affordable(state), max(_LEAST_ROWS, wanted)))
+        # The parts to come get as much of what is left as their shares of the estimate.
+        most = max(2.0, self._affordable(state) * share / (1.0 - sum(state.shares)))
+        rows = int(min(most, max(_LEAST_ROWS, wanted)))
         plain = state.source.mixture is None
         target_rows = rows if plain else round(self.config.target_share * rows)
         wave = wave_rows(state.plan, self.config.memory)
