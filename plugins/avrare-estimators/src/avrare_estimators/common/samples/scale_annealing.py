@@ -53,7 +53,8 @@ class ScaleAnnealing:
         scale: Standard deviation of the noise.
         probabilities: (GROUPS,) estimate of each group so far.
         group: Walkers of a group.
-        walkers: (GROUPS * group, steps + 1, noise_size) failing tapes; None while the scale is sought.
+        counts: The first scale is chosen, by rollouts that do not count.
+        walkers: (GROUPS * group, steps + 1, noise_size) failing tapes; None before they are drawn.
         size: Size of a move.
         move: Moves done at this scale.
         stages: Addresses of noise in use.
@@ -67,6 +68,7 @@ class ScaleAnnealing:
     scale: float
     group: int
     probabilities: Floats = field(default_factory=lambda: np.zeros(GROUPS))
+    counts: bool = False
     walkers: Floats | None = None
     size: float = 0.5
     move: int = 0
@@ -102,8 +104,8 @@ class ScaleAnnealing:
 
     @property
     def first(self) -> int:
-        """Rollouts of a group at a scale."""
-        return _FIRST_OF_WALKER * self.group
+        """Rollouts of a group at a scale without walkers."""
+        return _FIRST_OF_WALKER * self.group if self.counts else self.group
 
     def _normals(self, rows: int) -> Floats:
         target = self.sample.strata[0]
@@ -120,10 +122,12 @@ class ScaleAnnealing:
         return self._ask(self.scale * self._normals(GROUPS * self.first))
 
     def _after_inflation(self, failed: Bools) -> ScaleAnnealing:
-        # 1. The least scale at which failures are common.
-        larger = [scale for scale in _SCALES if scale > self.scale]
-        if failed.mean() < _FREQUENT and larger:
-            return replace(self, scale=larger[0], stages=self.stages + 1)._inflate()
+        # 1. The least scale at which failures are common; what chose it would count too many.
+        if not self.counts:
+            larger = [scale for scale in _SCALES if scale > self.scale]
+            rare = failed.mean() < _FREQUENT and bool(larger)
+            scale = larger[0] if rare else self.scale
+            return replace(self, scale=scale, counts=not rare, stages=self.stages + 1)._inflate()
         shares = failed.reshape(GROUPS, self.first).mean(axis=1)
         if not shares.any():
             return self
@@ -161,7 +165,8 @@ class ScaleAnnealing:
             low, high = (low, middle) if share(middle) >= _LEAST_EFFECTIVE else (middle, high)
         scale = high if high < self.scale and low > 1.0 else 1.0
         weights = np.exp(log_weights(scale)).reshape(GROUPS, self.group)
-        uniform = self.sample.strata[0].plan.noise.choices(np.arange(GROUPS), _STAGE + self.stages, 0)
+        target = self.sample.strata[0]
+        uniform = target.plan.noise.choices(target.run, _STAGE + self.stages, np.arange(GROUPS))
         rows = np.zeros((GROUPS, self.group), dtype=np.int64)
         for group in np.flatnonzero(self.probabilities):
             rows[group] = group * self.group + resample(weights[group], self.group, float(uniform[group]))
