@@ -370,8 +370,9 @@ def _check_step(name: str, dt: object) -> None:
 
 
 def _as_monitor(specification: Formula | Specification, dt: float | None) -> Specification:
-    if isinstance(specification, Formula):
-        return FormulaMonitor(specification if dt is None else specification.at(dt))
+    formula = specification.formula if isinstance(specification, FormulaMonitor) else specification
+    if isinstance(formula, Formula):
+        return FormulaMonitor(formula if dt is None else formula.at(dt))
     if not (hasattr(specification, "start") and hasattr(specification, "update")):
         raise UsageError(
             f"{specification!r} is no specification",

@@ -166,6 +166,13 @@ def test_a_formula_with_another_time_of_a_sample_is_refused(text):
     assert str(avrare.Problem(Clocked(), fine, steps=20, score=stl(text)).score) == str(fine)
 
 
+def test_the_monitor_of_a_formula_takes_the_step_of_the_system_too():
+    bound = avrare.Problem(Clocked(), stl("always[0:1s] (x < 3)").monitor(), steps=20)
+    assert bound.monitors[0].formula.horizon == 10
+    with pytest.raises(UsageError, match=r"takes 0.5 s for a sample, but a step .* 0.1 s"):
+        avrare.Problem(Clocked(), stl("always[0:1s] (x < 3)", dt=0.5).monitor(), steps=20)
+
+
 def test_a_formula_without_times_fits_any_step():
     avrare.Problem(Clocked(), stl("always[0:3 samples] (x < 3)"), steps=20)
 
