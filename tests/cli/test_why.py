@@ -46,3 +46,12 @@ def test_json_is_all_that_is_printed(run, capsys):
 def test_a_wrong_specification_is_a_clear_error(run, words, text, capsys):
     assert main(["why", str(run), *words]) == 4
     assert text in capsys.readouterr().err
+
+
+def test_a_reader_that_leaves_early_leaves_no_checkpoint(run, tmp_path, monkeypatch):
+    def leave(*lines, error=False):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("avrare.cli.output.say", leave)
+    assert main(["why", str(run), "--fresh", "10", "--out", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["why.json"]
