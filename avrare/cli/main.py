@@ -155,7 +155,8 @@ def command_parser(name: str) -> Parser:
     """Return the parser of a command."""
     known = COMMANDS | PROVIDED
     if name not in known:
-        raise UsageError(f"avrare: unknown command {name!r}", did_you_mean(name, known))
+        hint = did_you_mean(name, known) or "'avrare --help' lists the commands"
+        raise UsageError(f"avrare: unknown command {name!r}", hint)
     parser = Parser(prog=f"avrare {name}", description=known[name][1], allow_abbrev=False)
     parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
     parser.set_defaults(out=None, safe=False)

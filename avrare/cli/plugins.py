@@ -14,10 +14,10 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode, UsageError, did_you_mean
 from avrare.cli.output import say
 from avrare.output.terminal.console import make_console
-from avrare.plugin.component import GROUP
+from avrare.plugin.component import GROUP, KINDS
 from avrare.plugin.registry import VARIABLE, Row, default_registry
 
 _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
@@ -25,6 +25,8 @@ _COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summ
 
 def execute(args: argparse.Namespace) -> int:
     """Print one row per component and per plugin that could not be loaded, or check components."""
+    if args.kind is not None and args.kind not in KINDS:
+        raise UsageError(f"--kind: unknown kind {args.kind!r}", did_you_mean(args.kind, KINDS))
     if args.check is not None:
         if args.timing:
             raise UsageError("--timing cannot be combined with --check", "leave one of them out")

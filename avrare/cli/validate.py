@@ -14,6 +14,8 @@ from avrare.scenario.json_schema import scenario_schema
 
 def execute(args: argparse.Namespace) -> int:
     """Check every scenario and print a line for each; return the smallest non-zero exit code."""
+    if args.schema and args.scenarios:
+        raise UsageError("--schema takes no SCENARIO", "validate the scenarios by a command of their own")
     if args.schema:
         print(json.dumps(scenario_schema(default_registry()), indent=2))
         return int(ExitCode.PASS)

@@ -143,6 +143,9 @@ def test_a_bad_file_is_a_clear_message(text, message, code):
             "did you mean 'gap'?",
         ),
         (["validte", "good.yaml"], "avrare: unknown command 'validte'", "did you mean 'validate'?"),
+        (["kinds"], "avrare: unknown command 'kinds'", "'avrare --help' lists the commands"),
+        (["validate", "--schema", "good.yaml"], "--schema takes no SCENARIO", "validate the scenarios by"),
+        (["plugins", "--kind", "trackr"], "--kind: unknown kind 'trackr'", "did you mean 'tracker'?"),
         (
             ["validate"],
             "avrare validate: SCENARIO is required",

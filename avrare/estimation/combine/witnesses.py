@@ -29,8 +29,9 @@ _FREEDOM = 8
 def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str, str]:
     """Return the result of two witnesses, at the cost of both, their outcome, and both in words.
 
-    Their shares of the mean are equal, whatever they have found. Which estimate stands where they disagree
-    depends on them, so that one is not unbiased; its interval holds both.
+    Their shares of the mean are equal, whatever they have found. Those of one method miss alike: neither
+    answers for a doubt of the other. Which estimate stands where they disagree depends on them, so that one
+    is not unbiased; its interval holds both.
     """
     outcome, noticed = compare(undo_opening(first), undo_opening(second))
     power = power_to_notice(noticed, (first.relative_error, second.relative_error))
@@ -72,7 +73,8 @@ def _mean(first: Result, second: Result) -> Result:
     mean = float(values.mean())
     variance = sum((one.relative_error * one.probability / mean / 2.0) ** 2 for one in pair)
     errors = max(one.errors / max(one.rollouts, 1) for one in pair)
-    kept = [{name: text for name, text in one.health.items() if name not in _ANSWERED} for one in pair]
+    answered = _ANSWERED if first.estimator != second.estimator else frozenset[str]()
+    kept = [{name: text for name, text in one.health.items() if name not in answered} for one in pair]
     doubted = (one for one, health in zip(pair, kept, strict=True) if DOUBTS.intersection(health))
     weights = first.failures.weights
     if weights is not None:
