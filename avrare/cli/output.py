@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from avrare.base.atomic_files import ensure_writable, explain_file_errors, write_text
@@ -56,9 +57,10 @@ def show_or_write(
     """Write ``content`` as ``file`` into the folder of ``--out``, and show it or the answers."""
     if args.out is not None:
         write_files(Path(args.out), {file: json.dumps(finite(content), indent=2) + "\n"})
-    show(args, content, answers)
-    if args.out is not None and not args.json and not args.quiet:
-        say(f"written: {Path(args.out) / file}")
+    with suppress(BrokenPipeError):  # `| head -1`: the answer is written, and no checkpoint stays
+        show(args, content, answers)
+        if args.out is not None and not args.json and not args.quiet:
+            say(f"written: {Path(args.out) / file}")
 
 
 def show(args: argparse.Namespace, content: Mapping[str, object], answers: Sequence[Answer]) -> None:

@@ -49,6 +49,15 @@ def test_agreement_answers_a_doubt_and_halves_are_fixed(template):
     assert result.diagnostics["witnesses"]["power"] > 0.8
 
 
+@pytest.mark.parametrize("name", ["unchecked", "leaps"])
+def test_a_method_does_not_answer_for_its_own_doubts(template, name):
+    first = witness(template, "ams", 1e-4, health=[name])
+    result, outcome, _ = reconcile(first, witness(template, "ams", 1.2e-4), 0.95)
+    assert outcome == "agree"
+    assert name in result.health
+    assert result.interval[1] >= result.fresh.interval(0.95)[1]
+
+
 def test_disagreement_is_wide_and_the_larger_stands(template):
     result, outcome, words = reconcile(witness(template, "is", 1e-5), witness(template, "ams", 2e-4), 0.95)
     assert outcome == "disagree"
