@@ -7,6 +7,7 @@ splitting keeps copies of a few first ancestors in each run: their means have an
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor, t_factor
 from avrare.estimation.result import intervals
+from avrare.estimation.result.doubts import DOUBTS
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Failures, Result
 from avrare.protocols import Bools, Floats
@@ -57,6 +59,7 @@ class FailureSample:
         errors: Rollouts that broke down.
         confidence: Level of the intervals.
         model: Interval over an ensemble of models; None where there was none.
+        opened_at: Interval of a doubted estimate at a confidence, than which no part is surer; else None.
     """
 
     failures: Failures
@@ -67,6 +70,7 @@ class FailureSample:
     errors: int
     confidence: float
     model: ModelInterval | None = None
+    opened_at: Callable[[float], Interval] | None = None
 
     @staticmethod
     def of(result: Result) -> FailureSample:
@@ -81,6 +85,7 @@ class FailureSample:
                 "run more rollouts, or an estimator for rare events",
             )
         model = ModelInterval(result.interval, result.confidence, result.members) if result.members else None
+        doubted = result.unopened_at is not None or bool(DOUBTS.intersection(result.health))
         return FailureSample(
             result.failures,
             result.probability,
@@ -90,6 +95,7 @@ class FailureSample:
             result.errors,
             result.confidence,
             model,
+            result.interval_at if doubted else None,
         )
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
@@ -171,8 +177,18 @@ class FailureSample:
         return share, (min(low, share), max(high, share))
 
     def part_interval(self, chosen: Bools) -> tuple[float, Interval]:
-        """Return the probability of the failures ``chosen`` (F,) and its interval."""
+        """Return the probability of the failures ``chosen`` (F,) and its interval.
+
+        Where the estimate is doubted, all that it may have missed may belong to them.
+        """
         share = 1.0 if chosen.all() else float(self.shares[chosen].sum())
+        part, (low, high) = self._measure_part(chosen, share)
+        if self.opened_at is None:
+            return part, (low, high)
+        lowest, highest = self.opened_at(self.confidence)
+        return part, (min(low, share * lowest), max(high, highest))
+
+    def _measure_part(self, chosen: Bools, share: float) -> tuple[float, Interval]:
         part = share * self.probability
         if share == 0.0:
             return 0.0, (0.0, self.probability)

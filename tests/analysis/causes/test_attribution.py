@@ -1,5 +1,7 @@
 """Attribution on systems in which it is known what carries the failures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -257,3 +259,21 @@ def test_the_interval_of_what_is_saved_knows_that_the_estimate_is_one():
         )
         covered += saving.saved_interval[0] <= 0.2 <= saving.saved_interval[1]
     assert covered >= 36
+
+
+def test_nothing_is_surer_than_a_doubted_estimate():
+    kept = Failures(np.zeros((40, 1, 1)), np.zeros(40), 40)
+    sure = FailureSample(kept, 0.01, 0.1, 4000, 1, 0, 0.95)
+    doubted = replace(sure, opened_at=lambda confidence: (0.001, 0.05))
+    assert doubted.part_interval(np.arange(40) < 20)[1] == pytest.approx((0.0005, 0.05))
+    stored, none = np.zeros(40, dtype=bool), np.zeros(20_000, dtype=bool)
+
+    def measure(sample, new):
+        fresh = Verdicts(none, none), Verdicts(np.arange(20_000) < new, none)
+        return measure_saving(sample, "part", Verdicts(stored, stored), *fresh).saved_interval
+
+    # All failures that are known vanish, but they may be a fifth of all, of which the others may stay.
+    assert measure(sure, 0)[1] == measure(doubted, 0)[1] == 1.0
+    assert measure(doubted, 0)[0] < 0.2 < measure(sure, 0)[0]
+    # New ones are more than the estimate, but fewer than what it may have missed.
+    assert measure(sure, 400)[1] < 0.0 < measure(doubted, 400)[1]
