@@ -28,7 +28,7 @@ MOST_NUMBERS = 50
 _SCALES = (1.3, 1.6, 2.0, 2.5, 3.0)
 LEAST_ROLLOUTS, ROLLOUTS_TO_VOUCH = 4000, 12_000
 """Rollouts that may suffice, and those that mostly do."""
-_FREQUENT = 0.02
+_FREQUENT = 0.05
 """Share of failures from which a scale is large enough."""
 _MOST_WALKERS, _FIRST_OF_WALKER, _MOVES = 50, 4, 4
 """Walkers of a group at most, rollouts at a scale for each, and their moves at a step."""
