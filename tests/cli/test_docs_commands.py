@@ -63,7 +63,7 @@ SMALLER = {
 }
 """Word in a command -> options that make it short: the last one counts."""
 
-PERCEPTION = ["perception.plugin=parametric", "--set", "steps=3", "--budget", "rollouts=2", "--no-pictures"]
+PERCEPTION = ["perception.detection_range=50", "--set", "steps=3", "--budget", "rollouts=2", "--no-pictures"]
 """Of the real lane change, which has perception: a few steps."""
 
 DRIVE = """\
@@ -168,7 +168,7 @@ def execute(words):
     studies = [word for word in words if re.match(r"scenarios/(?!lane_change.yaml)", word)]
     if studies and words[0] == "run":
         return main(["validate", "--build", *studies])
-    replaced = {"--open": [], "perception.plugin=parametric": PERCEPTION}
+    replaced = {"--open": [], "perception.detection_range=50": PERCEPTION}
     words = [new for word in words for new in replaced.get(word, [word])]
     if PERCEPTION[0] in words:
         words[words.index("scenarios/lane_change.yaml")] = str(ROOT / "scenarios/lane_change.yaml")

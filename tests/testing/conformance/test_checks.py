@@ -279,7 +279,8 @@ def test_a_failed_check_is_exit_1(capsys, monkeypatch):
         (["nothing"], 5, "no component or distribution 'nothing' is installed"),
         (["imm", "--set", "banana=1"], 4, "unknown option 'banana' of tracker 'imm'"),
         (["imm", "--set", "banana"], 4, "should be KEY=VALUE"),
-        (["imm", "--kind", "wheel"], 4, "'imm' has no component of kind 'wheel'"),
+        (["imm", "--kind", "simulator"], 4, "'imm' has no component of kind 'simulator'"),
+        (["imm", "--kind", "wheel"], 4, "unknown kind 'wheel'"),
         (["avrare", "--set", "workers=2"], 4, "components: options are for one"),
     ],
 )
