@@ -16,7 +16,7 @@ help:  ## show this list
 
 install: .venv/run.stamp  ## set up .venv with avrare and its plugins (no torch)
 
-run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules, and one that is too rare for Monte Carlo
+run: .venv/run.stamp  ## estimate how likely the lane change breaks its rules, and one that takes many drives by Monte Carlo
 	$(BIN)/avrare run scenarios/lane_change.yaml scenarios/lane_change_rare.yaml \
 		--workers $(WORKERS) --out $(OUT)
 	@echo 'see it: $(BIN)/avrare report $(OUT)/lane_change --open'
