@@ -13,7 +13,7 @@ from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.testing.faulty_systems import Walk
 from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario
-from avrare_design.sensitivity import derive_by_pairs, derive_by_score, sample_failures
+from avrare_design.sensitivity import Sensitivity, derive_by_pairs, derive_by_score, sample_failures
 from noisy_loop import Drawn, Sensor, exact, noisy_problem
 
 SCENARIO = "scenarios/lane_change.yaml"
@@ -151,6 +151,11 @@ def test_the_line_says_what_ten_percent_do():
     found = by_score(4000)
     assert found.line().startswith("perception.sd = 1: +10 % changes p by +")
     assert found.elasticity == found.derivative
+
+
+def test_the_line_writes_large_percents_in_full():
+    steep = Sensitivity("speed", 1.0, 7.0, (0.2, 90.0), "score", 9, (1.0, 1.0))
+    assert "+10 % changes p by +101 % (+2.0 .. +810,208)" in steep.line()
 
 
 @pytest.mark.slow

@@ -62,14 +62,15 @@ class Sensitivity:
         return self.value * self.derivative
 
     def line(self) -> str:
-        """Return it in words: ``perception.miss_scale = 1: +10 % changes p by +3 % (-1 .. +8), by score``."""
+        """Return it in words: ``perception.miss_scale = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
         if math.isnan(self.derivative):
             return f"{self.parameter} = {self.value:g}: too few failures to tell, {self._way}"
         change, low, high = (
             100.0 * math.expm1(max(min(0.1 * abs(self.value) * end, 50.0), -50.0))
             for end in (self.derivative, *self.interval)
         )
-        effect = f"+10 % changes p by {change:+.2g} % ({low:+.2g} .. {high:+.2g})"
+        percents = [f"{end:+,.{1 if abs(end) < 10.0 else 0}f}" for end in (change, low, high)]
+        effect = f"+10 % changes p by {percents[0]} % ({percents[1]} .. {percents[2]})"
         return f"{self.parameter} = {self.value:g}: {effect}, {self._way}"
 
     @property
