@@ -1,4 +1,4 @@
-"""What one change at a time does to the failures of a scene, on the same noise.
+"""Failures of a scene after one change at a time, on the same noise.
 
     OMP_NUM_THREADS=1 python benchmarks/perturbations.py [SCENARIO] [--rollouts 1000] [--seed 21]
         [--only NAME ...] [--set KEY=VALUE]

@@ -142,7 +142,7 @@ class Kinds:
 
 @dataclass(frozen=True)
 class Savings:
-    """What each change would do to the failures: its name and the words for it."""
+    """Changes by name, each with words for its effect on the failures."""
 
     note: str
     rows: tuple[tuple[str, str], ...]

@@ -62,7 +62,7 @@ class Sensitivity:
         return self.value * self.derivative
 
     def line(self) -> str:
-        """Return it in words: ``perception.miss_scale = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
+        """Return it in words: ``perception.sd = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
         if math.isnan(self.derivative):
             return f"{self.parameter} = {self.value:g}: too few failures to tell, {self._way}"
         change, low, high = (

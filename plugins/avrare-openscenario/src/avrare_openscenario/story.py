@@ -188,7 +188,7 @@ class Trajectory:
 
     @property
     def may_reverse(self) -> bool:
-        """Whether a vehicle whose speed is below 0 drives along the line, against its own heading."""
+        """Return whether vehicles whose speed is below 0 drive along the line, against their own heading."""
         given = self.shape is None and self.shares is None and all(place.turned for place in self.vertices)
         return self.begin is None and not self.times and not given
 

@@ -91,8 +91,8 @@ class RunOutcome:
     def shortfall(self, unit: float) -> float:
         """Return the square, in units of ``unit``, by which the cross-check finds more than chance explains.
 
-        It estimates the variance between two methods (DerSimonian and Laird 1986, of two): a proposal that
-        misses a part of the failures has no row that tells of it.
+        A proposal that misses a part of the failures has no row that tells of it. For a right check c and a
+        sample m the mean of (c - m)^2 is m's bias squared and both variances: what is left is the first.
         """
         check = self.cross_check
         if check is None or not check.probabilities:

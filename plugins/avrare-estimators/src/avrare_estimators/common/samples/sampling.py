@@ -164,21 +164,6 @@ class Sample:
             begin += stratum.rows
         return tapes
 
-    @staticmethod
-    def join(samples: Sequence[Sample]) -> Sample:
-        """Join samples of one source and the same shares of target rows."""
-        if len(samples) == 1:
-            return samples[0]
-
-        def target_first(name: str) -> Any:
-            arrays = [(getattr(one, name), one.target_rows) for one in samples]
-            return np.concatenate([a[:n] for a, n in arrays] + [a[n:] for a, n in arrays])
-
-        strata = sorted((s for one in samples for s in one.strata), key=lambda s: not s.from_target)
-        names = ("log_ratio", "violated", "error", "robustness", "score")
-        joined = {name: target_first(name) for name in names}
-        return Sample(samples[0].source, tuple(strata), carries=(), **joined)
-
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""
         return replace(self, carries=())
