@@ -78,7 +78,7 @@ def find_modules() -> dict[str, str]:
     from pathlib import Path
 
     statements = ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
-    imports = [one for one in statements if isinstance(one, ast.ImportFrom)]
+    imports = [node for node in statements if isinstance(node, ast.ImportFrom)]
     return {
         alias.name: statement.module
         for statement in imports

@@ -41,7 +41,7 @@ def _map(
 ) -> list[State]:
     # ``groups``: the corresponding parts of all states. ``done``: results by the identities of their leaves;
     # None: every leaf gets its own result. Splitting does this at every step: there is no call for a leaf.
-    found: list[Any] = []
+    results: list[Any] = []
     for group in groups:
         first = group[0]
         kind: Any = type(first)
@@ -50,25 +50,25 @@ def _map(
                 raise UsageError(*_NO_AXES)
             key = tuple(map(id, group))
             if done is None:
-                found.append(function(*group))
+                results.append(function(*group))
             elif key in done:
-                found.append(done[key])
+                results.append(done[key])
             else:
-                found.append(done.setdefault(key, function(*group)))
+                results.append(done.setdefault(key, function(*group)))
         elif isinstance(first, tuple):
             parts = _map(function, done, zip(*group, strict=True))
-            found.append(kind(*parts) if hasattr(kind, "_fields") else tuple(parts))
+            results.append(kind(*parts) if hasattr(kind, "_fields") else tuple(parts))
         elif isinstance(first, dict):
             mappings: Sequence[Any] = group
             parts = _map(function, done, [[part[key] for part in mappings] for key in first])
-            found.append(dict(zip(first, parts, strict=True)))
+            results.append(dict(zip(first, parts, strict=True)))
         elif isinstance(first, _SHARED):
-            found.append(first)
+            results.append(first)
         else:
             names, values = _fields(kind)
             parts = _map(function, done, zip(*map(values, group), strict=True))
-            found.append(kind(**dict(zip(names, parts, strict=True))))
-    return found
+            results.append(kind(**dict(zip(names, parts, strict=True))))
+    return results
 
 
 @functools.cache
@@ -100,8 +100,8 @@ def concatenate(states: Sequence[State]) -> State:
 def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
     """Return a batch with the particles of ``first`` where ``rows`` (N,) is True, of ``second`` elsewhere."""
 
-    def pick(one: NDArray[np.generic], other: NDArray[np.generic]) -> NDArray[np.generic]:
-        return np.where(rows.reshape(-1, *[1] * (other.ndim - 1)), one, other)
+    def pick(chosen: NDArray[np.generic], other: NDArray[np.generic]) -> NDArray[np.generic]:
+        return np.where(rows.reshape(-1, *[1] * (other.ndim - 1)), chosen, other)
 
     return map_leaves(pick, first, second)
 
@@ -113,25 +113,25 @@ def separated(state: State) -> State:
 
 def leaves(state: object) -> list[NDArray[np.generic]]:
     """Return all array leaves of a state, in a fixed order."""
-    found: list[NDArray[np.generic]] = []
-    _collect((state,), found)
-    return found
+    arrays: list[NDArray[np.generic]] = []
+    _collect((state,), arrays)
+    return arrays
 
 
-def _collect(parts: Iterable[object], found: list[NDArray[np.generic]]) -> None:
+def _collect(parts: Iterable[object], arrays: list[NDArray[np.generic]]) -> None:
     # No call for a leaf, and nothing is built: splitting does this at every step of every stage.
     for part in parts:
         if isinstance(part, np.ndarray):
             if part.ndim == 0:
                 raise UsageError(*_NO_AXES)
-            found.append(part)
+            arrays.append(part)
         elif isinstance(part, tuple):
-            _collect(part, found)
+            _collect(part, arrays)
         elif isinstance(part, dict):
-            _collect(part.values(), found)
+            _collect(part.values(), arrays)
         elif not isinstance(part, _SHARED):
             kind: Any = type(part)
-            _collect(_fields(kind)[1](part), found)
+            _collect(_fields(kind)[1](part), arrays)
 
 
 def size(state: object) -> int:

@@ -167,10 +167,10 @@ _LISTED = 16
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
     """Return a hint with the closest candidate, or with all of them if there are few, or None."""
-    known = sorted(set(candidates))
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    names = sorted(set(candidates))
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if close:
         return f"did you mean {close[0]!r}?"
-    if known and len(known) <= _LISTED:
-        return "known: " + ", ".join(known)
+    if names and len(names) <= _LISTED:
+        return "known: " + ", ".join(names)
     return None

@@ -27,19 +27,19 @@ def usable_memory() -> float:
 
     Infinite where none of them can be told.
     """
-    found = [math.inf]
+    limits = [math.inf]
     with suppress(ImportError, OSError, ValueError):
         import resource  # not on Windows
 
         soft, _ = resource.getrlimit(resource.RLIMIT_AS)
         if soft != resource.RLIM_INFINITY:  # it counts what is reserved, used or not
             reserved, used = _sizes()
-            found.append(soft - reserved + used)
+            limits.append(soft - reserved + used)
     with suppress(OSError, ValueError, AttributeError):
-        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError, ValueError):  # "max" is no number
-        found.append(int(_GROUP.read_text()))
-    return float(min(found))
+        limits.append(int(_GROUP.read_text()))
+    return float(min(limits))
 
 
 def used_memory() -> int:

@@ -89,24 +89,24 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     """Return the JSON object in ``content``."""
     text = content if isinstance(content, str) else content.decode("utf-8")
     try:
-        found = json.loads(text, parse_int=_parse_int)
+        data = json.loads(text, parse_int=_parse_int)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-    if not isinstance(found, dict):
+    if not isinstance(data, dict):
         raise ValueError("this is not a JSON object")
-    level: list[Any] = [found]
+    level: list[Any] = [data]
     for _ in range(_MOST_DEPTH):
         level = [
             child
-            for one in level
-            if isinstance(one, (dict, list))
-            for child in (one.values() if isinstance(one, dict) else one)
+            for container in level
+            if isinstance(container, (dict, list))
+            for child in (container.values() if isinstance(container, dict) else container)
         ]
     if level:
         raise ValueError(f"it is nested more than {_MOST_DEPTH} levels deep")
     if "\\u" in text:  # half of a surrogate pair cannot be written again
-        json.dumps(found, ensure_ascii=False).encode()
-    return found
+        json.dumps(data, ensure_ascii=False).encode()
+    return data
 
 
 def seal(content: Mapping[str, object]) -> dict[str, object]:
@@ -134,8 +134,8 @@ def _checksum(content: Mapping[str, object]) -> str:
 
 def _without_seconds(value: object) -> object:
     if isinstance(value, Mapping):
-        return {key: _without_seconds(item) for key, item in value.items() if key != "seconds"}
-    return [_without_seconds(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: _without_seconds(entry) for key, entry in value.items() if key != "seconds"}
+    return [_without_seconds(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _parse_int(text: str) -> int:

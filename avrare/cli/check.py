@@ -65,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
     out = _out_folder(args)
     _make_folders(args, out)
     targets = _load_targets(args)
-    names = [one.definition.name for one in targets]
+    names = [target.definition.name for target in targets]
     again = out is not None and args.resume and _is_finished(out, names)
     if out and not args.plan and not again:
         refuse_overwrite(out, _CHECK, names, args.resume)
@@ -81,13 +81,13 @@ def execute(args: argparse.Namespace) -> int:
         except Interrupted:
             raise Interrupted(*_explain_interruption(saved)) from None
         outcome = replace(with_next_steps(outcome, targets, out), strict=args.strict)
-        told = _write(args, out, outcome)
+        messages = _write(args, out, outcome)
         if saved is not None:
             saved.remove()
-    say(*told, error=args.json)
+    say(*messages, error=args.json)
     if is_github_job():
         write_summary(outcome)
-        for line in annotate_rows(outcome, {one.name: one.definition.path for one in targets}):
+        for line in annotate_rows(outcome, {target.name: target.definition.path for target in targets}):
             print(line, file=sys.stderr if args.json else sys.stdout)
     if args.json:
         print(json.dumps(outcome.to_dict()))
@@ -110,7 +110,7 @@ def _is_finished(out: Path, names: Sequence[str]) -> bool:
         return False
     results = read_json(out / _CHECK, "choose another folder, or remove it").get("results")
     stored = results if isinstance(results, list) else []
-    return [one.get("scenario") for one in stored if isinstance(one, dict)] == list(names)
+    return [result.get("scenario") for result in stored if isinstance(result, dict)] == list(names)
 
 
 def _begin_again(out: Path) -> None:
@@ -128,9 +128,9 @@ def _saved_chunks(
     if not args.resume:
         yield None
         return
-    baselines = {one.name: one.baseline.path.name if one.baseline else None for one in targets}
+    baselines = {target.name: target.baseline.path.name if target.baseline else None for target in targets}
     identity = {"looks": len(looks), "baselines": baselines}
-    scenarios = [one.definition for one in targets]
+    scenarios = [target.definition for target in targets]
     with rundir.begin_checkpoint(Path(args.out), scenarios, budget, True, identity) as checkpoint:
         yield checkpoint
 
@@ -140,8 +140,8 @@ def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
         hint = "run the check again; with --out DIR --resume it saves finished work"
         return "interrupted, there is no verdict", hint
     count = saved.chunks
-    kept = f"{count} {'chunk is' if count == 1 else 'chunks are'} saved"
-    return f"interrupted, there is no verdict; {kept}", resume_hint(saved.folder.parent)
+    progress = f"{count} {'chunk is' if count == 1 else 'chunks are'} saved"
+    return f"interrupted, there is no verdict; {progress}", resume_hint(saved.folder.parent)
 
 
 def _load_targets(args: argparse.Namespace) -> list[CheckTarget]:
@@ -165,34 +165,36 @@ def _plan(
     budget: Budget | None,
     machine: Execution,
 ) -> int:
-    found = []
-    for one in targets:
-        known, source = {}, "the baseline"
-        if one.baseline is not None and budget is None:
-            entries = one.baseline.entries
-            known = {name: entries[name] for name in one.definition.estimated if name in entries}
-        if not known:
-            pilot = _pilot(one, budget, machine)
-            known = {result.specification: result for result in pilot}
-            source = f"a pilot run of {max(entry.rollouts for entry in known.values()):,}"
-        scenario = one.definition
-        found += estimate_costs(scenario.name, one.planned_criteria, known, source, scenario.confidence)
+    costs = []
+    for target in targets:
+        estimates, source = {}, "the baseline"
+        if target.baseline is not None and budget is None:
+            entries = target.baseline.entries
+            estimates = {name: entries[name] for name in target.definition.estimated if name in entries}
+        if not estimates:
+            pilot = _pilot(target, budget, machine)
+            estimates = {result.specification: result for result in pilot}
+            source = f"a pilot run of {max(entry.rollouts for entry in estimates.values()):,}"
+        scenario = target.definition
+        costs += estimate_costs(
+            scenario.name, target.planned_criteria, estimates, source, scenario.confidence
+        )
     if args.json:
-        print(json.dumps({"schema": 1, "plan": [vars(one) for one in found]}))
+        print(json.dumps({"schema": 1, "plan": [vars(target) for target in costs]}))
     else:
-        print_plan(found, display(args))
+        print_plan(costs, display(args))
     return int(ExitCode.PASS)
 
 
-def _pilot(one: CheckTarget, budget: Budget | None, machine: Execution) -> list[Result]:
+def _pilot(target: CheckTarget, budget: Budget | None, machine: Execution) -> list[Result]:
     """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
-    estimator = one.definition.estimator
+    estimator = target.definition.estimator
     if budget is None and isinstance(estimator.config, McConfig):
         runs = estimator.config.runs
         budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
     elif budget is None and estimator.plugin == "auto":
         budget = Budget("rollouts", _PILOT_ROLLOUTS)
-    return estimate_look(one.scenario, one.definition.estimated, Look(1, 1.0, budget), machine)
+    return estimate_look(target.scenario, target.definition.estimated, Look(1, 1.0, budget), machine)
 
 
 def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
@@ -208,12 +210,12 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
             write_file(name, text(outcome), "choose another file")
     if not out:
         return []
-    told: list[str] = []
+    messages: list[str] = []
     write_files(out, {UNFINISHED: "avrare check was writing here\n"})
-    for one in outcome.targets:
-        results = outcome.results[one.definition.name]
-        folder = rundir.make_folder(out, one.definition.name, len(outcome.targets) > 1)
-        told += call_back(Run.of_scenario(one.definition, results).write(folder))
+    for target in outcome.targets:
+        results = outcome.results[target.definition.name]
+        folder = rundir.make_folder(out, target.definition.name, len(outcome.targets) > 1)
+        messages += call_back(Run.of_scenario(target.definition, results).write(folder))
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
-    return told
+    return messages

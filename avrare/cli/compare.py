@@ -44,7 +44,7 @@ def execute(args: argparse.Namespace) -> int:
     _report(comparison, comparison_document(comparison), args)
     if comparison.interrupted:
         return int(ExitCode.INTERRUPTED)
-    health = [name for arm in comparison.arms for one in arm.repetitions for name in one.health]
+    health = [name for arm in comparison.arms for result in arm.repetitions for name in result.health]
     return int(ExitCode.ROLLOUT_ERRORS if "errors" in health else ExitCode.PASS)
 
 

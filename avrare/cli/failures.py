@@ -24,8 +24,9 @@ def _list(args: argparse.Namespace, database: FailureDatabase) -> Sequence[str]:
     if not failures and not complaints:
         return [f"{database.folder}: no stored failures"]
     lines = [
-        f"{one.id}  {one.scenario}  {one.specification}  robustness {one.robustness:.3g}  norm {one.norm:.3g}"
-        for one in failures
+        f"{failure.id}  {failure.scenario}  {failure.specification}  "
+        f"robustness {failure.robustness:.3g}  norm {failure.norm:.3g}"
+        for failure in failures
     ]
     return [*complaints, *lines]
 

@@ -19,9 +19,9 @@ def execute(args: argparse.Namespace) -> int:
     name = select_specification(scenario.specifications, args.specification, args.scenario)
     budget = BUDGET if args.budget is None else args.budget
     with progress_line(args) as progress:
-        found = falsify(scenario.problem(name), seed=args.seed, budget=budget, progress=progress)
+        search = falsify(scenario.problem(name), seed=args.seed, budget=budget, progress=progress)
     say_beside(args, f"{scenario.name}: {name}")
-    show(args, found.table()[0], [found])
-    if found.noise is not None:
-        store_failure(args, record_failure(scenario, name, found.noise))
-    return int(ExitCode.PASS if found.noise is None else ExitCode.FAIL)
+    show(args, search.table()[0], [search])
+    if search.noise is not None:
+        store_failure(args, record_failure(scenario, name, search.noise))
+    return int(ExitCode.PASS if search.noise is None else ExitCode.FAIL)

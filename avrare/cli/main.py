@@ -153,11 +153,11 @@ def _execute(name: str, args: argparse.Namespace) -> int:
 
 def command_parser(name: str) -> Parser:
     """Return the parser of a command."""
-    known = COMMANDS | PROVIDED
-    if name not in known:
-        hint = did_you_mean(name, known) or "'avrare --help' lists the commands"
+    commands = COMMANDS | PROVIDED
+    if name not in commands:
+        hint = did_you_mean(name, commands) or "'avrare --help' lists the commands"
         raise UsageError(f"avrare: unknown command {name!r}", hint)
-    parser = Parser(prog=f"avrare {name}", description=known[name][1], allow_abbrev=False)
+    parser = Parser(prog=f"avrare {name}", description=commands[name][1], allow_abbrev=False)
     parser.add_argument("--traceback", action="store_true", help="print the traceback of an internal error")
     parser.set_defaults(out=None, safe=False)
     from avrare.cli import options
@@ -178,9 +178,9 @@ def _module(name: str) -> Any:
 
 
 def _top_parser() -> Parser:
-    known = COMMANDS | PROVIDED
+    commands = COMMANDS | PROVIDED
     listing = "\n\n".join(
-        "\n".join([f"{title}:", *(f"  {name:<14}{known[name][1]}" for name in names)])
+        "\n".join([f"{title}:", *(f"  {name:<14}{commands[name][1]}" for name in names)])
         for title, names in GROUPS.items()
     )
     parser = Parser(

@@ -34,12 +34,12 @@ def check_components(args: argparse.Namespace) -> int:
             outcomes.append(outcome)
             if not args.json:
                 _print_outcome(outcome)
-    found = [outcome.status for outcome in outcomes]
+    statuses = [outcome.status for outcome in outcomes]
     if args.json:
         print(json.dumps([asdict(outcome) for outcome in outcomes], indent=2))
     else:
-        say(", ".join(f"{found.count(status)} {status}" for status in ("passed", "failed", "skipped")))
-    return int(ExitCode.FAIL if "failed" in found else ExitCode.PASS)
+        say(", ".join(f"{statuses.count(status)} {status}" for status in ("passed", "failed", "skipped")))
+    return int(ExitCode.FAIL if "failed" in statuses else ExitCode.PASS)
 
 
 def _options(settings: list[str]) -> dict[str, object]:

@@ -42,20 +42,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> ScenarioFile | None:
     """Collect the file if it is one of ``avrare_scenarios``."""
-    known = parent.config.stash[_SCENARIOS]
-    return ScenarioFile.from_parent(parent, path=file_path) if file_path in known else None
+    scenarios = parent.config.stash[_SCENARIOS]
+    return ScenarioFile.from_parent(parent, path=file_path) if file_path in scenarios else None
 
 
 def _matching(config: pytest.Config, glob: str) -> list[Path]:
     try:
-        found = list(config.rootpath.glob(glob))
+        paths = list(config.rootpath.glob(glob))
     except (NotImplementedError, ValueError) as error:
         text = f"avrare_scenarios: {glob!r} should be a glob relative to {config.rootpath}: {error}"
         raise pytest.UsageError(text) from None
-    if not found:
+    if not paths:
         text = f"avrare_scenarios: no file matches {glob!r} in {config.rootpath}"
         config.issue_config_time_warning(pytest.PytestConfigWarning(text), stacklevel=2)
-    return found
+    return paths
 
 
 class ScenarioFile(pytest.File):

@@ -24,16 +24,16 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 def execute(args: argparse.Namespace) -> int:
     """Replay, and with ``--shrink`` shrink; return exit code 0 if it fails again, 1 if not."""
     _check(args)
-    found = _replay_failure_of_run(args) if args.run is not None else _replay_stored_failure(args)
-    scenario, failure = found.scenario, found.failure
-    show(args, found.table()[0], [found])
-    _export(args, found)
-    if found.rollout.outcome == "error":
+    replay = _replay_failure_of_run(args) if args.run is not None else _replay_stored_failure(args)
+    scenario, failure = replay.scenario, replay.failure
+    show(args, replay.table()[0], [replay])
+    _export(args, replay)
+    if replay.rollout.outcome == "error":
         return int(ExitCode.ROLLOUT_ERRORS)
-    if found.rollout.outcome == "passes":
+    if replay.rollout.outcome == "passes":
         return int(ExitCode.FAIL)
     problem = scenario.problem(failure.specification)
-    first = find_first_violation(problem, found.rollout)
+    first = find_first_violation(problem, replay.rollout)
     if first.severity is not None:
         say_beside(args, f"the {first.severity.describe()}")
     if args.lost:
@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.shrink:
         _shrink(args, scenario, failure)
     elif args.write_blob is not None:
-        store_failure(args, make_failure(scenario, failure.specification, failure.noise, found.rollout))
+        store_failure(args, make_failure(scenario, failure.specification, failure.noise, replay.rollout))
     return int(ExitCode.PASS)
 
 

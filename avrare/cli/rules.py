@@ -27,8 +27,8 @@ def execute(args: argparse.Namespace) -> None:
     catalogue = Catalogue.of(default_registry())
     for line in catalogue.failures:
         say(f"warning: {line}", error=True)
-    found = [offer for name in args.names for offer in catalogue.find(name, loosely=True)]
-    offers = list({id(offer): offer for offer in found}.values())
+    matches = [offer for name in args.names for offer in catalogue.find(name, loosely=True)]
+    offers = list({id(offer): offer for offer in matches}.values())
     if args.json:
         print(json.dumps([_plain(offer) for offer in offers or catalogue.offers], indent=2))
     elif offers:
@@ -76,11 +76,14 @@ def _card(offer: Offer, width: int) -> list[Text]:
         lines += [Text(), wrapped(" ".join(card.remarks.split()), 2)]
     if card.parameters:
         lines.append(Text())
-    settings = [f"{one.default} {one.unit}".strip() for one in card.parameters]
-    names = max((len(one.name) for one in card.parameters), default=0)
+    settings = [f"{parameter.default} {parameter.unit}".strip() for parameter in card.parameters]
+    names = max((len(parameter.name) for parameter in card.parameters), default=0)
     values = max(map(len, settings), default=0)
-    for one, value in zip(card.parameters, settings, strict=True):
-        name, about = one.name, f"{one.text}; {one.source}" if one.source else one.text
+    for parameter, value in zip(card.parameters, settings, strict=True):
+        name, about = (
+            parameter.name,
+            f"{parameter.text}; {parameter.source}" if parameter.source else parameter.text,
+        )
         row = wrapped(f"{name:<{names}}  {value:<{values}}  {about}", 2, names + values + 4)
         row.stylize("bold", 2, 2 + len(name))
         lines.append(row)

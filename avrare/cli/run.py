@@ -108,7 +108,7 @@ def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
 
 def _by_option(text: str, hint: str | None, args: argparse.Namespace) -> tuple[str, str | None]:
     # What an option has set is not told as a --set that nobody has written.
-    written = {one.partition("=")[0].strip() for one in args.set}
+    written = {override.partition("=")[0].strip() for override in args.set}
     for key, option in _OPTIONS.items():
         if key not in written and text.startswith(f"--set {key}: "):
             reason = text.removeprefix(f"--set {key}: ")
@@ -217,8 +217,8 @@ def _use_failures(
     if results is None:
         lines = check_known_failures(database, scenario)
     else:
-        found = {result.specification: result.failures for result in results}
-        new, lines = store_worst(database, scenario, found)
+        failures = {result.specification: result.failures for result in results}
+        new, lines = store_worst(database, scenario, failures)
         if new:
             lines = [f"{len(new)} new failures in {args.failures}: {', '.join(new)}", *lines]
     with suppress(BrokenPipeError):

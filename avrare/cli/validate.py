@@ -27,7 +27,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _validate(path: str, args: argparse.Namespace) -> int:
-    found = validate(path, args.set, estimator=args.estimator, build=args.build)
-    print_warnings(found.warnings)
-    say(*found.lines(), error=not found.valid)
-    return int(found.exit_code)
+    validation = validate(path, args.set, estimator=args.estimator, build=args.build)
+    print_warnings(validation.warnings)
+    say(*validation.lines(), error=not validation.valid)
+    return int(validation.exit_code)

@@ -51,7 +51,7 @@ def execute(args: argparse.Namespace) -> int:
         answers = [answer for name in names for answer in (kinds[name], attributions.get(name)) if answer]
         show_or_write(args, WHY_FILE, content, answers)
     limit = run.scenario.definition.max_error_rate
-    failed = any(found.errors > limit * found.rollouts for found in attributions.values())
+    failed = any(attribution.errors > limit * attribution.rollouts for attribution in attributions.values())
     return int(ExitCode.ROLLOUT_ERRORS if failed else ExitCode.PASS)
 
 

@@ -42,10 +42,10 @@ def find_contacts(
     if not rows[0].size:
         return shares
     (ego, others), (later_ego, later_others) = (
-        (_select(one, rows), _select(other, rows)) for one, other in pairs
+        (_select(egos, rows), _select(other, rows)) for egos, other in pairs
     )
     lengths, widths = scene.lengths[rows[1]], scene.widths[rows[1]]
-    bound, found = np.maximum(motion[rows], 1e-9), np.full(len(rows[0]), np.inf)
+    bound, contacts = np.maximum(motion[rows], 1e-9), np.full(len(rows[0]), np.inf)
     at, looking = np.zeros(len(bound)), np.ones(len(bound), dtype=bool)
     while looking.any():
         boxes = (
@@ -54,11 +54,11 @@ def find_contacts(
         )
         distance = signed_distance(*boxes)
         touching = looking & (distance <= 0.0)
-        found[touching] = at[touching]
+        contacts[touching] = at[touching]
         looking &= ~touching & (at < 1.0)
         # No point of one box comes nearer to the other than by the bound of their relative motion.
         at = np.minimum(at + np.maximum(distance, _STEP_METRES) / bound, 1.0)
-    shares[rows] = found
+    shares[rows] = contacts
     return shares
 
 
@@ -67,15 +67,15 @@ def _bound_motion(
 ) -> tuple[Floats, Bools]:
     """Return (N, V) how far a point of one box moves against the other, and whether they could touch."""
     (ego, others), (later_ego, later_others) = (
-        (to_plane(scene.road, one), to_plane(scene.road, other)) for one, other in (before, after)
+        (to_plane(scene.road, start), to_plane(scene.road, other)) for start, other in (before, after)
     )
     reaches = 0.5 * np.hypot(scene.ego_length, scene.ego_width), 0.5 * np.hypot(scene.lengths, scene.widths)
     apart = np.hypot(others.x - ego.x, others.y - ego.y) - reaches[0] - reaches[1]
     ways = (later_others.x - later_ego.x - others.x + ego.x, later_others.y - later_ego.y - others.y + ego.y)
     motion = np.hypot(*ways)
-    for one, later, reach in ((ego, later_ego, reaches[0]), (others, later_others, reaches[1])):
+    for start, later, reach in ((ego, later_ego, reaches[0]), (others, later_others, reaches[1])):
         motion = motion + reach * np.abs(
-            np.remainder(later.heading - one.heading + np.pi, 2.0 * np.pi) - np.pi
+            np.remainder(later.heading - start.heading + np.pi, 2.0 * np.pi) - np.pi
         )
     near = (apart <= motion) & (motion <= _TOP_SPEED * scene.dt + reaches[0])
     return np.asarray(motion), np.asarray(near)

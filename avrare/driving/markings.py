@@ -34,25 +34,27 @@ class Marking:
 def list_markings(road: Road) -> list[Marking]:
     """Return the lines on a road: between two lanes, at its edges, and across a lane that ends within it."""
     lanes = list_lanes(road)
-    found: list[Marking] = []
+    markings: list[Marking] = []
     for k, lane in enumerate(lanes):
         others = [*lanes[:k], *lanes[k + 1 :]]
-        found += [*_borders(lane, others, left=True), *_borders(lane, others, left=False)]
-        found += _ends(lane, others, road)
-    return found
+        markings += [*_borders(lane, others, left=True), *_borders(lane, others, left=False)]
+        markings += _ends(lane, others, road)
+    return markings
 
 
 def _borders(lane: Lane, others: list[Lane], left: bool) -> Iterator[Marking]:
     # A right border that is the left one of another lane as well is not repeated, nor is one drawn within
     # another lane, where one merges.
-    x = np.unique(np.concatenate([lane.stations, *(one.stations for one in others)]))
+    x = np.unique(np.concatenate([lane.stations, *(neighbour.stations for neighbour in others)]))
     x = x[(x >= lane.stations[0]) & (x <= lane.stations[-1])]
     y = np.interp(x, lane.stations, lane.left if left else lane.right)
     middles, at = 0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])
     inner, within = np.zeros((2, len(middles)), dtype=np.bool_)
-    for one in others:
-        low, high = (np.interp(middles, one.stations, border) for border in (one.right, one.left))
-        there = _is_there(one, middles)
+    for neighbour in others:
+        low, high = (
+            np.interp(middles, neighbour.stations, border) for border in (neighbour.right, neighbour.left)
+        )
+        there = _is_there(neighbour, middles)
         inner |= there & (np.abs((low if left else high) - at) < _TOUCHING)
         within |= there & (low + _TOUCHING < at) & (at < high - _TOUCHING)
     kind = np.where(inner, 1, np.where(within, 2, 0))
@@ -70,10 +72,10 @@ def _ends(lane: Lane, others: list[Lane], road: Road) -> Iterator[Marking]:
             continue
         there, middle = np.array([x + outward]), 0.5 * (right + left)
         goes_on = any(
-            _is_there(one, there)[0]
-            and np.interp(there, one.stations, one.right)[0] < middle
-            and middle < np.interp(there, one.stations, one.left)[0]
-            for one in others
+            _is_there(neighbour, there)[0]
+            and np.interp(there, neighbour.stations, neighbour.right)[0] < middle
+            and middle < np.interp(there, neighbour.stations, neighbour.left)[0]
+            for neighbour in others
         )
         if not goes_on:
             yield Marking(np.full(2, x), np.array([right, left]), inner=False)

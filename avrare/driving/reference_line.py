@@ -190,12 +190,12 @@ class PolygonalLine(ReferenceLine):
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points, dtype=np.float64)
-        kept = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > _SHORT])
-        if kept.sum() < 2 or not np.isfinite(points).all():
+        distinct = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > _SHORT])
+        if distinct.sum() < 2 or not np.isfinite(points).all():
             raise UsageError(
                 "a line needs two points that differ", "look for points that are repeated or NaN"
             )
-        object.__setattr__(self, "points", points[kept])
+        object.__setattr__(self, "points", points[distinct])
 
     @cached_property
     def length(self) -> float:
@@ -241,7 +241,7 @@ class PolygonalLine(ReferenceLine):
         # Only groups whose circle is near enough are looked at.
         if len(x) * len(self.points) < _FEW:
             return _nearest(x, y, *self.points.T)
-        found, finite = np.zeros(len(x), dtype=np.int64), np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        nearest, finite = np.zeros(len(x), dtype=np.int64), np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         (points_x, points_y), (middle_x, middle_y), reach = self._groups
         for block in np.array_split(finite, 1 + len(finite) * len(reach) // _BLOCK):
             if not len(block):
@@ -255,8 +255,8 @@ class PolygonalLine(ReferenceLine):
             least = distance[np.arange(len(rows)), inside]
             order = np.lexsort((groups, least, rows))  # the first of points that are equally near
             first = order[np.searchsorted(rows[order], np.arange(len(block)))]
-            found[block] = groups[first] * _GROUP + inside[first]
-        return found
+            nearest[block] = groups[first] * _GROUP + inside[first]
+        return nearest
 
     def frame(self, s: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return x, y, heading and curvature at stations."""
@@ -284,10 +284,10 @@ class PolygonalLine(ReferenceLine):
             share, across = _project_on_segment(px[rows], py[rows], values)
             low = np.where(here == 0, -np.inf, -_CLOSE)  # a point on a border belongs to either side
             high = np.where(here == last, np.inf, np.where(here == 0, _CLOSE, 1.0 + _CLOSE))
-            found = (share >= low) & (share <= high)
-            s[rows[found]] = (values[0] + share * values[1])[found]
-            d[rows[found]] = across[found]
-            ended = found | np.isnan(share)
+            inside = (share >= low) & (share <= high)
+            s[rows[inside]] = (values[0] + share * values[1])[inside]
+            d[rows[inside]] = across[inside]
+            ended = inside | np.isnan(share)
             segment[rows] = np.clip(here + np.where(share < low, -1, 1), 0, last)
             rows = rows[~ended]
         return s.reshape(x.shape), d.reshape(x.shape)
@@ -341,11 +341,11 @@ def _project_on_segment(x: Floats, y: Floats, segment: Floats) -> tuple[Floats, 
 
 
 def _nearest(x: Floats, y: Floats, sample_x: Floats, sample_y: Floats) -> Integers:
-    found = np.zeros(len(x), dtype=np.int64)
+    nearest = np.zeros(len(x), dtype=np.int64)
     rows = max(1, _BLOCK // len(sample_x))
     for begin in range(0, len(x), rows):
         block = slice(begin, begin + rows)
         with np.errstate(invalid="ignore", over="ignore"):
             distance = (x[block, None] - sample_x) ** 2 + (y[block, None] - sample_y) ** 2
-        found[block] = distance.argmin(axis=1)
-    return found
+        nearest[block] = distance.argmin(axis=1)
+    return nearest

@@ -261,15 +261,19 @@ def _descend_step(part: _Operand, values: FormulaValues, early: bool, temporal: 
     return dataclasses.replace(cause, sample=part.place.sample) if temporal else cause
 
 
-def _with_names(item: object, labels: Mapping[str, str]) -> Any:
-    if isinstance(item, nodes.Signal):
-        return dataclasses.replace(item, arguments=tuple(labels.get(word, word) for word in item.arguments))
-    if isinstance(item, tuple):
-        return tuple(_with_names(part, labels) for part in item)
-    if not isinstance(item, nodes.Node | nodes.Term):
-        return item
-    fields = dataclasses.fields(item)
-    return dataclasses.replace(item, **{x.name: _with_names(getattr(item, x.name), labels) for x in fields})
+def _with_names(element: object, labels: Mapping[str, str]) -> Any:
+    if isinstance(element, nodes.Signal):
+        return dataclasses.replace(
+            element, arguments=tuple(labels.get(word, word) for word in element.arguments)
+        )
+    if isinstance(element, tuple):
+        return tuple(_with_names(part, labels) for part in element)
+    if not isinstance(element, nodes.Node | nodes.Term):
+        return element
+    fields = dataclasses.fields(element)
+    return dataclasses.replace(
+        element, **{x.name: _with_names(getattr(element, x.name), labels) for x in fields}
+    )
 
 
 def to_single_trace(signals: Mapping[str, object], node: nodes.Node) -> Mapping[str, object]:

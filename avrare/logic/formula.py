@@ -51,12 +51,12 @@ def stl(
     """
     if until not in ("closed", "half-open"):
         raise FormulaError(f"until is {until!r}", 'use until="closed" or until="half-open"')
-    _, found = parse_with_warnings(text, _FINEST_STEP if dt is None else dt)
+    _, lint = parse_with_warnings(text, _FINEST_STEP if dt is None else dt)
     if warn:
-        for warning in found:
+        for warning in lint:
             hint = f"\nhint: {warning.hint}" if warning.hint else ""
             warnings.warn(FormulaWarning(warning.message + hint), stacklevel=2)
-    return Formula(text, dt, until, found)
+    return Formula(text, dt, until, lint)
 
 
 @dataclass(frozen=True)
@@ -174,9 +174,9 @@ class Formula:
         Values are (N, T), below a quantifier (N, T, V...) with one axis per enclosing quantifier.
         """
         trace = read_trace(signals, self.signals)
-        found = self._evaluate_parts(trace, RobustnessAlgebra())
+        values = self._evaluate_parts(trace, RobustnessAlgebra())
         written = [node for node in nodes.walk(self.node) if isinstance(node, nodes.Node)]
-        return {to_text(node): _finish(flush(np.moveaxis(found[node], 0, 1)), trace) for node in written}
+        return {to_text(node): _finish(flush(np.moveaxis(values[node], 0, 1)), trace) for node in written}
 
     def explain(self, signals: Signals, members: Mapping[str, Sequence[str]] | None = None) -> Explanation:
         """Explain the formula's value at sample 0 of one trace.
@@ -223,10 +223,10 @@ class Formula:
         return values[0] if trace.single else values
 
     def _evaluate_parts(self, trace: Trace, algebra: RobustnessAlgebra) -> dict[nodes.Node, Floats]:
-        found: dict[nodes.Node, Floats] = {}
-        evaluate = Evaluator(trace.samples, trace.steps, trace.rows, algebra, self.closed, found=found)
+        values: dict[nodes.Node, Floats] = {}
+        evaluate = Evaluator(trace.samples, trace.steps, trace.rows, algebra, self.closed, values=values)
         require_scalar(evaluate(self.node).ndim - 2)
-        return found
+        return values
 
 
 class FormulaMonitor(RobustnessMonitor, Specification):

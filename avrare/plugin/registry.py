@@ -72,10 +72,10 @@ class Registry:
         self._rows: list[Row] = []
         self.register(first_party, "avrare", "avrare", version.__version__)
         wanted = None if only is None else set(only)
-        found = sorted(points, key=lambda point: (point.name, point.value))
-        for point in found:
+        sorted_points = sorted(points, key=lambda point: (point.name, point.value))
+        for point in sorted_points:
             self._load(point, blocked=wanted is not None and point.name not in wanted)
-        for name in sorted((wanted or set()) - {point.name for point in found}):
+        for name in sorted((wanted or set()) - {point.name for point in sorted_points}):
             self._rows.append(Row("", name, "", "", "broken", f"named by {VARIABLE}, but not installed"))
 
     @classmethod
@@ -93,11 +93,11 @@ class Registry:
         try:
             self._manager.register(plugin, name)
             hooks = self._manager.hook.avrare_components.get_hookimpls()
-            mine = [hook for hook in hooks if hook.plugin_name == name]
-            if not mine:
+            own_hooks = [hook for hook in hooks if hook.plugin_name == name]
+            if not own_hooks:
                 raise TypeError("it has no hook avrare_components")
-            function: Callable[[], Any] = mine[0].function
-            self._rows += [_row(item, distribution, version) for item in function()]
+            function: Callable[[], Any] = own_hooks[0].function
+            self._rows += [_row(component, distribution, version) for component in function()]
         except (Exception, SystemExit) as error:
             self._rows.append(Row("", name, distribution, version, "broken", _reason(error)))
 
@@ -128,7 +128,7 @@ class Registry:
         key = (row.kind, row.name)
         twins = [other for other in self._rows if other is not row and (other.kind, other.name) == key]
         if twins:
-            both = " and ".join(sorted(one.origin for one in (row, *twins)))
+            both = " and ".join(sorted(twin.origin for twin in (row, *twins)))
             return replace(row, status="broken", detail=f"{row.kind} {row.name!r} is provided by both {both}")
         missing = missing_dependencies(row.component)
         if missing:
@@ -236,8 +236,8 @@ class Registry:
         others = [row.kind for row in self._rows if row.name == name and row.kind]
         if others:
             return PluginError(f"unknown {kind} {name!r}", f"{name!r} is a {others[0]}; {self._list(kind)}")
-        known = {*self.names(kind), *(word for where, word in FIRST_PARTY if where == kind)}
-        hint = did_you_mean(name, known) or self._list(kind)
+        words = {*self.names(kind), *(word for where, word in FIRST_PARTY if where == kind)}
+        hint = did_you_mean(name, words) or self._list(kind)
         if broken := [f"{row.origin} ({row.detail})" for row in self._rows if row.status == "broken"]:
             hint += f"; failed to load: {', '.join(broken)}"
         return PluginError(f"unknown {kind} {name!r}", hint)
@@ -252,35 +252,43 @@ def missing_dependencies(component: Component) -> tuple[str, ...]:
     missing = []
     for top in dict.fromkeys(module.split(".")[0] for module in component.needs):
         try:
-            found = importlib.util.find_spec(top) is not None
+            installed = importlib.util.find_spec(top) is not None
         except (ImportError, ValueError):  # ValueError: imported already, but without a spec
-            found = False
-        if not found:
+            installed = False
+        if not installed:
             missing.append(top)
     return tuple(missing)
 
 
-def _row(item: object, distribution: str, version: str) -> Row:
-    if not isinstance(item, Component):
-        raise TypeError(f"avrare_components returned {item!r}, which is not a Component")
-    if item.kind not in KINDS:
-        known = ", ".join(KINDS)
-        raise TypeError(f"component {item.name!r} has the unknown kind {item.kind!r}; known: {known}")
+def _row(component: object, distribution: str, version: str) -> Row:
+    if not isinstance(component, Component):
+        raise TypeError(f"avrare_components returned {component!r}, which is not a Component")
+    if component.kind not in KINDS:
+        kinds = ", ".join(KINDS)
+        raise TypeError(
+            f"component {component.name!r} has the unknown kind {component.kind!r}; known: {kinds}"
+        )
     for field in ("name", "summary", "config", "factory", "rules", "check", "charts", "family"):
-        value = getattr(item, field)
+        value = getattr(component, field)
         is_reference = field in ("config", "factory", "charts") or (field in ("rules", "check") and value)
         if not isinstance(value, str) or (is_reference and ":" not in value):
-            text = f"component {item.name!r}: {field} is {value!r}"
+            text = f"component {component.name!r}: {field} is {value!r}"
             raise TypeError(f"{text}; expected 'package.module:attribute'" if is_reference else text)
     for field, role in (("cross_check", CheckRole), ("auto", AutoRole)):
-        if not isinstance(value := getattr(item, field), (role, NoneType)):
-            raise TypeError(f"component {item.name!r}: {field} is {value!r}, not of type {role.__name__}")
-    if not all(isinstance(word, str) for pair in item.warnings.items() for word in pair):
-        raise TypeError(f"component {item.name!r}: warnings should be texts by name, not {item.warnings!r}")
-    fits = item.api == API_VERSION
-    detail = "" if fits else f"written for plugin interface {item.api}; this avrare has {API_VERSION}"
+        if not isinstance(value := getattr(component, field), (role, NoneType)):
+            raise TypeError(
+                f"component {component.name!r}: {field} is {value!r}, not of type {role.__name__}"
+            )
+    if not all(isinstance(word, str) for pair in component.warnings.items() for word in pair):
+        raise TypeError(
+            f"component {component.name!r}: warnings should be texts by name, not {component.warnings!r}"
+        )
+    fits = component.api == API_VERSION
+    detail = "" if fits else f"written for plugin interface {component.api}; this avrare has {API_VERSION}"
     status: Status = "ok" if fits else "incompatible"
-    return Row(item.kind, item.name, distribution, version, status, detail, item.summary, item)
+    return Row(
+        component.kind, component.name, distribution, version, status, detail, component.summary, component
+    )
 
 
 def _reason(error: BaseException) -> str:

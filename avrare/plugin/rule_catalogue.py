@@ -48,17 +48,17 @@ class Catalogue:
 
         ``loosely`` ignores differences in case, ``_`` and ``-``.
         """
-        found = [offer for offer in self.offers if offer.card.name == name]
-        if not found and loosely:
-            found = [offer for offer in self.offers if _plain(offer.card.name) == _plain(name)]
-        if not found and not self.offers:
+        offers = [offer for offer in self.offers if offer.card.name == name]
+        if not offers and loosely:
+            offers = [offer for offer in self.offers if _plain(offer.card.name) == _plain(name)]
+        if not offers and not self.offers:
             raise PluginError(
                 f"there is no rule {name!r}: no installed plugin offers rules",
                 self.failures[0] if self.failures else "pip install avrare-traffic-rules",
             )
-        if not found:
+        if not offers:
             raise UsageError(f"there is no rule {name!r}", self._suggest(name) or "'avrare rules' lists them")
-        return found
+        return offers
 
     def _suggest(self, name: str) -> str | None:
         plain = {_plain(offer.card.name): offer.card.name for offer in self.offers}

@@ -34,7 +34,7 @@ def describe_checkout(folder: Path) -> tuple[str | None, bool | None]:
 
 
 def _git(folder: Path, *words: str) -> tuple[int, str]:
-    command = ["git", *(word for one in _OFF for word in ("-c", one)), *words]
+    command = ["git", *(word for option in _OFF for word in ("-c", option)), *words]
     try:
         answer = subprocess.run(
             command,

@@ -56,15 +56,15 @@ def _refuse_others(out: Path, scenarios: Sequence[Scenario]) -> None:
 
     They would be taken for this run's.
     """
-    own = {out / one.name if len(scenarios) > 1 else out: one.name for one in scenarios}
+    folders = {out / scenario.name if len(scenarios) > 1 else out: scenario.name for scenario in scenarios}
     for file in [*out.glob("result.json"), *sorted(out.glob("*/result.json"))]:
-        folder, found = file.parent, None
+        folder, stored = file.parent, None
         with suppress(UsageError):  # a damaged one can be replaced
-            found = read_json(file, RUN_AGAIN).get("scenario")
-        replaced = folder in own and found in (None, own[folder])
-        separate = folder != out and folder not in own and folder.name != found
+            stored = read_json(file, RUN_AGAIN).get("scenario")
+        replaced = folder in folders and stored in (None, folders[folder])
+        separate = folder != out and folder not in folders and folder.name != stored
         if not (replaced or separate):
-            text = f"{folder}: contains the result of another run" + (f", of {found}" if found else "")
+            text = f"{folder}: contains the result of another run" + (f", of {stored}" if stored else "")
             raise UsageError(text, "choose another folder, or remove this one")
 
 
@@ -88,7 +88,7 @@ def begin_checkpoint(
     ``check`` is what else must be equal to resume `avrare check`.
     """
     folder = out / FOLDER
-    if len(scenarios) > 1 and any(one.name == FOLDER for one in scenarios):
+    if len(scenarios) > 1 and any(scenario.name == FOLDER for scenario in scenarios):
         raise UsageError(
             f"{folder}: reserved for the checkpoint, but a scenario has the same name",
             "run the scenario by itself, or rename it",
@@ -99,8 +99,8 @@ def begin_checkpoint(
         _refuse_others(out, scenarios)
         if read_index(folder) is not None:
             _remove_without_chunks(folder)
-    paths = {one.name: str(Path(one.path).resolve()) for one in scenarios}
-    files = {f"{one.name}/{SCENARIO}": dump(one.resolved).encode() for one in scenarios}
+    paths = {scenario.name: str(Path(scenario.path).resolve()) for scenario in scenarios}
+    files = {f"{scenario.name}/{SCENARIO}": dump(scenario.resolved).encode() for scenario in scenarios}
     task = _task(scenarios, budget) | ({"check": check} if check is not None else {})
     with Checkpoint.open(folder, task, {"paths": paths}, files).held() as checkpoint:
         yield checkpoint
@@ -133,7 +133,7 @@ def saved_scenarios(out: Path, overrides: Sequence[str], estimator: str | None) 
     if not all((out / FOLDER / name / SCENARIO).exists() for name in names):
         return []  # someone has removed a file: the command must name the scenario
     loaded = [load(out / FOLDER / name / SCENARIO, overrides, estimator) for name in names]
-    return [replace(one, path=str(paths.get(one.name, one.path))) for one in loaded]
+    return [replace(scenario, path=str(paths.get(scenario.name, scenario.path))) for scenario in loaded]
 
 
 def saved_budget(out: Path) -> Budget | None:

@@ -42,11 +42,11 @@ class Deciding(Specification):
         inner, verdict = self.inner.update(state.inner, signals)
         if self._bounds is None:
             return replace(state, inner=inner), verdict
-        bounds, known = self._bounds.update(state.bounds, self._judge.sample(signals))
-        final = np.where(known.decided, known.violated, verdict.violated)
-        within = np.clip(verdict.robustness, known.lower, known.upper)
-        robustness = np.where(known.decided, within, verdict.robustness)
-        new = DecidingState(inner, bounds, known.decided)
+        bounds, bounded = self._bounds.update(state.bounds, self._judge.sample(signals))
+        final = np.where(bounded.decided, bounded.violated, verdict.violated)
+        within = np.clip(verdict.robustness, bounded.lower, bounded.upper)
+        robustness = np.where(bounded.decided, within, verdict.robustness)
+        new = DecidingState(inner, bounds, bounded.decided)
         return new, replace(verdict, violated=final, robustness=robustness)
 
     def margin(self, state: DecidingState) -> Floats | None:

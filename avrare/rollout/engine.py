@@ -113,12 +113,14 @@ class _Simulation:
                 carry, rows = self._begin(np.flatnonzero(start == FROM_START))
             if t in carries:
                 carry, rows = self._join(carry, rows, carries[t], np.flatnonzero(start == t), t)
-            kept = self.request.keep_carries
-            if kept and carry is not None and self.request.stop_early:  # others may branch where a row ends
+            keeps_carries = self.request.keep_carries
+            if (
+                keeps_carries and carry is not None and self.request.stop_early
+            ):  # others may branch where a row ends
                 self.store.add(t, rows, carry)
             if carry is not None:
                 carry, rows = self._leave(carry, rows, t)
-            if kept and carry is not None and not self.request.stop_early:
+            if keeps_carries and carry is not None and not self.request.stop_early:
                 self.store.add(t, rows, carry)
             if carry is not None and t in self.request.observe:
                 self.features[t] = rows, self._features(carry)
@@ -143,18 +145,20 @@ class _Simulation:
 
     def _features(self, carry: Carry) -> Floats:
         verdict = carry.verdicts[0]
-        own = monitor_features(self.specifications[0], carry.monitors[0], verdict.robustness, verdict.score)
-        return np.concatenate([system_features(self.system, carry.system), own], axis=1)
+        verdict_features = monitor_features(
+            self.specifications[0], carry.monitors[0], verdict.robustness, verdict.score
+        )
+        return np.concatenate([system_features(self.system, carry.system), verdict_features], axis=1)
 
     def _all_features(self) -> Floats:
         observe = self.request.observe
         size = max((values.shape[1] for _, values in self.features.values()), default=0)
-        found = np.full((self.request.rows, len(observe), size), np.nan)
+        features = np.full((self.request.rows, len(observe), size), np.nan)
         for k, t in enumerate(observe):
             if t in self.features:
                 rows, values = self.features[t]
-                found[rows, k] = values
-        return found
+                features[rows, k] = values
+        return features
 
     def _begin(self, rows: Integers) -> tuple[Carry | None, Integers]:
         sample, alive = self._guard(
@@ -366,9 +370,9 @@ def _restore_carries(
         )
     carried = np.ones(request.rows, dtype=bool)
     carried[rows] = False
-    found = {t: (rows[who], carry) for t, (who, carry) in retrace.reached.items()}
+    reached = {t: (rows[who], carry) for t, (who, carry) in retrace.reached.items()}
     merged = dict(request.carries)
-    for t, (who, carry) in found.items():
+    for t, (who, carry) in reached.items():
         if t in merged:
             who = np.concatenate([np.flatnonzero(carried & (request.start == t)), who])
             carry = batch.concatenate([merged[t], carry])
@@ -388,6 +392,9 @@ def _describe_faults(signals: Signals, rows: Bools) -> Iterator[tuple[str, Integ
     places = np.flatnonzero(rows)
     broken = np.array([np.full(len(places), True), *(_is_nan(values[rows]) for values in signals.values())])
     for way in np.unique(broken, axis=1).T:
-        found = [name for name, there in zip(signals, way[1:], strict=True) if there]
-        nan = f"NaN in signal{'s' * (len(found) > 1)} {', '.join(found)}"
-        yield nan if found else "fault reported by the system", places[(broken == way[:, None]).all(axis=0)]
+        signals_with_nan = [name for name, there in zip(signals, way[1:], strict=True) if there]
+        nan = f"NaN in signal{'s' * (len(signals_with_nan) > 1)} {', '.join(signals_with_nan)}"
+        yield (
+            nan if signals_with_nan else "fault reported by the system",
+            places[(broken == way[:, None]).all(axis=0)],
+        )

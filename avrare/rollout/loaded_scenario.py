@@ -175,11 +175,11 @@ def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any, s
 def _choose_score(scenario: LoadedScenario, name: str) -> logic.Formula | str | None:
     part = scenario.definition.specifications[name]
     monitor = scenario.stack.specifications[name]
-    own = part.score if isinstance(part, Formula) else monitor.score
-    if isinstance(own, ScoreFormula):
-        return logic.stl(own.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
-    if own is not None:
-        return own
+    score = part.score if isinstance(part, Formula) else monitor.score
+    if isinstance(score, ScoreFormula):
+        return logic.stl(score.stl, dt=scenario.stack.loop.simulator.dt, warn=False)
+    if score is not None:
+        return score
     if monitor.margin(monitor.start(1)) is not None:
         return "margin"
     return "progress" if isinstance(monitor, FormulaMonitor) and shape_of(monitor.formula) else None

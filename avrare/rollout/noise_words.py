@@ -288,9 +288,9 @@ class _Words:
 
 def _average(values: Floats, weights: Floats) -> Floats:
     """Return the weighted means (T,) of values (F, T) that are not NaN."""
-    known = np.where(np.isnan(values), 0.0, weights)
-    sums = np.einsum("ft,ft->t", known, np.nan_to_num(values))
-    return np.asarray(sums / np.maximum(known.sum(axis=0), 1e-300))
+    present_weights = np.where(np.isnan(values), 0.0, weights)
+    sums = np.einsum("ft,ft->t", present_weights, np.nan_to_num(values))
+    return np.asarray(sums / np.maximum(present_weights.sum(axis=0), 1e-300))
 
 
 def _find_plateau(sizes: Floats, first: int, last: int) -> tuple[int, int, float]:

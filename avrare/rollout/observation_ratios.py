@@ -65,9 +65,9 @@ def _sum_ratios(
     for step, rows, carry in carries:
         state = carry.system
         if step > 0:
-            kept = np.searchsorted(rows_before, rows)
-            memories = [batch.take(memory, kept) if lasts else None for memory in memories]
-            memory = batch.take(before, kept) if lasts else None
+            places = np.searchsorted(rows_before, rows)
+            memories = [batch.take(memory, places) if lasts else None for memory in memories]
+            memory = batch.take(before, places) if lasts else None
             noise = tapes[rows, step]
             for k, other in enumerate(others):
                 ratio, memories[k] = model.log_ratio(state.world, noise, memory, other, memories[k])

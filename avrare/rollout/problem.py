@@ -159,13 +159,13 @@ class Problem:
 
     def flat_parts(self, index: int) -> tuple[str, ...]:
         """Return the parts of a specification's formula whose failures no score by it leads to."""
-        found = None if callable(self.score) else self._find_guide(self.monitors[index])
-        if found is None:
+        guide_formula = None if callable(self.score) else self._find_guide(self.monitors[index])
+        if guide_formula is None:
             return ()
         measure = self._measure(index)
         guide = measure if isinstance(measure, ScaledMonitor) else None
         by_sample = isinstance(measure, MarginScored | ProgressScored)
-        return find_flat_parts(self.system, self.steps, *found, guide, by_sample=by_sample)
+        return find_flat_parts(self.system, self.steps, *guide_formula, guide, by_sample=by_sample)
 
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
@@ -276,9 +276,9 @@ class Problem:
         assert shape is not None  # that of the formula: only its terms differ
         tape = np.zeros((1, self.steps + 1, self.noise_size))
         replay = partial(record, self.system, self.steps, spec.formula.signals, Request.replay(tape))
-        found = run_guarded(_MEASURING, self.system, replay) or {}
+        trace = run_guarded(_MEASURING, self.system, replay) or {}
         nominal = (
-            [{name: x[:, t] for name, x in found.items()} for t in range(self.steps + 1)] if found else None
+            [{name: x[:, t] for name, x in trace.items()} for t in range(self.steps + 1)] if trace else None
         )
         return ProgressScored(spec, shape, self.steps, nominal, guide)
 

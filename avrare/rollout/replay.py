@@ -77,10 +77,10 @@ class _Sample(NamedTuple):
 
 
 def _extract_row(outcome: Rollouts, samples: list[_Sample], row: int) -> ReplayedRollout:
-    found = [(int(np.searchsorted(sample.rows, row)), sample) for sample in samples if row in sample.rows]
-    names = found[0][1].signals if found else ()
-    signals = {name: np.stack([sample.signals[name][k] for k, sample in found]) for name in names}
-    states = tuple(batch.take(sample.state, np.array([k])) for k, sample in found)
+    path = [(int(np.searchsorted(sample.rows, row)), sample) for sample in samples if row in sample.rows]
+    names = path[0][1].signals if path else ()
+    signals = {name: np.stack([sample.signals[name][k] for k, sample in path]) for name in names}
+    states = tuple(batch.take(sample.state, np.array([k])) for k, sample in path)
     error = "; ".join(outcome.messages) or "no reason given" if outcome.error[row] else None
     return ReplayedRollout(
         signals,
@@ -88,15 +88,15 @@ def _extract_row(outcome: Rollouts, samples: list[_Sample], row: int) -> Replaye
         float(outcome.robustness[row, 0]),
         bool(outcome.violated[row, 0]),
         error,
-        _extract_misreadings(found),
+        _extract_misreadings(path),
     )
 
 
-def _extract_misreadings(found: Sequence[tuple[int, _Sample]]) -> dict[str, Misreading]:
+def _extract_misreadings(path: Sequence[tuple[int, _Sample]]) -> dict[str, Misreading]:
     # Before the first observation nothing is wrong.
-    words = {name: reading for _, sample in found for name, reading in sample.misreadings.items()}
-    series = {name: np.zeros((2, len(found))) for name in words}
-    for t, (k, sample) in enumerate(found):
+    words = {name: reading for _, sample in path for name, reading in sample.misreadings.items()}
+    series = {name: np.zeros((2, len(path))) for name in words}
+    for t, (k, sample) in enumerate(path):
         for name, reading in sample.misreadings.items():
             usual = np.broadcast_to(reading.usual, reading.values.shape)
             series[name][:, t] = reading.values[k], usual[k]

@@ -164,25 +164,25 @@ def check_drawn(
     names = tuple(_name_option(places, at) for at in drawn)
     settings: DrawSettings | None = DrawSettings()
     if (written := node.child(KEY)) is not None:
-        settings, found = check(
+        settings, new_mistakes = check(
             DrawSettings, written, (*path, KEY), context=None if mistakes or not drawn else names
         )
-        mistakes += found
+        mistakes += new_mistakes
         if settings is not None and not drawn:
             hint = "write a law in place of a number, such as {law: normal, mean: 20.0, sd: 1.0}"
             text = "no option of this simulator is drawn"
             mistakes.append(Mistake(written.name_mark, (*path, KEY), text, hint))
     medians = {at: float(law.at(0.0)) for at, law in laws.items()}
-    config, found = check(model, node, path, keys, numbers=medians)
+    config, new_mistakes = check(model, node, path, keys, numbers=medians)
     wrong_laws = [(*path, *at) for at in drawn if at not in laws]
-    mistakes += [mistake for mistake in found if mistake.path not in wrong_laws]
+    mistakes += [mistake for mistake in new_mistakes if mistake.path not in wrong_laws]
     if config is None or settings is None or mistakes:
         return None, None, mistakes
     for at, law in laws.items():
         for value in (float(law.at(-TAIL)), float(law.at(TAIL))):
-            _, found = check(model, node, path, keys, numbers={**medians, at: value})
-            if found:
-                text = f"draws reach {value:.4g}: {found[0].text.partition(', found')[0]}"
+            _, new_mistakes = check(model, node, path, keys, numbers={**medians, at: value})
+            if new_mistakes:
+                text = f"draws reach {value:.4g}: {new_mistakes[0].text.partition(', new_mistakes')[0]}"
                 hint = "cut the law: {law: truncated, of: {...}, low: ..., high: ...}"
                 mistakes.append(Mistake(places[at].node.mark, (*path, *at), text, hint))
     draws = Draws(tuple(drawn), names, tuple(laws.values()), settings) if drawn else None
@@ -198,8 +198,8 @@ def _read_laws(nodes: Mapping[Path, Node], path: Path, folder: str) -> tuple[dic
         except UsageError as error:
             mistakes.append(Mistake(node.mark, (*path, *at), error.message, error.hint))
             continue
-        law, found = check(dict[str, Law], named, path)
-        mistakes += found
+        law, new_mistakes = check(dict[str, Law], named, path)
+        mistakes += new_mistakes
         if law is not None:
             [laws[at]] = law.values()
     return laws, mistakes
@@ -214,8 +214,8 @@ def _with_columns(node: Node, folder: str) -> Node:
     if "values" in entries:
         raise UsageError("give values or a file, not both")
     file, column = str(entries.pop("file").value), entries.pop("column", None)
-    beside = os.path.dirname(node.mark.file) if node.mark.line else folder
-    name = os.path.normpath(os.path.join(beside, file))
+    directory = os.path.dirname(node.mark.file) if node.mark.line else folder
+    name = os.path.normpath(os.path.join(directory, file))
     refuse_outside(name, folder, "empirical law: file")
     table = read_csv_table(name)
     table.check_rows()

@@ -66,16 +66,16 @@ def digests(scenario: Scenario) -> dict[str, str]:
     Raises:
         OSError: A file cannot be read.
     """
-    found = {
+    hashes = {
         f"{key}.{name}": hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for key, block in scenario.blocks.items()
         for name, path in named_files(block.config)
     }
     if scenario.cheap is not None:
-        found |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
+        hashes |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
     for number, member in enumerate(scenario.members):
-        found |= {f"ensemble.{number}.{key}": value for key, value in digests(member).items()}
-    return found
+        hashes |= {f"ensemble.{number}.{key}": value for key, value in digests(member).items()}
+    return hashes
 
 
 def named_files(config: Options) -> Iterator[tuple[str, Path]]:

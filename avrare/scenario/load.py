@@ -179,9 +179,9 @@ def _resolve_block(
         return None, [Mistake(plugin.mark, plugin_path, error.message, error.hint, ExitCode.PLUGIN)]
     node = _find_files(node, model)
     if component.complete:  # some of its options are in files of others
-        beside = os.path.dirname(node.mark.file) if node.mark.line else folder
+        directory = os.path.dirname(node.mark.file) if node.mark.line else folder
         try:
-            options = late_import(component.complete)(node.plain(), beside or ".")
+            options = late_import(component.complete)(node.plain(), directory or ".")
         except AvrareError as error:
             return None, [Mistake(node.name_mark, path, error.message, error.hint)]
         node = merge(node, Node.of(options, node.mark))
@@ -215,9 +215,9 @@ def _find_files(node: Node, model: type[BaseModel]) -> Node:
         value, mark = place.node.value, place.node.mark
         if place.is_marked(FILE) and isinstance(value, str) and mark.line:
             folder, file = os.path.split(mark.file)
-            beside, result = os.path.join(folder, value), os.path.join(folder, _RESULT)
-            if is_file(beside) and not (file == _STORED and is_file(result)):
-                node = node.replace(at, beside)
+            neighbour, result = os.path.join(folder, value), os.path.join(folder, _RESULT)
+            if is_file(neighbour) and not (file == _STORED and is_file(result)):
+                node = node.replace(at, neighbour)
     return node
 
 

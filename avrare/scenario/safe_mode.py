@@ -69,8 +69,8 @@ def check_import_path(folder: str) -> None:
     if not is_safe():
         return
     places = [os.path.realpath(place) for place in sys.path]
-    own = os.path.realpath(sysconfig.get_path("stdlib"))
-    before = places[: places.index(own)] if own in places else places
+    standard_library = os.path.realpath(sysconfig.get_path("stdlib"))
+    before = places[: places.index(standard_library)] if standard_library in places else places
     for place in dict.fromkeys((os.path.realpath(folder), os.path.realpath("."))):
         if place in before:
             raise UsageError(

@@ -43,10 +43,10 @@ def _check_text(
 ) -> tuple[list[Mistake], list[Mistake]]:
     mark, path = node.entries["stl"].mark, (*path, "stl")
     try:
-        formula, found = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
+        formula, lint = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
     except FormulaError as error:
         return [Mistake(mark, path, error.message, error.hint)], []
-    warnings = [Mistake(mark, path, warning.message, warning.hint) for warning in found]
+    warnings = [Mistake(mark, path, warning.message, warning.hint) for warning in lint]
     if dt is not None and steps is not None:
         warnings += [Mistake(mark, path, text) for text in reach_warnings(formula, steps)]
     return [], warnings

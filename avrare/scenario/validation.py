@@ -112,7 +112,7 @@ def _as_data(node: Node, numbers: Mapping[Path, float], path: Path = ()) -> obje
     if isinstance(value, dict):
         return {key: _as_data(entry, numbers, (*path, key)) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_as_data(item, numbers, (*path, index)) for index, item in enumerate(value)]
+        return [_as_data(element, numbers, (*path, index)) for index, element in enumerate(value)]
     if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
         return value if value == 0 and math.copysign(1, value) < 0 else int(value)
     return value
@@ -298,8 +298,8 @@ def _describe_error(
             tags = [str(tag) for model in above.models for tag in _tags(model, above.discriminator)]
             return "required, but missing", did_you_mean("", tags)
         case "extra_forbidden":
-            known = [name for model in above.models for name, _ in _fields(model)]
-            return UNKNOWN_KEY, did_you_mean(str(path[-1]), [*known, *(other_keys if len(path) == 1 else ())])
+            names = [name for model in above.models for name, _ in _fields(model)]
+            return UNKNOWN_KEY, did_you_mean(str(path[-1]), [*names, *(other_keys if len(path) == 1 else ())])
         case "literal_error" | "enum":
             text = f"should be {context['expected']}, found {describe(place.node)}"
             near = _suggest(str(place.node.value), context["expected"])

@@ -46,8 +46,10 @@ class Node:
     def of(cls, data: Any, mark: Mark) -> Node:
         """Return plain data as nodes that all stand at ``mark``; values of other types become scalars."""
         if isinstance(data, dict):
-            return cls({key: cls.of(item, mark) for key, item in data.items()}, mark, mark)
-        return cls([cls.of(item, mark) for item in data] if isinstance(data, list) else data, mark, mark)
+            return cls({key: cls.of(element, mark) for key, element in data.items()}, mark, mark)
+        return cls(
+            [cls.of(element, mark) for element in data] if isinstance(data, list) else data, mark, mark
+        )
 
     @property
     def name_mark(self) -> Mark:
@@ -159,8 +161,8 @@ def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
 def _index(items: list[Node], step: str, mark: Mark) -> int:
     if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(items):
         return int(step)
-    known = [str(i) for i in range(len(items))]
-    raise mark.error(f"the list has no item {step!r}", did_you_mean(step, known) or "it is empty")
+    indices = [str(i) for i in range(len(items))]
+    raise mark.error(f"the list has no item {step!r}", did_you_mean(step, indices) or "it is empty")
 
 
 def dotted(path: Sequence[str | int]) -> str:

@@ -86,7 +86,7 @@ class _Converter:
         if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
             return Node(self._mapping(node, depth), mark, key)
         if isinstance(node, yaml.SequenceNode) and node.tag == _TAG + "seq":
-            return Node([self.convert(item, None, depth + 1) for item in node.value], mark, key)
+            return Node([self.convert(child, None, depth + 1) for child in node.value], mark, key)
         if isinstance(node, yaml.ScalarNode):
             return Node(_scalar(node), mark, key)
         raise _Refusal(node.start_mark, f"the tag {_short(node.tag)} is not allowed", "remove the tag")

@@ -62,10 +62,10 @@ def reference_problem(id: str) -> ReferenceProblem:
     Raises:
         UsageError: There is none.
     """
-    known = {problem.id: problem for problem in reference_problems()}
-    if id not in known:
-        raise UsageError(f"there is no reference problem {id!r}", did_you_mean(id, known))
-    return known[id]
+    problems = {problem.id: problem for problem in reference_problems()}
+    if id not in problems:
+        raise UsageError(f"there is no reference problem {id!r}", did_you_mean(id, problems))
+    return problems[id]
 
 
 def _table() -> tuple[tuple[str, float, ReferenceProblem], ...]:

@@ -39,8 +39,8 @@ def capabilities(system: object, steps: int = STEPS) -> Capabilities:
     system = adapt(System, system)
     lacks = system.lacks or {}
     if "noise" not in lacks:
-        found = probe(system, steps)
-        lacks = {**{name: text for name, text in _limits(found).items() if text}, **lacks}
+        findings = probe(system, steps)
+        lacks = {**{name: text for name, text in _limits(findings).items() if text}, **lacks}
     reason = next(iter(lacks.values()), "")
     return Capabilities("branches" not in lacks, "noise" not in lacks, reason)
 
@@ -68,11 +68,11 @@ def require(system: System, estimator: str, needs: Collection[str], steps: int =
     refuse_limits(estimator, lacks, needs)
     if "noise" in lacks:
         return {"not_deterministic": lacks["noise"]}
-    found = probe(system, steps, branch="branches" in needs)
-    refuse_limits(estimator, _limits(found), set(needs) - {"noise"} if system.lacks is None else needs)
-    reasons = {"not_deterministic": found.differs, "rounding": found.rounding}
+    findings = probe(system, steps, branch="branches" in needs)
+    refuse_limits(estimator, _limits(findings), set(needs) - {"noise"} if system.lacks is None else needs)
+    reasons = {"not_deterministic": findings.differs, "rounding": findings.rounding}
     return {name: reason for name, reason in reasons.items() if reason}
 
 
-def _limits(found: Findings) -> dict[str, str]:
-    return {"noise": found.differs, "branches": found.in_place or found.differs or found.branches}
+def _limits(findings: Findings) -> dict[str, str]:
+    return {"noise": findings.differs, "branches": findings.in_place or findings.differs or findings.branches}

@@ -156,9 +156,9 @@ class _Trial:
 
 def _read_only(state: State) -> State:
     def view(leaf: NDArray[np.generic]) -> NDArray[np.generic]:
-        own = leaf.view()
-        own.flags.writeable = False
-        return own
+        locked = leaf.view()
+        locked.flags.writeable = False
+        return locked
 
     with suppress(UsageError):  # no value that can be copied; only branches need that
         return batch.map_leaves(view, state)
@@ -173,18 +173,18 @@ def _copy(state: State) -> State | None:
 
 def _place(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if "numpy" not in Path(frame.filename).parts]
-    return f"{Path(own[-1].filename).name}:{own[-1].lineno}"
+    frames_here = [frame for frame in frames if "numpy" not in Path(frame.filename).parts]
+    return f"{Path(frames_here[-1].filename).name}:{frames_here[-1].lineno}"
 
 
 def _changed(state: object, copy: object) -> bool:
     return not all(map(_same, batch.leaves(state), batch.leaves(copy)))
 
 
-def _same(one: NDArray[np.generic], two: NDArray[np.generic]) -> bool:
-    if one.dtype.kind == "O":
-        return all(a is b for a, b in zip(one.flat, two.flat, strict=True))
-    return np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
+def _same(first: NDArray[np.generic], second: NDArray[np.generic]) -> bool:
+    if first.dtype.kind == "O":
+        return all(a is b for a, b in zip(first.flat, second.flat, strict=True))
+    return np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
 
 
 def _rows(samples: Samples, row: int) -> Samples:
@@ -202,15 +202,17 @@ class _Difference:
         return f"signal {self.signal!r} differs from step {self.step} on by up to {self.size:.2g}"
 
 
-def _find_difference(wanted: Samples, found: Samples, since: int = 0) -> _Difference | None:
+def _find_difference(wanted: Samples, signals: Samples, since: int = 0) -> _Difference | None:
     steps: dict[str, int] = {}
-    for t, (one, two) in enumerate(zip(wanted, found, strict=True), since):
-        for name in one:
-            if not _same(one[name], two[name]):
+    for t, (before, after) in enumerate(zip(wanted, signals, strict=True), since):
+        for name in before:
+            if not _same(before[name], after[name]):
                 steps.setdefault(name, t)
     sizes = {}
     for name in steps:
-        first, second = (np.array([one[name] for one in samples], dtype=float) for samples in (wanted, found))
+        first, second = (
+            np.array([before[name] for before in samples], dtype=float) for samples in (wanted, signals)
+        )
         error = np.abs(first - second)[(first != second) & ~(np.isnan(first) & np.isnan(second))].max()
         sizes[name] = float(error), bool(error <= _ROUNDING * np.nanmax(np.abs(first)))
     if not sizes:

@@ -157,20 +157,20 @@ class Branches:
         return new
 
     def _advance_to(self, history: InputHistory, t: int) -> World:
-        known = max(history.copies, default=-1)
-        if known >= 0:
-            world = self.pool.restore(history, history.copies[known])
+        nearest = max(history.copies, default=-1)
+        if nearest >= 0:
+            world = self.pool.restore(history, history.copies[nearest])
         else:
             world = self.pool.lend(history)
             self.watchdog.call(world.reset, history.noise[0])
-        for step in range(max(known, 0), t):
+        for step in range(max(nearest, 0), t):
             self.watchdog.call(world.step, history.actions[step], history.noise[step + 1])
         return world
 
     def _check(self, world: World, t: int, expected: dict[str, Floats]) -> None:
-        found, _ = self.readout.all([self.readout.one(world)])
-        if name := _differing_signal(found, expected):
-            was, now = expected[name][0], found[name][0]
+        again, _ = self.readout.all([self.readout.one(world)])
+        if name := _differing_signal(again, expected):
+            was, now = expected[name][0], again[name][0]
             raise NotDeterministic(
                 f"signal {name!r} was {was} at step {t}, and the same noise gives {now} now: the simulator "
                 "does not depend on its noise alone, and no rollout can branch from another",
@@ -184,9 +184,9 @@ class Branches:
         try:
             world: Any = self.pool.restore(spare, spare.copies[t])
             world.step(*given)
-            found, _ = self.readout.all([self.readout.one(world)])
+            copied, _ = self.readout.all([self.readout.one(world)])
             expected, _ = self.readout.all([history.latest])
-            name = _differing_signal(found, expected)
+            name = _differing_signal(copied, expected)
             reason = f"signal {name!r} differs after a step" if name else ""
         except AvrareError:
             raise
@@ -201,5 +201,5 @@ class Branches:
             )
 
 
-def _differing_signal(one: dict[str, Floats], other: dict[str, Floats]) -> str:
-    return next((name for name in one if not np.array_equal(one[name], other[name])), "")
+def _differing_signal(first: dict[str, Floats], second: dict[str, Floats]) -> str:
+    return next((name for name in first if not np.array_equal(first[name], second[name])), "")

@@ -96,34 +96,34 @@ class Attribution(Answer):
         """Return one row for each group of noise."""
         return Records(
             {
-                "noise": one.name,
-                "sort": one.sort,
-                "carries": one.carries,
-                "carries_low": one.carries_interval[0],
-                "carries_high": one.carries_interval[1],
-                "alone": one.alone,
-                "alone_low": one.alone_interval[0],
-                "alone_high": one.alone_interval[1],
+                "noise": share.name,
+                "sort": share.sort,
+                "carries": share.carries,
+                "carries_low": share.carries_interval[0],
+                "carries_high": share.carries_interval[1],
+                "alone": share.alone,
+                "alone_low": share.alone_interval[0],
+                "alone_high": share.alone_interval[1],
             }
-            for one in self.shares
+            for share in self.shares
         )
 
     def savings_table(self) -> Records:
         """Return one row for each perfect part."""
         return Records(
             {
-                "perfect": one.name,
-                "saves": one.saved,
-                "low": one.saved_interval[0],
-                "high": one.saved_interval[1],
-                "vanish": one.vanish,
-                "vanish_low": one.vanish_interval[0],
-                "vanish_high": one.vanish_interval[1],
-                "new": one.new,
-                "new_high": one.new_interval[1],
-                "text": one.describe(),
+                "perfect": saving.name,
+                "saves": saving.saved,
+                "low": saving.saved_interval[0],
+                "high": saving.saved_interval[1],
+                "vanish": saving.vanish,
+                "vanish_low": saving.vanish_interval[0],
+                "vanish_high": saving.vanish_interval[1],
+                "new": saving.new,
+                "new_high": saving.new_interval[1],
+                "text": saving.describe(),
             }
-            for one in self.savings
+            for saving in self.savings
         )
 
     def lines(self) -> list[str]:
@@ -131,18 +131,18 @@ class Attribution(Answer):
         broken = f", {self.errors} broke down" if self.errors else ""
         counts = {"failure": self.failures, "fresh tape": self.fresh, "rollout": self.rollouts}
         cost = ", ".join(format_count(number, noun) for noun, number in counts.items()) + broken
-        names = [one.name for one in self.shares] + [one.name for one in self.savings]
+        names = [row.name for row in self.shares] + [row.name for row in self.savings]
         width = max(map(len, names), default=0)
-        found = [f"{self.specification}: what carries the failures ({cost})"]
-        found.append(f"  {'noise':<{width}}  {'is needed for':<22}  alone explains")
+        lines = [f"{self.specification}: what carries the failures ({cost})"]
+        lines.append(f"  {'noise':<{width}}  {'is needed for':<22}  alone explains")
         for share in self.shares:
             needed = _format(share.carries, share.carries_interval)
-            found.append(
+            lines.append(
                 f"  {share.name:<{width}}  {needed:<22}  {_format(share.alone, share.alone_interval)}"
             )
-        found.append("what each change would do to the failures, on the same tapes")
-        found += [f"  {saving.name:<{width}}  {saving.describe()}" for saving in self.savings]
-        return found
+        lines.append("what each change would do to the failures, on the same tapes")
+        lines += [f"  {saving.name:<{width}}  {saving.describe()}" for saving in self.savings]
+        return lines
 
 
 def _format(value: float, interval: Interval) -> str:
@@ -196,7 +196,9 @@ def attribute(
         stored = run(other, some, name)
         if not stored.broken.all():
             savings.append(measure_saving(sample, name, stored, base, run(other, more, name)))
-    savings.sort(key=lambda one: (one.name == _MEDIAN_START, -(one.saved if fresh else one.vanish)))
+    savings.sort(
+        key=lambda saving: (saving.name == _MEDIAN_START, -(saving.saved if fresh else saving.vanish))
+    )
     return Attribution(
         problem.names[0], tuple(shares), tuple(savings), sample.size, fresh, run.rollouts, run.errors
     )
@@ -233,20 +235,20 @@ def _list_perfect(
     tapes: Floats,
     fresh: Floats,
 ) -> list[tuple[str, Problem, Floats, Floats]]:
-    found = []
+    changes = []
     for group in groups:
         if group.sort not in ("time", "start") and group.mask[:, count_draws(problem) :].any():
-            some, more = (make_perfect(problem, one, group.mask) for one in (tapes, fresh))
+            some, more = (make_perfect(problem, noise, group.mask) for noise in (tapes, fresh))
             name = f"no {group.name.removeprefix('all ')}" if group.sort == "vehicle" else group.name
-            found.append((name if group.sort == "vehicle" else f"perfect {name}", problem, some, more))
-    some, more = (clip_outliers(problem, one, _OUTLIERS) for one in (tapes, fresh))
-    found.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
+            changes.append((name if group.sort == "vehicle" else f"perfect {name}", problem, some, more))
+    some, more = (clip_outliers(problem, noise, _OUTLIERS) for noise in (tapes, fresh))
+    changes.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
     for name, other in variants.items():
         if (other.steps, other.noise_size) != (problem.steps, problem.noise_size):
             text = f"{name}: its tapes have another shape, so nothing can be paired"
             raise UsageError(text, "change parts without noise of their own, or the options of a part")
-        found.append((name, other, tapes, fresh))
-    return found
+        changes.append((name, other, tapes, fresh))
+    return changes
 
 
 def _list_changes(

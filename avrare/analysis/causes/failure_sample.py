@@ -100,12 +100,12 @@ class FailureSample:
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
         """Return the same with some of the failures only, which stand for all of them."""
-        kept = self.failures
-        weights = None if kept.weights is None else kept.weights[rows]
+        failures = self.failures
+        weights = None if failures.weights is None else failures.weights[rows]
         if weights is not None and weights.any():
             weights = weights * (self.probability / weights.sum())
-        ancestors = None if kept.ancestors is None else kept.ancestors[rows]
-        fewer = Failures(kept.noise[rows], kept.robustness[rows], kept.count, weights, ancestors)
+        ancestors = None if failures.ancestors is None else failures.ancestors[rows]
+        fewer = Failures(failures.noise[rows], failures.robustness[rows], failures.count, weights, ancestors)
         return replace(self, failures=fewer)
 
     @property
@@ -168,8 +168,8 @@ class FailureSample:
         size = self.size
         if self.failures.weights is not None or self.failures.ancestors is not None:
             pieces = 1.0 / float((np.bincount(self.clusters, self.shares) ** 2).sum())
-            known = 0.0 < share < 1.0 and math.isfinite(error) and error > 0.0
-            effective = min(share * (1.0 - share) / error**2, pieces) if known else pieces
+            resolved = 0.0 < share < 1.0 and math.isfinite(error) and error > 0.0
+            effective = min(share * (1.0 - share) / error**2, pieces) if resolved else pieces
             size = max(1, math.floor(effective))
         low, high = intervals.clopper_pearson(math.floor(share * size + 1e-9), size, level)
         if share * size % 1.0 > 1e-9:  # between two counts: both ends as of the nearer one outwards
@@ -204,8 +204,10 @@ class FailureSample:
     def _with_model(self, model: ModelInterval, chosen: Bools, part: float) -> Interval:
         # The share is known from the failures of one model; its error adds to that of the whole.
         share, error, freedom = self.mean(chosen.astype(np.float64))
-        own = 0.0 if chosen.all() or share <= 0.0 else t_factor(self.confidence, freedom) * error / share
-        below, above = (math.hypot(own, one) for one in model.distances(self.probability, self.confidence))
+        sampling = 0.0 if chosen.all() or share <= 0.0 else t_factor(self.confidence, freedom) * error / share
+        below, above = (
+            math.hypot(sampling, distance) for distance in model.distances(self.probability, self.confidence)
+        )
         return part * math.exp(-below), 1.0 if above >= -math.log(part) else part * math.exp(above)
 
     def _log_normal(self, chosen: Bools, part: float) -> Interval:
@@ -218,8 +220,8 @@ class FailureSample:
         else:
             effective = float(pieces.sum() ** 2 / (pieces**2).sum())
             share = part / self.probability
-            known = 0.0 if math.isnan(self.relative_error) else self.relative_error**2
-            relative, freedom = known + (1.0 - share) / effective, max(1, round(effective) - 1)
+            sampling = 0.0 if math.isnan(self.relative_error) else self.relative_error**2
+            relative, freedom = sampling + (1.0 - share) / effective, max(1, round(effective) - 1)
         tail = self.errors / self.trials if self.trials else 0.0
         return intervals.log_normal(part, relative, self.confidence, freedom=freedom, errors=tail)
 

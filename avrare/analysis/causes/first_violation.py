@@ -35,15 +35,15 @@ def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstVio
     names = () if scene is None else scene.names
     recording = Recording("a failure", dt, 0.0, rollout.signals, scene, names)
     try:
-        found = monitor_recording(problem.names[0], problem.monitors[0], recording)
+        monitoring = monitor_recording(problem.names[0], problem.monitors[0], recording)
     except AvrareError:  # a specification that cannot be explained: its failures are one cause
         return UNKNOWN
-    decisive = found.first or found.worst
+    decisive = monitoring.first or monitoring.worst
     if decisive is None:
         return UNKNOWN
     vehicles = tuple(decisive.vehicles.values())
     text = decisive.formula or problem.names[0]
-    severity = measure_severity(found)
+    severity = measure_severity(monitoring)
     if severity is not None and severity.impact is not None:
         text = f"{text} (ego {severity.impact.role})"
     return FirstViolation(decisive.sample, text, vehicles, severity)

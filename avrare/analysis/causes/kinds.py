@@ -134,10 +134,10 @@ def _list_lines(number: int, kind: Kind) -> list[str]:
     part = format_estimate(kind.probability, kind.interval)
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
-    told = [f"   {kind.severity}"] if kind.severity else []
-    told += [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
-    told += [f"   {kind.lost}"] if kind.lost else []
-    return [line, *told, *(f"   warning: {text}" for text in kind.warnings)]
+    details = [f"   {kind.severity}"] if kind.severity else []
+    details += [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
+    details += [f"   {kind.lost}"] if kind.lost else []
+    return [line, *details, *(f"   warning: {text}" for text in kind.warnings)]
 
 
 def find_kinds(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Kinds:
@@ -240,7 +240,7 @@ def _merge_alike(
             k: Counter(causes[row].key for row in np.flatnonzero(labels == k).tolist())
             for k in np.unique(labels).tolist()
         }
-        first = {k: found.most_common(1)[0][0] for k, found in keys.items()}
+        first = {k: counts.most_common(1)[0][0] for k, counts in keys.items()}
         pairs = [(j, k) for j, k in combinations(keys, 2) if first[j] == first[k]]
         gaps = [_measure_separation(features[labels == j], features[labels == k]) for j, k in pairs]
         if not gaps or min(gaps) >= _APART:
@@ -249,14 +249,14 @@ def _merge_alike(
         labels[labels == k] = j
 
 
-def _measure_separation(one: Floats, other: Floats) -> float:
+def _measure_separation(first: Floats, second: Floats) -> float:
     # Distance of the means in standard deviations along the line between them (Ashman, Bird and Zepf 1994);
     # 0 for a few outliers.
-    if min(len(one), len(other)) <= _STRAY:
+    if min(len(first), len(second)) <= _STRAY:
         return 0.0
-    line = one.mean(axis=0) - other.mean(axis=0)
+    line = first.mean(axis=0) - second.mean(axis=0)
     distance = float(np.linalg.norm(line))
-    variances = [float(np.var(part @ line, ddof=1)) / max(distance, 1e-300) ** 2 for part in (one, other)]
+    variances = [float(np.var(part @ line, ddof=1)) / max(distance, 1e-300) ** 2 for part in (first, second)]
     pooled = math.sqrt(sum(variances) / 2.0)
     return distance / pooled if pooled > 0.0 else math.inf
 

@@ -42,7 +42,7 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
     """
     names, shape = find_noise_names(problem.system), (problem.steps + 1, problem.noise_size)
     single = _single(names) if channels or len(names) <= 4 else []
-    found = [
+    candidates = [
         NoiseGroup(name, sort, np.broadcast_to(_of(names, members), shape))
         for name, sort, members in (
             *_components(problem, names),
@@ -52,15 +52,15 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
     ]
     start = find_start(problem)
     if start is not None and count_draws(problem):
-        found = [start, *found]
-    found += _windows(problem, windows)
-    found += [start] if start is not None else []
-    kept: list[NoiseGroup] = []
-    for group in found:
+        candidates = [start, *candidates]
+    candidates += _windows(problem, windows)
+    candidates += [start] if start is not None else []
+    groups: list[NoiseGroup] = []
+    for group in candidates:
         whole = group.mask.all() and group.sort != "component"
-        if not whole and not any(np.array_equal(group.mask, other.mask) for other in kept):
-            kept.append(group)
-    return kept
+        if not whole and not any(np.array_equal(group.mask, other.mask) for other in groups):
+            groups.append(group)
+    return groups
 
 
 def _of(names: Sequence[str], members: Sequence[str]) -> Bools:
@@ -71,8 +71,8 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
     loop = problem.system
     if not isinstance(loop, ClosedLoop):
         return []
-    drawn, own = count_draws(problem), loop.world_noise
-    parts = (("simulator", names[drawn:own]), ("perception", names[own:]))
+    drawn, world = count_draws(problem), loop.world_noise
+    parts = (("simulator", names[drawn:world]), ("perception", names[world:]))
     return [(name, "component", members) for name, members in parts if members]
 
 
@@ -107,13 +107,13 @@ def _single(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
 
 def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:
     shape, dt = (problem.steps + 1, problem.noise_size), problem.dt
-    found = []
+    groups = []
     for rows in np.array_split(np.arange(shape[0]), min(windows, shape[0])) if windows else []:
         mask = np.zeros(shape, dtype=bool)
         mask[rows] = True
         begin, end = int(rows[0]), int(rows[-1])
-        found.append(NoiseGroup(format_range(begin, end, dt), "time", mask))
-    return found
+        groups.append(NoiseGroup(format_range(begin, end, dt), "time", mask))
+    return groups
 
 
 def count_draws(problem: Problem) -> int:

@@ -94,7 +94,7 @@ def measure_saving(
     """
     # A third of the risk goes to each of the two shares and the estimate that divides one of them.
     level = 1.0 - (1.0 - sample.confidence) / 3.0
-    vanish, own = measure_share(sample, stored.passes, stored.broken, name)
+    vanish, vanish_interval = measure_share(sample, stored.passes, stored.broken, name)
     _, (low, high) = measure_share(sample, stored.passes, stored.broken, name, level)
     _, (p_low, p_high) = replace(sample, confidence=level).part_interval(np.ones(sample.size, dtype=bool))
     if sample.opened_at is not None:  # nothing is known of the failures that the estimate may have missed
@@ -102,10 +102,10 @@ def measure_saving(
         low, high = low * met, 1.0 - (1.0 - high) * met
     fresh, lost = len(base.fails), int((base.broken | now.broken).sum())
     if lost == fresh:
-        return Saving(name, vanish, own, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
+        return Saving(name, vanish, vanish_interval, 0.0, (0.0, 1.0), 0.0, (-np.inf, high))
     count = int((now.fails & base.passes).sum())
     new, interval = count / (fresh - lost), intervals.clopper_pearson(count, fresh, sample.confidence, lost)
     new_low, new_high = intervals.clopper_pearson(count, fresh, level, lost)
     most = new_high / p_low if p_low else np.inf
     saved = vanish - new / sample.probability
-    return Saving(name, vanish, own, new, interval, saved, (low - most, high - new_low / p_high))
+    return Saving(name, vanish, vanish_interval, new, interval, saved, (low - most, high - new_low / p_high))

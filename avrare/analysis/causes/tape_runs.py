@@ -42,8 +42,8 @@ class Verdicts:
         """Join the outcomes of consecutive tapes."""
         none = [np.zeros(0, dtype=bool)]
         return Verdicts(
-            np.concatenate(none + [one.fails for one in parts]),
-            np.concatenate(none + [one.broken for one in parts]),
+            np.concatenate(none + [verdicts.fails for verdicts in parts]),
+            np.concatenate(none + [verdicts.broken for verdicts in parts]),
         )
 
 
@@ -70,14 +70,14 @@ class TapeRunner:
     def __call__(self, problem: Problem, tapes: Floats, activity: str = "") -> Verdicts:
         """Return the outcomes of the first specification of ``problem`` on ``tapes``."""
         stage, self.calls = self.calls, self.calls + 1
-        work, found = Work(problem, NoiseSource(0, problem.noise_size), scored=False), []
+        work, verdicts = Work(problem, NoiseSource(0, problem.noise_size), scored=False), []
         for outcome in self._outcomes(stage, work, tapes):
-            found.append(Verdicts(outcome.violated[:, 0], outcome.error))
+            verdicts.append(Verdicts(outcome.violated[:, 0], outcome.error))
             self.rollouts += len(outcome.error)
             self.errors += int(outcome.error.sum())
             if self.watch is not None:
                 self.watch(activity, self.rollouts)
-        return Verdicts.join(found)
+        return Verdicts.join(verdicts)
 
     def keep(self, tapes: Floats, measure: Callable[[], Floats]) -> Floats:
         """Return what ``measure`` gives for ``tapes``, a number for each; the journal keeps it.

@@ -68,7 +68,9 @@ class _StoredBaseline(BaseModel):
     @classmethod
     def _has_specifications(cls, resolved: dict[str, object]) -> dict[str, object]:
         named = resolved.get("specifications")
-        if not isinstance(named, dict) or not all(isinstance(one, dict) for one in named.values()):
+        if not isinstance(named, dict) or not all(
+            isinstance(specification, dict) for specification in named.values()
+        ):
             raise ValueError("it holds no specifications")
         return resolved
 
@@ -105,8 +107,12 @@ def read(path: Path) -> Baseline:
         raise UsageError(text, _HINT)
     try:
         stored = _StoredBaseline.model_validate(content)
-        entries = {one.specification: one.entry() for one in stored.estimates}
-        firsts = {one.specification: one.first.entry() for one in stored.estimates if one.first is not None}
+        entries = {estimate.specification: estimate.entry() for estimate in stored.estimates}
+        firsts = {
+            estimate.specification: estimate.first.entry()
+            for estimate in stored.estimates
+            if estimate.first is not None
+        }
     except ValidationError as error:
         first = error.errors()[0]
         reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
@@ -147,7 +153,7 @@ def save(
 def _numbers(folder: Path) -> dict[int, str]:
     with explain_file_errors(f"{folder}: cannot list the baselines"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    return {int(found[1]): name for name in names if (found := _NAME.fullmatch(name))}
+    return {int(match[1]): name for name in names if (match := _NAME.fullmatch(name))}
 
 
 def _encode_result(result: Result, first: Result | None) -> dict[str, object]:
@@ -164,12 +170,14 @@ def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specificati
 
     A specification that only one of them has is no difference.
     """
-    found = [line for key in SHARED_KEYS for line in _list_differences(key, old.get(key), new.get(key))]
+    differences = [line for key in SHARED_KEYS for line in _list_differences(key, old.get(key), new.get(key))]
     definitions = [scenario.get("specifications", {}) for scenario in (old, new)]
     for name in specifications:
-        if all(name in one for one in definitions):
-            found += _list_differences(f"specifications.{name}", *(one[name] for one in definitions))
-    return found
+        if all(name in definition for definition in definitions):
+            differences += _list_differences(
+                f"specifications.{name}", *(definition[name] for definition in definitions)
+            )
+    return differences
 
 
 def summarise_differences(lines: Sequence[str]) -> str:

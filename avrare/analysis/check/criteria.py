@@ -91,7 +91,7 @@ def assess(criterion: Criterion, result: Result, share: float) -> Assessment:
     failing = p_value_ratio_at_most(condition.ratio, distribution, before) / tail
     if result.probability == 0.0 and baseline.probability == 0.0:
         # The ratio of two zeros is undefined: require an upper end as good as the baseline's.
-        ends = [one.interval_at(condition.confidence)[1] for one in (distribution, before)]
+        ends = [law.interval_at(condition.confidence)[1] for law in (distribution, before)]
         return Assessment(failing, ends[0] < 1.0 and ends[0] <= condition.excluded * ends[1])
     passing = p_value_ratio_at_least(condition.excluded, distribution, before)
     return Assessment(failing, passing <= share * tail)
@@ -150,8 +150,8 @@ def _find_failing(
 
 def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
     """Return whether a warning doubts the estimate or its baseline: the criterion cannot fail either."""
-    estimates = [one for one in (result, criterion.baseline) if one is not None]
-    return any(find_doubts(one.health) for one in estimates)
+    estimates = [estimate for estimate in (result, criterion.baseline) if estimate is not None]
+    return any(find_doubts(estimate.health) for estimate in estimates)
 
 
 def find_assumption(criterion: Criterion, result: Result) -> str:
@@ -168,13 +168,13 @@ def describe_health(result: Result) -> list[str]:
 
 def find_objections(criterion: Criterion, result: Result | None) -> list[str]:
     """Return the reasons why a criterion must not pass, however good its numbers are."""
-    found = describe_health(result) if result is not None else []
+    objections = describe_health(result) if result is not None else []
     baseline = criterion.baseline
     if baseline is not None and baseline.health:
-        found.append(f"the baseline has health warnings: {', '.join(baseline.health)}")
+        objections.append(f"the baseline has health warnings: {', '.join(baseline.health)}")
     if baseline is not None and result is not None and baseline.relation != result.relation:
-        found.append(f"failure is {result.relation} here, {baseline.relation} in the baseline")
-    return found
+        objections.append(f"failure is {result.relation} here, {baseline.relation} in the baseline")
+    return objections
 
 
 @dataclass(frozen=True)

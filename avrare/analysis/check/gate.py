@@ -58,7 +58,7 @@ class CheckResult(Answer):
     @property
     def exit_code(self) -> ExitCode:
         """Exit code: too many errors take precedence over the worst verdict."""
-        broken = any("errors" in one.health for results in self.results.values() for one in results)
+        broken = any("errors" in result.health for results in self.results.values() for result in results)
         if broken or self.has_too_many_errors:
             return ExitCode.ROLLOUT_ERRORS
         if self.verdict == "pass_assuming":
@@ -69,30 +69,32 @@ class CheckResult(Answer):
     @property
     def verdict(self) -> str:
         """Worst verdict of all decisions."""
-        return worst_verdict(one.verdict for one in self.decisions) or "pass"
+        return worst_verdict(decision.verdict for decision in self.decisions) or "pass"
 
     def has_errors(self, decision: Decision) -> bool:
         """Return whether the estimate of a decision has more errors than allowed."""
         results = self.results.get(decision.scenario, ())
-        return any("errors" in one.health for one in results if one.specification == decision.specification)
+        return any(
+            "errors" in result.health for result in results if result.specification == decision.specification
+        )
 
     def table(self) -> Records:
         """Return one row for each decision."""
         return Records(
             {
-                "scenario": one.scenario,
-                "specification": one.specification,
-                "required": one.question,
-                "verdict": one.verdict,
-                "probability": one.probability,
-                "low": one.interval and one.interval[0],
-                "high": one.interval and one.interval[1],
-                "baseline": one.baseline,
-                "change": one.change,
-                "reason": one.reason,
-                "next_step": one.next_step,
+                "scenario": decision.scenario,
+                "specification": decision.specification,
+                "required": decision.question,
+                "verdict": decision.verdict,
+                "probability": decision.probability,
+                "low": decision.interval and decision.interval[0],
+                "high": decision.interval and decision.interval[1],
+                "baseline": decision.baseline,
+                "change": decision.change,
+                "reason": decision.reason,
+                "next_step": decision.next_step,
             }
-            for one in self.decisions
+            for decision in self.decisions
         )
 
     def lines(self) -> list[str]:
@@ -114,7 +116,7 @@ class CheckResult(Answer):
             "verdict": self.verdict,
             "exit_code": int(self.exit_code),
             "looks": self.looks,
-            "rows": [finite(vars(one)) for one in self.decisions],  # infinities become null
+            "rows": [finite(vars(decision)) for decision in self.decisions],  # infinities become null
             "notes": list(self.notes),
             "results": [
                 Run.of_scenario(target.definition, self.results[target.name]).to_dict()
@@ -124,11 +126,11 @@ class CheckResult(Answer):
 
 
 def _describe_decision(decision: Decision) -> str:
-    one = decision
-    estimate = "" if one.probability is None else f", {format_probability(one.probability)}"
-    estimate += f" ({format_interval(one.interval)})" if one.interval else ""
-    reason = f": {one.reason}" if one.reason and one.verdict != "pass" else ""
-    return f"{one.scenario} {one.specification} {one.question}: {one.verdict}{estimate}{reason}"
+    name = f"{decision.scenario} {decision.specification} {decision.question}"
+    estimate = "" if decision.probability is None else f", {format_probability(decision.probability)}"
+    estimate += f" ({format_interval(decision.interval)})" if decision.interval else ""
+    reason = f": {decision.reason}" if decision.reason and decision.verdict != "pass" else ""
+    return f"{name}: {decision.verdict}{estimate}{reason}"
 
 
 @dataclass
@@ -168,14 +170,14 @@ def check_targets(
             path, note = _try_to_save(target, results)
             notes.append(f"{target.name}: {note}")
             obstacle = "the file could not be written"
-        known = target.baseline.entries if target.baseline is not None else {}
+        entries = target.baseline.entries if target.baseline is not None else {}
         decisions += [
             _decide_without_baseline(target, result, path, obstacle)
             for result in results
-            if result.specification not in known
+            if result.specification not in entries
         ]
     order = {target.name: number for number, target in enumerate(targets)}
-    decisions.sort(key=lambda one: order[one.scenario])
+    decisions.sort(key=lambda decision: order[decision.scenario])
     return replace(outcome, decisions=tuple(decisions), notes=tuple(notes))
 
 
@@ -198,19 +200,24 @@ def decide(
         check_scenarios([(target.scenario, looks[0].budget) for target in targets])
     for look in looks:
         # 1. Select what is still open.
-        work = [(one, names) for one in targets if (names := state.specifications_to_estimate(one, save))]
+        work = [
+            (target, names) for target in targets if (names := state.specifications_to_estimate(target, save))
+        ]
         if not work:
             break
         # 2. Draw a batch of each.
         for target, names in work:
             with _explain_share(look):
                 batch = estimate_look(target.scenario, names, look, execution)
-            for found in batch:
-                state.batches.setdefault((target.name, found.specification), []).append(found)
+            for estimate in batch:
+                state.batches.setdefault((target.name, estimate.specification), []).append(estimate)
         # 3. Decide on all batches so far.
         state.verdicts = decide_criteria(state.criteria, result, look.share, state.verdicts)
         state.looks += 1
-    decisions = [_decide(state, number, one, result(one)) for number, one in enumerate(state.criteria)]
+    decisions = [
+        _decide(state, number, criterion, result(criterion))
+        for number, criterion in enumerate(state.criteria)
+    ]
     results = {target.name: _pool_results(target, state, decisions) for target in targets}
     return CheckResult(tuple(decisions), results, looks=state.looks, targets=tuple(targets))
 
@@ -268,9 +275,9 @@ def _pool_results(
     target: CheckTarget, state: _CheckState, decisions: Sequence[Decision]
 ) -> tuple[Result, ...]:
     verdicts: dict[str, list[str]] = {}
-    for one in decisions:
-        if one.scenario == target.name and one.kind == "threshold":
-            verdicts.setdefault(one.specification, []).append(one.verdict)
+    for decision in decisions:
+        if decision.scenario == target.name and decision.kind == "threshold":
+            verdicts.setdefault(decision.specification, []).append(decision.verdict)
     return tuple(
         replace(
             pool(state.batches[target.name, name], target.definition.max_error_rate),

@@ -81,10 +81,10 @@ def _integrate(chance: Law, cells: _Cells) -> float:
     ends = sum(
         mass * max(chance(low), chance(high)) for low, high, mass in (cells[0], cells[-1]) if mass > 0.0
     )
-    known: dict[float, float] = {}  # neighbours share a point
+    chances: dict[float, float] = {}  # neighbours share a point
     for low, high, _ in cells[1:-1]:
-        known |= {point: chance(point) for point in (low, high) if point not in known}
-    inner = sum(mass * 0.5 * (known[low] + known[high]) for low, high, mass in cells[1:-1])
+        chances |= {point: chance(point) for point in (low, high) if point not in chances}
+    inner = sum(mass * 0.5 * (chances[low] + chances[high]) for low, high, mass in cells[1:-1])
     return min(1.0, inner + ends)
 
 

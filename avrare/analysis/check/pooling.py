@@ -58,7 +58,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["cross_check"], checks = _pool_checks(batches)
     notes = [note for note in newest.notes if note.kind not in _OF_A_BATCH]
     changes["notes"] = (*notes, *checks)
-    changes["worst"] = min(worst, key=lambda one: one.robustness, default=newest.worst)
+    changes["worst"] = min(worst, key=lambda interval: interval.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
     plain = [undo_opening(batch) for batch in batches]
     runs = _pool_runs(plain)
@@ -77,7 +77,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
         }
     doubted = [batch.interval_at for batch in batches if DOUBTS.intersection(batch.health)]
     changes["interval_at"] = reduce(
-        lambda one, other: partial(intervals.hull, one, other),
+        lambda interval, other: partial(intervals.hull, interval, other),
         doubted,
         changes.get("interval_at", newest.interval_at),
     )
@@ -114,10 +114,10 @@ def _pool_runs(batches: Sequence[Result]) -> _PooledMean | None:
     # The runs of all batches count as runs of one estimate; one that died out is 0 among them.
     parts = [batch.run_probabilities for batch in batches]
     pairs = [(derive_distribution(batch), batch.run_probabilities) for batch in batches]
-    known = all(isinstance(law, (Binomial, LogNormal)) or not part.any() for law, part in pairs)
+    poolable = all(isinstance(law, (Binomial, LogNormal)) or not part.any() for law, part in pairs)
     values = np.concatenate(parts)
     several = all(len(batch.run_probabilities) > 1 or "single_run" in batch.health for batch in batches)
-    if not (known and several and values.any()):
+    if not (poolable and several and values.any()):
         return None
     mean = float(values.mean())
     least = min(law.relative_variance for law, _ in pairs if isinstance(law, LogNormal)) / len(batches)

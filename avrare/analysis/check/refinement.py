@@ -75,7 +75,7 @@ def _drive(stack: Stack, tapes: Floats) -> Drives:
     )
 
 
-def _greatest(one: Floats, other: Floats) -> float:
+def _greatest(coarse: Floats, fine: Floats) -> float:
     """Return the greatest difference of numbers that both have, absent vehicles left out."""
-    finite = (np.abs(one) < _ABSENT) & (np.abs(other) < _ABSENT)
-    return float(np.abs(one[finite] - other[finite]).max(initial=0.0))
+    finite = (np.abs(coarse) < _ABSENT) & (np.abs(fine) < _ABSENT)
+    return float(np.abs(coarse[finite] - fine[finite]).max(initial=0.0))

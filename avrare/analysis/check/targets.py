@@ -56,17 +56,19 @@ class CheckTarget:
     def criteria(self) -> list[Criterion]:
         """Thresholds, then comparisons with the baseline and with the first of its line."""
         definition = self.definition
-        found = [Criterion(self.name, one.specification, one) for one in definition.thresholds]
+        criteria = [
+            Criterion(self.name, threshold.specification, threshold) for threshold in definition.thresholds
+        ]
         if self.baseline is None:
-            return found
+            return criteria
         firsts = {} if self.restarts else self.baseline.firsts
         for name in definition.estimated:
             for reference, entries in (("baseline", self.baseline.entries), ("first baseline", firsts)):
                 if (entry := entries.get(name)) is not None:
                     health = {k: text for k, text in entry.health.items() if k not in definition.suppress}
                     before = replace(entry, health=health)
-                    found.append(Criterion(self.name, name, self._regression, before, reference))
-        return found
+                    criteria.append(Criterion(self.name, name, self._regression, before, reference))
+        return criteria
 
     @property
     def firsts(self) -> Mapping[str, Result]:
@@ -99,11 +101,11 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     if baseline is None:
         return CheckTarget(scenario, folder, compared, None)
     files = digests(definition)
-    known = baseline.files.keys() & files.keys()  # compared by what they hold, wherever they lie
+    unmoved = baseline.files.keys() & files.keys()  # compared by what they hold, wherever they lie
     changes = [
         line
         for line in find_differences(baseline.scenario, definition.resolved, list(baseline.entries))
-        if line.partition(" ")[0] not in known
+        if line.partition(" ")[0] not in unmoved
     ]
     keys = (*SHARED_KEYS, *(f"specifications.{name}" for name in baseline.entries))
     changes += changed_files(baseline.files, files, keys)

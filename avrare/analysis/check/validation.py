@@ -147,8 +147,8 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     with first_steps(scenario):
         warnings += run_guarded(_PURPOSE, stack.loop, partial(try_stack, scenario, stack, steps=_STEPS))
     clearances = check_scenario(built)
-    found = {name: text for clearance in clearances for name, text in clearance.warnings.items()}
-    warnings += [(f"{scenario.path}: {name}: {text}", None) for name, text in found.items()]
+    messages = {name: text for clearance in clearances for name, text in clearance.warnings.items()}
+    warnings += [(f"{scenario.path}: {name}: {text}", None) for name, text in messages.items()]
     memory = max((clearance.memory for clearance in clearances), key=lambda forecast: forecast.total)
     with first_steps(scenario):
         draws = run_guarded(_PURPOSE, stack.loop, partial(try_draws, scenario, stack))

@@ -160,11 +160,11 @@ def parse_truth(text: str) -> GroundTruth | int:
 
 
 def _select(definition: Scenario, specification: str | None) -> str:
-    known = definition.specifications
-    if specification is not None and specification not in known:
+    specifications = definition.specifications
+    if specification is not None and specification not in specifications:
         raise UsageError(
             f"scenario {definition.name!r} has no specification {specification!r}",
-            did_you_mean(specification, known),
+            did_you_mean(specification, specifications),
         )
     if specification is None and len(definition.estimated) > 1:
         raise UsageError(

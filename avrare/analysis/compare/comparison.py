@@ -106,8 +106,8 @@ class Comparison(Answer):
         for label, summary in zip(labels, self.summaries, strict=True):
             if summary:
                 lines += [f"{label}: {text}" for text in _summary_notes(summary)]
-        for one, other in find_disagreements(labels, self.summaries):
-            lines.append(f"{one} and {other} disagree: the intervals of their means do not overlap")
+        for first, second in find_disagreements(labels, self.summaries):
+            lines.append(f"{first} and {second} disagree: the intervals of their means do not overlap")
         if self.interrupted:
             done = min(len(result.repetitions) for result in self.arms if not result.refusal)
             lines.append(f"interrupted: {done} of {self.design.repeat} repetitions are complete")

@@ -94,8 +94,8 @@ def split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
 def _collect_options(
     part: Sequence[str], settings: Sequence[str], scenario_block: Block | None
 ) -> dict[str, object]:
-    name, own = part[0], part[1:]
-    for option in own:
+    name, options = part[0], part[1:]
+    for option in options:
         if "=" not in option:
             problem = f"{option!r} in {':'.join(part)!r} should be OPTION=VALUE"
             raise UsageError(f"estimators: {problem}", _EXAMPLE)
@@ -105,7 +105,7 @@ def _collect_options(
         start = scenario_block.config.model_dump(mode="json", exclude_unset=True)
     tree = Node({name: parse_value(json.dumps(start), _MARK)}, _MARK)
     shared = [setting for setting in settings if _estimator_of(setting) == name]
-    return dict(override(tree, [*shared, *(f"{name}.{option}" for option in own)]).plain()[name])
+    return dict(override(tree, [*shared, *(f"{name}.{option}" for option in options)]).plain()[name])
 
 
 def _check_settings(settings: Sequence[str], names: set[str]) -> None:

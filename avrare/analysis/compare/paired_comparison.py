@@ -168,7 +168,7 @@ class PairedComparison(Answer):
     @property
     def has_too_many_errors(self) -> bool:
         """True if more rollouts ended in an error than the first scenario allows."""
-        return max(one.errors for one in self.counts) > self.scenarios[0].max_error_rate * self.rollouts
+        return max(counts.errors for counts in self.counts) > self.scenarios[0].max_error_rate * self.rollouts
 
     def headline(self) -> list[str]:
         """Return what was compared."""
@@ -201,7 +201,7 @@ class PairedComparison(Answer):
     def _note_other_changes(self) -> list[str]:
         """Return which rules differ, and whether the simulators do: the change is not the stack's alone."""
         first, second = map(comparable, self.scenarios)
-        rules = [one.specification for one in self.counts]
+        rules = [counts.specification for counts in self.counts]
         changed = [name for name in rules if first["specifications"][name] != second["specifications"][name]]
         lines = [f"{', '.join(changed)}: the two versions judge by different rules"] if changed else []
         if first["simulator"] != second["simulator"]:
@@ -263,7 +263,10 @@ def compare_versions(
     both, second_only = _split_settings(as_settings(overrides))
     with safe_mode(safe):
         definitions = load(first, both), load(second, [*both, *second_only])
-    problems = [LoadedScenario(one).problem(specification or one.estimated) for one in definitions]
+    problems = [
+        LoadedScenario(definition).problem(specification or definition.estimated)
+        for definition in definitions
+    ]
     seed, rollouts = definitions[0].seed if seed is None else seed, _count_rollouts(budget, problems[0].steps)
 
     def begin(number: int) -> Callable[[Info], None]:

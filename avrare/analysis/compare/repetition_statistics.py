@@ -65,28 +65,34 @@ def summarise(
     """
     if not repetitions:
         return None
-    values = np.array([one.probability for one in repetitions])
-    cost = np.array([one.simulated_steps / steps if steps else one.rollouts for one in repetitions])
-    names = sorted({name for one in repetitions for name in one.health})
+    values = np.array([repetition.probability for repetition in repetitions])
+    cost = np.array(
+        [repetition.simulated_steps / steps if steps else repetition.rollouts for repetition in repetitions]
+    )
+    names = sorted({name for repetition in repetitions for name in repetition.health})
     several = len(values) >= MIN_REPETITIONS
     return Summary(
         repetitions=len(values),
         mean=float(values.mean()),
         interval=_mean_interval(repetitions, confidence) if several else None,
-        steps=float(np.mean([one.simulated_steps for one in repetitions])),
-        rollouts=float(np.mean([one.rollouts for one in repetitions])),
+        steps=float(np.mean([repetition.simulated_steps for repetition in repetitions])),
+        rollouts=float(np.mean([repetition.rollouts for repetition in repetitions])),
         simulations=float(cost.mean()),
         zeros=int((values == 0.0).sum()),
-        warned=sum(bool(one.health) for one in repetitions),
-        warnings={name: sum(name in one.health for one in repetitions) for name in names},
+        warned=sum(bool(repetition.health) for repetition in repetitions),
+        warnings={name: sum(name in repetition.health for repetition in repetitions) for name in names},
         accuracy=_accuracy(repetitions, values, cost, truth, confidence) if truth and several else None,
     )
 
 
 def find_disagreements(labels: Sequence[str], summaries: Sequence[Summary | None]) -> list[tuple[str, str]]:
     """Return pairs of estimators whose means have disjoint intervals."""
-    known = [(label, s.interval) for label, s in zip(labels, summaries, strict=True) if s and s.interval]
-    return [(one, other) for (one, a), (other, b) in combinations(known, 2) if a[1] < b[0] or b[1] < a[0]]
+    intervals = [(label, s.interval) for label, s in zip(labels, summaries, strict=True) if s and s.interval]
+    return [
+        (first, second)
+        for (first, a), (second, b) in combinations(intervals, 2)
+        if a[1] < b[0] or b[1] < a[0]
+    ]
 
 
 def _accuracy(
@@ -94,7 +100,7 @@ def _accuracy(
 ) -> Accuracy:
     p = truth.probability
     squares = (values / p - 1.0) ** 2
-    covered = sum(one.interval[0] <= p <= one.interval[1] for one in repetitions)
+    covered = sum(repetition.interval[0] <= p <= repetition.interval[1] for repetition in repetitions)
     work = float(squares.mean() * cost.mean())
     work_interval = _log_delta_interval(squares * cost.mean(), confidence)
     low, high = _mean_interval(repetitions, confidence)

@@ -141,20 +141,20 @@ def falsify(
     first_rollouts = evaluate.rollouts
     if not starts:
         return _make_result(problem, evaluate, [], first_rollouts, False)
-    found, finished = [starts[0]], True
+    tapes, finished = [starts[0]], True
     for k, start in enumerate(starts):
         evaluate.budget = evaluate.rollouts + (budget - evaluate.rollouts) // (len(starts) - k)
         if evaluate.remaining:
-            found.append(find_design_point(evaluate, start, seed + k))
+            tapes.append(find_design_point(evaluate, start, seed + k))
         finished &= evaluate.remaining > 0
-    return _make_result(problem, evaluate, found, first_rollouts, finished)
+    return _make_result(problem, evaluate, tapes, first_rollouts, finished)
 
 
 def _make_result(
-    problem: Problem, evaluate: TapeEvaluator, found: list[Floats], first_rollouts: int, finished: bool
+    problem: Problem, evaluate: TapeEvaluator, tapes: list[Floats], first_rollouts: int, finished: bool
 ) -> FalsificationResult:
-    norms = [float(np.linalg.norm(tape)) for tape in found]
-    best = found[int(np.argmin(norms))] if found else None
+    norms = [float(np.linalg.norm(tape)) for tape in tapes]
+    best = tapes[int(np.argmin(norms))] if tapes else None
     return FalsificationResult(
         noise=best,
         norm=min(norms, default=np.inf),

@@ -45,10 +45,10 @@ class Continuations:
 
         None if the drive fails without any noise, or if the rule is kept to the end.
         """
-        kept = np.flatnonzero(~self.violated & ~np.isnan(self.robustness))
-        if not len(kept) or kept[-1] == len(self.steps) - 1:
+        passing = np.flatnonzero(~self.violated & ~np.isnan(self.robustness))
+        if not len(passing) or passing[-1] == len(self.steps) - 1:
             return None
-        return int(self.steps[kept[-1]]) + 1
+        return int(self.steps[passing[-1]]) + 1
 
     def describe(self, violation: int | None = None) -> str:
         """Return the moment in words; ``violation`` is the sample of the first violation."""
@@ -79,17 +79,17 @@ def continue_without_noise(problem: Problem, tape: Floats) -> Continuations:
     ends = np.arange(-1, problem.steps + 1)
     stride = math.ceil(len(ends) / _MOST)
     chosen = np.unique(np.append(ends[::stride], ends[-1]))
-    found = _run(problem, tape, chosen)
-    if stride > 1 and found.lost is not None:
-        last = found.lost - 1
+    coarse = _run(problem, tape, chosen)
+    if stride > 1 and coarse.lost is not None:
+        last = coarse.lost - 1
         following = int(chosen[chosen > last][0])
-        between = _run(problem, tape, np.arange(last + 1, following))
-        order = np.argsort(np.append(found.steps, between.steps), kind="stable")
-        robustness = np.append(found.robustness, between.robustness)[order]
-        violated = np.append(found.violated, between.violated)[order]
-        steps = np.append(found.steps, between.steps)[order]
-        return Continuations(steps, robustness, violated, found.dt, len(order))
-    return found
+        fine = _run(problem, tape, np.arange(last + 1, following))
+        order = np.argsort(np.append(coarse.steps, fine.steps), kind="stable")
+        robustness = np.append(coarse.robustness, fine.robustness)[order]
+        violated = np.append(coarse.violated, fine.violated)[order]
+        steps = np.append(coarse.steps, fine.steps)[order]
+        return Continuations(steps, robustness, violated, coarse.dt, len(order))
+    return coarse
 
 
 def _run(problem: Problem, tape: Floats, ends: NDArray[np.int64]) -> Continuations:

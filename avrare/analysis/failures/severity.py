@@ -204,8 +204,8 @@ class _Pair:
         cars = self.ego.motion, self.other.motion
         along, across = (sum(sides) for sides in zip(self.ego.extents, self.other.extents, strict=True))
         gap, aside = cars[1].x - cars[0].x - along, np.abs(cars[1].y - cars[0].y)
-        own, its = (car.speed * np.cos(car.heading) for car in cars)
-        closing = np.where((gap > 0.0) & (aside < across), np.maximum(own - its, 0.0), 0.0)
+        ego, other = (car.speed * np.cos(car.heading) for car in cars)
+        closing = np.where((gap > 0.0) & (aside < across), np.maximum(ego - other, 0.0), 0.0)
         return np.asarray(closing**2 / (2.0 * np.maximum(gap, 1e-3)))
 
     def cuts_in(self, end: int) -> bool:

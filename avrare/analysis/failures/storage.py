@@ -89,7 +89,7 @@ class FailureDatabase:
     def load(self, prefix: str) -> Failure:
         """Return the failure whose id starts with ``prefix``; UsageError unless there is exactly one."""
         ids = self.ids()
-        matches = [one for one in ids if one.startswith(prefix)] if _ID.fullmatch(prefix) else []
+        matches = [id_ for id_ in ids if id_.startswith(prefix)] if _ID.fullmatch(prefix) else []
         if not matches:
             hint = f"stored: {', '.join(ids[:8])}{', ...' if len(ids) > 8 else ''}"
             if not ids:

@@ -121,9 +121,9 @@ def replay(
             raise UsageError(f"failure {failure!r}: a run's failures are numbered from 0", "give its index")
         run = source if isinstance(source, Run) else Run.read(source)
         name, index = select_failure(run, specification, failure)
-        kept = run[name].failures
+        drives = run[name].failures
         stored = make_failure_of_run(
-            run.scenario, name, kept.noise[index], float(kept.robustness[index]), run.versions
+            run.scenario, name, drives.noise[index], float(drives.robustness[index]), run.versions
         )
         if scenario is None and not overrides:
             return replay_failure(run.scenario, stored)
@@ -250,7 +250,7 @@ def _replay_specification(scenario: LoadedScenario, name: str, failures: list[Fa
     problem = scenario.problem(name)
     shape = (problem.steps + 1, problem.noise_size)
     fitting = [failure for failure in failures if failure.noise.shape == shape]
-    found: dict[str, KnownFailure] = {}
+    replays: dict[str, KnownFailure] = {}
     for begin in range(0, len(fitting), problem.chunk):
         part = fitting[begin : begin + problem.chunk]
         outcome = problem.replay(np.stack([failure.noise for failure in part]))
@@ -259,9 +259,9 @@ def _replay_specification(scenario: LoadedScenario, name: str, failures: list[Fa
             now = KnownFailure(failure, text, float(outcome.robustness[k, 0]))
             if outcome.error[k]:
                 now = KnownFailure(failure, "other error", None, "the rollout ends with an error")
-            found[failure.id] = now
+            replays[failure.id] = now
     mismatch = f"the scenario needs {shape[0]} x {shape[1]} numbers of noise now"
-    return [found.get(f.id) or KnownFailure(f, "other error", None, mismatch) for f in failures]
+    return [replays.get(f.id) or KnownFailure(f, "other error", None, mismatch) for f in failures]
 
 
 def check_known_failures(database: FailureDatabase, scenario: LoadedScenario) -> list[str]:
@@ -271,20 +271,24 @@ def check_known_failures(database: FailureDatabase, scenario: LoadedScenario) ->
     """
     database.ensure_writable()
     failures, messages = database.load_all(scenario.name)
-    found = replay_failures(scenario, failures)
-    if not found:
+    replays = replay_failures(scenario, failures)
+    if not replays:
         return messages
-    counts = {outcome: sum(one.outcome == outcome for one in found) for outcome in _OUTCOMES}
+    counts = {outcome: sum(replayed.outcome == outcome for replayed in replays) for outcome in _OUTCOMES}
     summary = ", ".join(
         f"{count} {outcome if count == 1 else _OUTCOMES[outcome]}"
         for outcome, count in counts.items()
         if count
     )
-    return [*messages, *(one.line() for one in found), f"known failures of {scenario.name}: {summary}"]
+    return [
+        *messages,
+        *(replayed.line() for replayed in replays),
+        f"known failures of {scenario.name}: {summary}",
+    ]
 
 
 def store_worst(
-    database: FailureDatabase, scenario: LoadedScenario, found: Mapping[str, Failures]
+    database: FailureDatabase, scenario: LoadedScenario, failures_by_name: Mapping[str, Failures]
 ) -> tuple[list[str], list[str]]:
     """Add the worst failures of a run, ``MAX_STORED`` of each specification, to a database.
 
@@ -292,7 +296,7 @@ def store_worst(
     failures that cannot be stored because they do not fail again on their noise.
     """
     new, messages = [], []
-    for name, failures in found.items():
+    for name, failures in failures_by_name.items():
         order = np.argsort(failures.robustness, kind="stable")[:MAX_STORED]
         if not len(order):
             continue

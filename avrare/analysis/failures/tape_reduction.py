@@ -160,8 +160,8 @@ def descend(evaluate: TapeEvaluator, tape: Floats, seed: int = 0, channels: Bool
 
     The tape (steps + 1, noise_size) fails and is not zero; only ``channels`` (noise_size,) change, if given.
     """
-    found = _Descent(evaluate, tape, seed, channels).run()
-    return reduce_tape(evaluate, found) if evaluate.remaining else found
+    nearer = _Descent(evaluate, tape, seed, channels).run()
+    return reduce_tape(evaluate, nearer) if evaluate.remaining else nearer
 
 
 class _Descent:
@@ -189,7 +189,7 @@ class _Descent:
             descent = self._estimate_descent()
             if descent is not None:
                 ahead = [_normalise((1.0 - w) * self.direction + w * descent) for w in _GRADIENT_SHARES]
-                self._move([(length * self.norm, one) for one in ahead for length in _LENGTHS])
+                self._move([(length * self.norm, direction) for direction in ahead for length in _LENGTHS])
             # 3. Without progress, turn less.
             if self.norm > _PROGRESS * before:
                 self.turn *= 0.5
@@ -204,10 +204,10 @@ class _Descent:
         finite = np.isfinite(outcome.robustness)
         self.tapes = np.concatenate([self.tapes, np.stack(tapes)[finite]])[-_MEMORY:]
         self.robustness = np.concatenate([self.robustness, outcome.robustness[finite]])[-_MEMORY:]
-        failing = [one for one, fails in zip(candidates, outcome.fails, strict=False) if fails]
+        failing = [candidate for candidate, fails in zip(candidates, outcome.fails, strict=False) if fails]
         if failing:
             current = (self.norm, self.direction)
-            self.norm, self.direction = min([current, *failing], key=lambda one: one[0])
+            self.norm, self.direction = min([current, *failing], key=lambda candidate: candidate[0])
 
     def _draw_directions(self, number: int) -> list[Floats]:
         # Half of the directions keep zeros at zero.

@@ -67,10 +67,10 @@ class CauseFinder:
     def _explain_consequent(self, cause: Cause, earliest: bool) -> tuple[dict[str, str | int], Link] | None:
         # Why C of ``always (A -> C)`` fails at the sample; None if it does not.
         inner = find_always_body(self.formula.node)
-        found = None if inner is None else _find_consequent(inner)
-        if found is None:
+        consequent = None if inner is None else _find_consequent(inner)
+        if consequent is None:
             return None
-        quantifiers, node = found
+        quantifiers, node = consequent
         chosen = {}
         for quantifier in quantifiers:
             label = cause.bindings.get(quantifier.variable)
@@ -153,29 +153,29 @@ def _bind_variables(
     names = {variable: name for variable, (name, _) in chosen.items()}
     selected: dict[str, NDArray[Any]] = {}
 
-    def bind_signal(item: nodes.Signal) -> nodes.Signal:
-        values = inputs[item.name]
-        depths = item.axes if item.arguments else tuple(range(values.ndim - 2))
+    def bind_signal(element: nodes.Signal) -> nodes.Signal:
+        values = inputs[element.name]
+        depths = element.axes if element.arguments else tuple(range(values.ndim - 2))
         for axis in reversed(range(len(depths))):
             if depths[axis] < len(indices):
                 single = values.shape[2 + axis] == 1
                 values = np.take(values, 0 if single else indices[depths[axis]], axis=2 + axis)
-        arguments = tuple(names.get(argument, argument) for argument in item.arguments)
-        key = f"{item.name} of {', '.join(arguments)}" if arguments else item.name
+        arguments = tuple(names.get(argument, argument) for argument in element.arguments)
+        key = f"{element.name} of {', '.join(arguments)}" if arguments else element.name
         selected[key] = values
-        axes = tuple(depth - len(indices) for depth in item.axes if depth >= len(indices))
+        axes = tuple(depth - len(indices) for depth in element.axes if depth >= len(indices))
         return nodes.Signal(key, arguments, axes)
 
-    def bind(item: object) -> Any:
-        if isinstance(item, nodes.Signal):
-            return bind_signal(item)
-        if isinstance(item, tuple):
-            return tuple(map(bind, item))
-        if not isinstance(item, nodes.Node | nodes.Term):
-            return item
-        parts = {field.name: bind(getattr(item, field.name)) for field in dataclasses.fields(item)}
-        if isinstance(item, nodes.Quantifier):
-            parts["depth"] = item.depth - len(indices)
-        return type(item)(**parts)
+    def bind(element: object) -> Any:
+        if isinstance(element, nodes.Signal):
+            return bind_signal(element)
+        if isinstance(element, tuple):
+            return tuple(map(bind, element))
+        if not isinstance(element, nodes.Node | nodes.Term):
+            return element
+        parts = {field.name: bind(getattr(element, field.name)) for field in dataclasses.fields(element)}
+        if isinstance(element, nodes.Quantifier):
+            parts["depth"] = element.depth - len(indices)
+        return type(element)(**parts)
 
     return bind(node), selected or inputs

@@ -223,9 +223,9 @@ def _explain_stretches(stretches: Stretches, members: dict[str, tuple[str, ...]]
     def explain(sample: int, earliest: bool) -> DecisiveSample:
         begin, inputs, explanation = stretches.explain(sample, members)
         causes = CauseFinder(stretches.formula, inputs, members, body[begin:])
-        found = causes.find(explanation, earliest)
-        at = {name: getattr(found, name) + begin for name in ("sample", "formula_sample")}
-        return dataclasses.replace(found, **at)
+        cause = causes.find(explanation, earliest)
+        at = {name: getattr(cause, name) + begin for name in ("sample", "formula_sample")}
+        return dataclasses.replace(cause, **at)
 
     first = None if truth.all() else explain(int(np.argmin(truth)), True)
     return body, truth, first, explain(int(np.argmin(body)), False)

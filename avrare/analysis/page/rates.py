@@ -111,8 +111,8 @@ def _list_exposures(rates: CatalogueRates) -> Table:
         )
         for entry, exposure, rollouts in zip(document.scenes, rates.exposures, rates.rollouts, strict=True)
     ]
-    own = " or its own estimator took" if any(rates.own) else ""
-    text = f"How often each scene is met, and the rollouts that the pilot gave it{own}."
+    exception = " or its own estimator took" if any(rates.own) else ""
+    text = f"How often each scene is met, and the rollouts that the pilot gave it{exception}."
     if document.speed:
         text += f" Hours and km are converted at {document.speed:g} km/h."
     return Table("Scenes", text, ("Scene", "Scenario", "Exposure", "Interval", "Rollouts"), tuple(rows), (1,))

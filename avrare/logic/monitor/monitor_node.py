@@ -212,12 +212,12 @@ class OpenSamples:
         values = [self._first_open(x) if i in node.depends else None for i, x in enumerate(self._obligations)]
         return _evaluate(table, values, lead, table.ndim - n - rows - lead)
 
-    def fill(self, known: Range, trailing: tuple[int, ...]) -> Array:
+    def fill(self, limits: Range, trailing: tuple[int, ...]) -> Array:
         """Return the same values at all unseen samples."""
         count = self.unseen.count
         values = np.empty((count, 2, 1, *trailing) if self.bounded else (count, 1, *trailing))
         if self.bounded:
-            values[:, 0], values[:, 1] = known
+            values[:, 0], values[:, 1] = limits
         return values
 
     def ahead(self, x: Array, by: int) -> Array:

@@ -293,8 +293,8 @@ class _UntilFold(RootFold):
         # 3. The open witnesses inside the window.
         allowed = samples.within(first, self.lo, self.hi)
         witnesses = meet(right[allowed], self._held_until_witness(samples, held)[allowed])
-        found = np.asarray(self.join.reduce(witnesses, axis=0, initial=get_neutral(self.join)))
-        return found if best is None else np.asarray(self.join(best, found))
+        open_best = np.asarray(self.join.reduce(witnesses, axis=0, initial=get_neutral(self.join)))
+        return open_best if best is None else np.asarray(self.join(best, open_best))
 
     def _held_until_witness(self, samples: OpenSamples, held: Array) -> Array:
         # The left operand's margin before each row's first sample in the window; including it if closed.

@@ -346,7 +346,7 @@ class IntervalMonitor(_Monitor):
         violated = truth[1] < 0.0
         decided = violated | (truth[0] > 0.0)
         if len(values) > 1:
-            known = ~np.isnan(lower)
-            violated, decided = violated & known, decided & known
+            present = ~np.isnan(lower)
+            violated, decided = violated & present, decided & present
         verdict = IntervalVerdict(lower, upper, decided, violated)
         return IntervalState(t + 1, carried, verdict), verdict

@@ -59,8 +59,8 @@ def read_trace(signals: Mapping[str, object], names: Sequence[str]) -> Trace:
     single = any(array.ndim == 1 for array in arrays.values())
     shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
     if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):
-        found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-        raise FormulaError(f"signals of different shapes: {found}", _SHAPE_HINT)
+        sizes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise FormulaError(f"signals of different shapes: {sizes}", _SHAPE_HINT)
     for name, array in arrays.items():
         _reject_nan(name, array)
     if single:
@@ -97,7 +97,7 @@ def _select(signals: Mapping[str, object], names: Sequence[str]) -> dict[str, Ar
         raise FormulaError(f"signals must be a mapping from names to arrays, not {type(signals).__name__}")
     if not names and not signals:
         raise FormulaError("no signals are given", "give any signal: it tells the number of samples")
-    found = {}
+    arrays = {}
     for name in names or list(signals)[:1]:
         if name not in signals:
             raise FormulaError(f"signal {name!r} is missing", did_you_mean(name, map(str, signals)))
@@ -106,8 +106,8 @@ def _select(signals: Mapping[str, object], names: Sequence[str]) -> dict[str, Ar
             raise FormulaError(f"signal {name!r} must be a NumPy array, not {type(values).__name__}")
         if values.dtype.kind not in "biuf":
             raise FormulaError(f"signal {name!r} holds {values.dtype} values, not real numbers")
-        found[name] = values.astype(np.float64, copy=False)
-    return found
+        arrays[name] = values.astype(np.float64, copy=False)
+    return arrays
 
 
 def _reject_nan(name: str, array: Array) -> None:

@@ -96,8 +96,8 @@ def is_unbounded_future(node: Node | nodes.Term) -> bool:
 
 def find_obligations(node: Node) -> list[Node]:
     """Return the distinct unbounded future operators in a formula, innermost first."""
-    found = [part for part in nodes.walk(node) if isinstance(part, Node) and is_unbounded_future(part)]
-    return list(dict.fromkeys(reversed(found)))
+    obligations = [part for part in nodes.walk(node) if isinstance(part, Node) and is_unbounded_future(part)]
+    return list(dict.fromkeys(reversed(obligations)))
 
 
 def place_quantifiers(node: Node) -> Node:

@@ -45,7 +45,7 @@ class Evaluator:
         algebra: Algebra of the values.
         closed: True if until and since need their left operand at the witness too.
         slots: Values of the ``Slot`` formulas, (T, N, ...) each.
-        found: Dictionary that collects the value of every sub-formula; may be None.
+        values: Dictionary that collects the value of every sub-formula; may be None.
     """
 
     samples: Mapping[str, Array]
@@ -54,7 +54,7 @@ class Evaluator:
     algebra: RobustnessAlgebra
     closed: bool
     slots: Sequence[Array] = ()
-    found: dict[nodes.Node, Array] | None = field(default=None, compare=False)
+    values: dict[nodes.Node, Array] | None = field(default=None, compare=False)
 
     def __call__(self, node: nodes.Node) -> Array:
         """Evaluate ``node`` at every sample: (T, N, ...), a new array."""
@@ -62,11 +62,11 @@ class Evaluator:
             return self._formula(node)
 
     def _formula(self, node: nodes.Node) -> Array:
-        if self.found is None:
+        if self.values is None:
             return self._value(node)
-        if node not in self.found:
-            self.found[node] = self._value(node)
-        return self.found[node]
+        if node not in self.values:
+            self.values[node] = self._value(node)
+        return self.values[node]
 
     def _value(self, node: nodes.Node) -> Array:
         match node:
@@ -92,7 +92,7 @@ class Evaluator:
 
     def _window(self, node: nodes.Window) -> Array:
         x, lo, hi, join = self._formula(node.child), node.lo, node.hi, get_join(node.op)
-        may_overwrite = self.found is None and not self.slots
+        may_overwrite = self.values is None and not self.slots
         if node.op in nodes.PAST:
             return slide(x[::-1], lo, hi, join, may_overwrite)[::-1]
         return slide(self._ahead(x, lo, hi), lo, hi, join, may_overwrite)[: len(x)]

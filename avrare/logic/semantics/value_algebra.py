@@ -152,12 +152,12 @@ class IntervalAlgebra(RobustnessAlgebra):
 
     def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the exact value at seen samples, the comparison's range after them."""
-        known = self.exact.compare(node, left, right)
-        if not isinstance(known, np.ndarray):
-            return known
-        bounds = np.empty((self.steps, 2, *known.shape[1:]))
-        bounds[: len(known)] = known[:, None]
-        bounds[len(known) :, 0], bounds[len(known) :, 1] = self.exact.unseen(node)
+        exact = self.exact.compare(node, left, right)
+        if not isinstance(exact, np.ndarray):
+            return exact
+        bounds = np.empty((self.steps, 2, *exact.shape[1:]))
+        bounds[: len(exact)] = exact[:, None]
+        bounds[len(exact) :, 0], bounds[len(exact) :, 1] = self.exact.unseen(node)
         return bounds
 
     def negate(self, x: Array) -> Array:

@@ -43,33 +43,33 @@ def shift(x: Array, by: int, fill: float) -> Array:
     return y
 
 
-def accumulate(join: np.ufunc, x: Array, own: bool = False) -> Array:
-    """Return the join of ``x[0 .. i]`` for every i; overwrites ``x`` if ``own``."""
+def accumulate(join: np.ufunc, x: Array, overwrite: bool = False) -> Array:
+    """Return the join of ``x[0 .. i]`` for every i; overwrites ``x`` if ``overwrite``."""
     if not len(x) or x[0].size < _NARROW:
         return np.asarray(join.accumulate(x, axis=0))
-    y = x if own else x.copy()
+    y = x if overwrite else x.copy()
     for before, row in itertools.pairwise(y):
         join(before, row, out=row)
     return y
 
 
-def slide(x: Array, lo: int, hi: float, join: np.ufunc, own: bool = False) -> Array:
+def slide(x: Array, lo: int, hi: float, join: np.ufunc, overwrite: bool = False) -> Array:
     """Return the join of ``x[i + lo .. i + hi]``, clipped to the trace (stl-ams, Eq. 14), for every i.
 
-    ``x`` is (T, ...), and overwritten if ``own``; 0 <= lo <= hi, which may be infinite.
+    ``x`` is (T, ...), and overwritten if ``overwrite``; 0 <= lo <= hi, which may be infinite.
     """
     steps = x.shape[0]
     # 1. Empty and unbounded windows need no doubling.
     if lo >= steps:
         return np.full_like(x, get_neutral(join))
     if hi >= steps - 1 and not _NARROW <= x[0].size < _WIDE:
-        return shift(accumulate(join, x[::-1], own)[::-1], lo, get_neutral(join))
+        return shift(accumulate(join, x[::-1], overwrite)[::-1], lo, get_neutral(join))
     # 2. Double the window, y[i] = join of x[i .. i + covered - 1], until it has the whole width.
     width, covered = int(min(hi, steps - 1)) - lo + 1, 1
     y, spare = x, None
     while covered < width:
         by = min(covered, width - covered)
-        y, spare = _join_shifted(join, y, by, spare), (y if own or y is not x else None)
+        y, spare = _join_shifted(join, y, by, spare), (y if overwrite or y is not x else None)
         covered += by
     # 3. Move it to its offset.
     return shift(y, lo, get_neutral(join))

@@ -63,17 +63,17 @@ class Definitions:
 
     def look_up(self, name: str, place: Place, index: int) -> Definition | None:
         """Return the definition of ``name`` for statement ``index``; None if it is a signal."""
-        found = self.all.get(name)
-        if found is None:
+        definition = self.all.get(name)
+        if definition is None:
             return None
-        if found.index == index:
+        if definition.index == index:
             hint = "a definition can only use earlier ones"
             raise make_error(self.text, place, f"{name} is defined by itself", hint)
-        if found.index > index:
-            hint = f"move it up from line {found.line}"
+        if definition.index > index:
+            hint = f"move it up from line {definition.line}"
             raise make_error(self.text, place, f"{name} is defined below its use", hint)
         self.used.add(name)
-        return found
+        return definition
 
     def _read(self, tree: Tree[Token], index: int) -> Definition:
         if tree.data != "definition":
@@ -150,8 +150,8 @@ class Scope:
         if name in groups:
             hint = f"write: forall o in {name}: ... with o as the argument"
             raise make_error(text, word, f"{name} is a group, not a vehicle", hint)
-        known = {*self.names, *self.bound} - {"ego"}
-        close = suggest(name, known, _SIMILAR) if name != "ego" else None
+        variables = {*self.names, *self.bound} - {"ego"}
+        close = suggest(name, variables, _SIMILAR) if name != "ego" else None
         if close:
             hint = f"did you mean {close!r}? if not, give the quantified variable another name"
             raise make_error(text, word, f"{name} is not bound by a quantifier", hint)

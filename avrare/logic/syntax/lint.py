@@ -44,11 +44,11 @@ def find_lint_warnings(
     text: str, definitions: Definitions, trees: list[Tree[Token]]
 ) -> tuple[LintWarning, ...]:
     """Return the warnings about a text that has been parsed to ``trees``, sorted by place."""
-    found = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
+    warnings = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
     parts = [part for tree in trees for part in tree.iter_subtrees()]
-    found += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
-    found += _signless(text, parts)
-    return tuple(warning for _, warning in sorted(found, key=lambda pair: pair[0]))
+    warnings += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
+    warnings += _signless(text, parts)
+    return tuple(warning for _, warning in sorted(warnings, key=lambda pair: pair[0]))
 
 
 def _warn(text: str, place: Place, message: str, hint: str) -> _Placed:

@@ -174,10 +174,10 @@ class Slot(Node):
     index: int
 
 
-def iter_parts(item: Node | Term) -> Iterator[Node | Term]:
+def iter_parts(tree: Node | Term) -> Iterator[Node | Term]:
     """Yield the direct parts of a formula or term, left to right."""
-    for field in dataclasses.fields(item):
-        value = getattr(item, field.name)
+    for field in dataclasses.fields(tree):
+        value = getattr(tree, field.name)
         if isinstance(value, Node | Term):
             yield value
         elif isinstance(value, tuple):
@@ -189,28 +189,28 @@ def children(node: Node) -> list[Node]:
     return [part for part in iter_parts(node) if isinstance(part, Node)]
 
 
-def walk(item: Node | Term) -> Iterator[Node | Term]:
+def walk(tree: Node | Term) -> Iterator[Node | Term]:
     """Yield the formula or term and everything below it, depth first."""
-    yield item
-    for part in iter_parts(item):
+    yield tree
+    for part in iter_parts(tree):
         yield from walk(part)
 
 
 def rebuild(node: Node, change: Callable[[Node], Node]) -> Node:
     """Return the formula with ``change`` applied to its direct sub-formulas."""
-    found = {field.name: getattr(node, field.name) for field in dataclasses.fields(node)}
-    changed = {name: change(value) for name, value in found.items() if isinstance(value, Node)}
+    fields = {field.name: getattr(node, field.name) for field in dataclasses.fields(node)}
+    changed = {name: change(value) for name, value in fields.items() if isinstance(value, Node)}
     return dataclasses.replace(node, **changed) if changed else node
 
 
-def signals(item: Node | Term) -> tuple[str, ...]:
+def signals(tree: Node | Term) -> tuple[str, ...]:
     """Return the names of the signals used, in order of appearance."""
-    return tuple(dict.fromkeys(part.name for part in walk(item) if isinstance(part, Signal)))
+    return tuple(dict.fromkeys(part.name for part in walk(tree) if isinstance(part, Signal)))
 
 
-def is_signless(item: Node | Term) -> TypeGuard[Connective]:
+def is_signless(node: Node | Term) -> TypeGuard[Connective]:
     """Check for iff or xor, whose robustness has a sign that does not tell their truth."""
-    return isinstance(item, Connective) and item.op in ("iff", "xor")
+    return isinstance(node, Connective) and node.op in ("iff", "xor")
 
 
 def nesting_depth(node: Node | Term) -> int:

@@ -10,9 +10,9 @@ from avrare.logic.syntax.token_classes import PREFIX_LETTERS
 _TIGHT = (nodes.Number, nodes.Signal, nodes.Call, nodes.Constant)
 
 
-def to_text(item: nodes.Node | nodes.Term) -> str:
+def to_text(tree: nodes.Node | nodes.Term) -> str:
     """Return the formula or term as text, with bounds in samples."""
-    match item:
+    match tree:
         case nodes.Number(value):
             return repr(value).removesuffix(".0")
         case nodes.Signal(name, arguments):
@@ -41,15 +41,15 @@ def to_text(item: nodes.Node | nodes.Term) -> str:
         case nodes.Quantifier(op, variable, group, child, count=count):
             counted = f" {count}" if op == "at_least" else ""
             return f"{op}{counted} {variable} in {group}: {to_text(child)}"
-    raise TypeError(f"not part of a formula: {item!r}")
+    raise TypeError(f"not part of a formula: {tree!r}")
 
 
-def _parenthesize(item: nodes.Node | nodes.Term) -> str:
-    if isinstance(item, nodes.Predicate):
-        return _parenthesize(item.term)
+def _parenthesize(tree: nodes.Node | nodes.Term) -> str:
+    if isinstance(tree, nodes.Predicate):
+        return _parenthesize(tree.term)
     # G - 1 would be refused: G may be the operator.
-    letter = isinstance(item, nodes.Signal) and item.name in PREFIX_LETTERS
-    return to_text(item) if isinstance(item, _TIGHT) and not letter else f"({to_text(item)})"
+    letter = isinstance(tree, nodes.Signal) and tree.name in PREFIX_LETTERS
+    return to_text(tree) if isinstance(tree, _TIGHT) and not letter else f"({to_text(tree)})"
 
 
 def _format_bounds(lo: int, hi: float) -> str:

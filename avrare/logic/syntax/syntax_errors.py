@@ -79,12 +79,12 @@ def translate_error(text: str, error: UnexpectedInput) -> FormulaError:
     return make_error(text, token, message, _hint(before, rest, token))
 
 
-def suggest(word: str, known: Iterable[str], cutoff: float = 0.7) -> str | None:
+def suggest(word: str, candidates: Iterable[str], cutoff: float = 0.7) -> str | None:
     """Return the known name most similar to ``word``, None if none is similar enough.
 
     Unlike ``did_you_mean`` it ignores case and never lists all names.
     """
-    names = list(known) if len(word) < _CONTEXT else []
+    names = list(candidates) if len(word) < _CONTEXT else []
     alike = [name for name in names if name.lower() == word.lower()]
     close = alike or difflib.get_close_matches(word.lower(), names, n=1, cutoff=cutoff)
     return close[0] if close else None

@@ -45,32 +45,32 @@ class FormulaTransformer:
     def transform(self) -> nodes.Node:
         """Return the formula of the last statement; the others are checked too."""
         last = self.definitions.last
-        for found in self.definitions.all.values():
-            if found is not last:
-                self._expand(found, found.parameters, Scope(found.index))
+        for definition in self.definitions.all.values():
+            if definition is not last:
+                self._expand(definition, definition.parameters, Scope(definition.index))
         self.scope = Scope(last.index)
         return self._formula(last.body)
 
     def _formula(self, tree: Tree[Token]) -> nodes.Node:
-        item = self._item(tree)
-        return nodes.Predicate(item) if isinstance(item, nodes.Term) else item
+        element = self._element(tree)
+        return nodes.Predicate(element) if isinstance(element, nodes.Term) else element
 
     def _term(self, tree: Tree[Token]) -> nodes.Term:
-        item = self._item(tree)
-        if isinstance(item, nodes.Term):
-            return item
+        element = self._element(tree)
+        if isinstance(element, nodes.Term):
+            return element
         hint = "compare terms, join formulas with and, or, ->"
         raise make_error(self.text, _strip_groups(tree).meta, "expected a number, not a formula", hint)
 
-    def _item(self, tree: Tree[Token]) -> nodes.Node | nodes.Term:
+    def _element(self, tree: Tree[Token]) -> nodes.Node | nodes.Term:
         self.parts += 1
         tree = _strip_groups(tree)
         if self.parts > MAX_PARTS:
             message = f"the formula has more than {MAX_PARTS} parts once its definitions are expanded"
             hint = "compute parts of the formula as signals of the system"
             raise make_error(self.text, tree.meta, message, hint)
-        item: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
-        return item
+        element: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
+        return element
 
     def _quantified(self, tree: Tree[Token], op: Token, *rest: Token | Tree[Token]) -> nodes.Node:
         count = get_token(tree, 1) if len(rest) > 4 else None
@@ -95,8 +95,8 @@ class FormulaTransformer:
 
     def _require_use(self, node: nodes.Quantifier, variable: Token) -> None:
         # A plain signal may hold a value per vehicle.
-        found = [part for part in nodes.walk(node.child) if isinstance(part, nodes.Signal)]
-        if not any(node.depth in signal.axes or not signal.arguments for signal in found):
+        signals = [part for part in nodes.walk(node.child) if isinstance(part, nodes.Signal)]
+        if not any(node.depth in signal.axes or not signal.arguments for signal in signals):
             hint = f"use {variable} as an argument, as in: distance({variable}, ego) > 0"
             raise make_error(self.text, variable, f"nothing after the colon depends on {variable}", hint)
 
@@ -174,11 +174,11 @@ class FormulaTransformer:
 
     def _resolve_number(self, token: Token) -> Token:
         # The number that a name stands for.
-        found = self.definitions.look_up(str(token), token, self.scope.statement)
-        if found is None or found.body.data != "number":
-            message = f"{token} is {'not a number of zero or above' if found else 'not defined'}"
+        definition = self.definitions.look_up(str(token), token, self.scope.statement)
+        if definition is None or definition.body.data != "number":
+            message = f"{token} is {'not a number of zero or above' if definition else 'not defined'}"
             raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
-        return get_token(found.body, 0)
+        return get_token(definition.body, 0)
 
     def _compared(
         self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
@@ -217,21 +217,21 @@ class FormulaTransformer:
         if str(name) in self.scope.names:
             hint = f"use it as an argument, as in: distance({name}, ego) > 0"
             raise make_error(self.text, name, f"{name} stands for a vehicle, not for a number", hint)
-        found = self.definitions.look_up(str(name), name, self.scope.statement)
-        if found is not None:
-            return self._use(found, name, ())
+        definition = self.definitions.look_up(str(name), name, self.scope.statement)
+        if definition is not None:
+            return self._use(definition, name, ())
         self.scope.refuse_capture(self.text, name)
         return nodes.Signal(str(name))
 
     def _relation(
         self, tree: Tree[Token], name: Token, opening: Token, *arguments: Tree[Token]
     ) -> nodes.Node | nodes.Term:
-        found = self.definitions.look_up(str(name), name, self.scope.statement)
-        if found is None:
+        definition = self.definitions.look_up(str(name), name, self.scope.statement)
+        if definition is None:
             self._refuse_misspelt(name, opening, arguments)
         vehicles = tuple(self._vehicle(name, argument) for argument in arguments)
-        if found is not None:
-            return self._use(found, name, vehicles)
+        if definition is not None:
+            return self._use(definition, name, vehicles)
         bound = self.scope.bound
         groups = [bound[vehicle][1] if vehicle in bound else vehicle for vehicle in vehicles]
         axes = tuple(bound[vehicle][0] for vehicle in vehicles if vehicle in bound)
@@ -257,20 +257,22 @@ class FormulaTransformer:
             raise make_error(self.text, tree.meta, message, f"compare its value: {name}(o, ego) > 3")
         return self.scope.resolve_vehicle(self.text, get_token(tree, 0))
 
-    def _use(self, found: Definition, name: Token, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
-        wanted = len(found.parameters)
+    def _use(self, definition: Definition, name: Token, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
+        wanted = len(definition.parameters)
         if len(vehicles) != wanted:
-            shown = f"{name}({', '.join(found.parameters)})" if wanted else str(name)
+            shown = f"{name}({', '.join(definition.parameters)})" if wanted else str(name)
             count = f"{wanted or 'no'} argument{'s' if wanted != 1 else ''}"
             message = f"{name} takes {count}, not {len(vehicles)}"
             raise make_error(self.text, name, message, f"it is defined as {shown}")
-        return self._expand(found, vehicles, self.scope)
+        return self._expand(definition, vehicles, self.scope)
 
-    def _expand(self, found: Definition, vehicles: tuple[str, ...], outer: Scope) -> nodes.Node | nodes.Term:
-        self.scope = outer.enter(found.index, found.parameters, vehicles)
-        item = self._item(found.body)
+    def _expand(
+        self, definition: Definition, vehicles: tuple[str, ...], outer: Scope
+    ) -> nodes.Node | nodes.Term:
+        self.scope = outer.enter(definition.index, definition.parameters, vehicles)
+        element = self._element(definition.body)
         self.scope = outer
-        return item
+        return element
 
 
 def _strip_groups(tree: Tree[Token]) -> Tree[Token]:

@@ -22,15 +22,15 @@ def junit(outcome: CheckResult) -> str:
     """Return one suite per scenario and one case per decision: failed, skipped (inconclusive), or error."""
     top = ElementTree.Element("testsuites", name="avrare check")
     for scenario, results in outcome.results.items():
-        errors = {one.specification: one.health["errors"] for one in results if "errors" in one.health}
+        errors = {row.specification: row.health["errors"] for row in results if "errors" in row.health}
         cases = [
-            _case(one, errors.get(one.specification)) for one in outcome.decisions if one.scenario == scenario
+            _case(row, errors.get(row.specification)) for row in outcome.decisions if row.scenario == scenario
         ]
         counts = {
             name: str(sum(case.find(tag) is not None for case in cases))
             for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
         }
-        seconds = sum(one.seconds for one in results)
+        seconds = sum(row.seconds for row in results)
         attributes = {"name": escape_xml(scenario), "tests": str(len(cases)), "time": f"{seconds:.3f}"}
         suite = ElementTree.SubElement(top, "testsuite", attributes | counts)
         suite.extend(cases)
@@ -60,15 +60,18 @@ def markdown(outcome: CheckResult) -> str:
     """Return a table of verdicts, estimates and changes, with the reasons and notes below it."""
     head = ("scenario", "rule", "wanted", "verdict", "probability", "interval", "baseline", "change")
     lines = [f"### avrare check: {_SIGNS[outcome.verdict]}", "", _row(head), _row(["---"] * len(head))]
-    for one in outcome.decisions:
-        texts, numbers = [one.scenario, one.specification, one.question], format_numbers(one).values()
+    for decision in outcome.decisions:
+        texts, numbers = (
+            [decision.scenario, decision.specification, decision.question],
+            format_numbers(decision).values(),
+        )
         lines.append(
-            _row([*map(escape_markdown, texts), _SIGNS[one.verdict], *map(escape_markdown, numbers)])
+            _row([*map(escape_markdown, texts), _SIGNS[decision.verdict], *map(escape_markdown, numbers)])
         )
     remarks = [
-        f"{one.scenario} {one.name}: {text}"
-        for one in outcome.decisions
-        for text in (one.reason, one.next_step)
+        f"{decision.scenario} {decision.name}: {text}"
+        for decision in outcome.decisions
+        for text in (decision.reason, decision.next_step)
         if text
     ]
     remarks += [*outcome.notes, *list_notes(outcome)]

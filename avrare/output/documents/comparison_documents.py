@@ -22,7 +22,9 @@ def comparison_document(comparison: Comparison) -> dict[str, object]:
     """Return all numbers of a comparison, JSON-ready; NaN and infinities become null."""
     case, design, truth = comparison.case, comparison.design, comparison.truth
     summaries = comparison.summaries
-    used = {one.arm.distribution: one.arm.version for one in comparison.arms if one.arm.distribution}
+    used = {
+        result.arm.distribution: result.arm.version for result in comparison.arms if result.arm.distribution
+    }
     content = {
         "schema": 1,
         "comparison": case.name,
@@ -36,7 +38,7 @@ def comparison_document(comparison: Comparison) -> dict[str, object]:
         "confidence": case.confidence,
         "truth": asdict(truth) if truth else None,
         "interrupted": comparison.interrupted,
-        "disagree": find_disagreements([one.arm.label for one in comparison.arms], summaries),
+        "disagree": find_disagreements([result.arm.label for result in comparison.arms], summaries),
         "estimators": [
             _encode_arm(arm, summary, design.seed)
             for arm, summary in zip(comparison.arms, summaries, strict=True)

@@ -29,7 +29,11 @@ def annotate_rows(outcome: CheckResult, paths: Mapping[str, str]) -> list[str]:
         outcome: The check.
         paths: File of each scenario or catalogue, by its name.
     """
-    return [_annotation(one, paths[one.scenario]) for one in outcome.decisions if one.verdict in _LEVELS]
+    return [
+        _annotation(decision, paths[decision.scenario])
+        for decision in outcome.decisions
+        if decision.verdict in _LEVELS
+    ]
 
 
 def write_summary(outcome: CheckResult, environment: Mapping[str, str] = os.environ) -> None:
@@ -43,8 +47,8 @@ def write_summary(outcome: CheckResult, environment: Mapping[str, str] = os.envi
 def _annotation(decision: Decision, path: str) -> str:
     numbers = format_numbers(decision)
     title = f"{decision.scenario} {decision.specification} {decision.question}: {decision.verdict}"
-    found = f"{numbers['probability']} ({numbers['interval']})" if decision.interval else ""
-    text = _escape("\n".join(filter(None, [found, decision.reason, decision.next_step])))
+    estimate = f"{numbers['probability']} ({numbers['interval']})" if decision.interval else ""
+    text = _escape("\n".join(filter(None, [estimate, decision.reason, decision.next_step])))
     place = f"file={_escape_property(path)},line={_find_line(path, decision)}"
     return f"::{_LEVELS[decision.verdict]} {place},title={_escape_property(title)}::{text}"
 
@@ -56,10 +60,10 @@ def _find_line(path: str, decision: Decision) -> int:
     except (OSError, AvrareError):
         return 1
     thresholds = top.child("thresholds")
-    for item in thresholds.items if thresholds is not None and decision.kind == "threshold" else ():
-        name = item.child("specification") or item.child("rule")
+    for entry in thresholds.items if thresholds is not None and decision.kind == "threshold" else ():
+        name = entry.child("specification") or entry.child("rule")
         if name is not None and name.value == decision.specification:
-            return item.mark.line
+            return entry.mark.line
     specifications = top.child("specifications") or Node({}, top.mark)
     node = specifications.child(decision.specification)
     return node.name_mark.line if node is not None else 1

@@ -42,7 +42,7 @@ def plot_comparison(comparison: Comparison) -> Plot:
 
 def _find_range(comparison: Comparison) -> tuple[float, float]:
     # A decade around all estimates and the truth; zeros lie at the left end.
-    estimates = [one.probability for result in comparison.arms for one in result.repetitions]
+    estimates = [repetition.probability for result in comparison.arms for repetition in result.repetitions]
     if comparison.truth:
         estimates.append(comparison.truth.probability)
     seen = [value for value in estimates if value > 0.0]
@@ -53,11 +53,13 @@ def _find_range(comparison: Comparison) -> tuple[float, float]:
 
 def _draw_estimates(ax: Axes, place: int, result: ArmResult, truth: float | None, low: float) -> None:
     count = len(result.repetitions)
-    for r, one in enumerate(result.repetitions):
+    for r, repetition in enumerate(result.repetitions):
         y = place + _BAND * ((r + 0.5) / count - 0.5)
-        colour = _COVERS if truth is None or one.interval[0] <= truth <= one.interval[1] else _MISSES
-        ax.plot([max(end, low) for end in one.interval], [y, y], color=colour, lw=1.0, alpha=0.55)
-        at, marker = (one.probability, "o") if one.probability > 0.0 else (low, "<")
+        colour = (
+            _COVERS if truth is None or repetition.interval[0] <= truth <= repetition.interval[1] else _MISSES
+        )
+        ax.plot([max(end, low) for end in repetition.interval], [y, y], color=colour, lw=1.0, alpha=0.55)
+        at, marker = (repetition.probability, "o") if repetition.probability > 0.0 else (low, "<")
         ax.plot([at], [y], marker, color=colour, ms=4.0, mec="white", mew=0.4, clip_on=False, zorder=4)
 
 
@@ -66,8 +68,8 @@ def _draw_summary(ax: Axes, place: int, summary: Summary) -> None:
         ends = [place - 0.5 * _BAND - 0.06, place + 0.5 * _BAND + 0.06]
         ax.plot([summary.mean] * 2, ends, color=_MEAN, lw=1.6, zorder=3)
     if summary.accuracy and summary.accuracy.speed_up is not None:
-        text, beside = f"{format_amount(summary.accuracy.speed_up)}x MC", ax.get_yaxis_transform()
-        ax.text(1.01, place, text, transform=beside, fontsize=8, va="center")
+        text, transform = f"{format_amount(summary.accuracy.speed_up)}x MC", ax.get_yaxis_transform()
+        ax.text(1.01, place, text, transform=transform, fontsize=8, va="center")
 
 
 def _label(result: ArmResult) -> str:

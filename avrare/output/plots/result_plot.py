@@ -61,9 +61,9 @@ def _draw_estimates(ax: Axes, results: Sequence[Result]) -> None:
     ax.set_xlim(low, 1.3)
     ax.set_ylim(len(results) - 0.4, -0.7)
     ax.set_yticks(range(len(results)), [result.specification for result in results], fontsize=8)
-    several = [one for one in results if len(one.run_probabilities) > 1]
+    several = [result for result in results if len(result.run_probabilities) > 1]
     notes = [f" | {'model' if several[0].members else 'run'}"] if several else []
-    if any(one.blind_bound for one in results):
+    if any(result.blind_bound for result in results):
         notes.append("◂ bound of failures that the score does not lead to")
     ax.set_xlabel("probability of failure" + "".join(f"\n{note}" for note in notes), fontsize=8)
     ax.tick_params(axis="x", labelsize=8)
@@ -72,8 +72,8 @@ def _draw_estimates(ax: Axes, results: Sequence[Result]) -> None:
 
 def _least(results: Sequence[Result]) -> float:
     # the left end of the axis: half a decade below the least number that is not 0
-    known = [x for one in results for x in (one.probability, *one.interval) if x > 0.0]
-    return float(10.0 ** (np.floor(np.log10(min(known, default=0.1)) * 2.0) / 2.0 - 0.5))
+    positive = [x for result in results for x in (result.probability, *result.interval) if x > 0.0]
+    return float(10.0 ** (np.floor(np.log10(min(positive, default=0.1)) * 2.0) / 2.0 - 0.5))
 
 
 def _draw_robustness(ax: Axes, result: Result, values: Floats) -> None:

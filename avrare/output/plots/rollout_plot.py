@@ -131,10 +131,10 @@ def draw_road(ax: Axes, scene: Scene) -> None:
         s = np.clip(lane.stations, road.begin, road.end)
         apart = index in (*road.access_ramp, *road.shoulder, *road.opposing)
         ax.fill_between(s, lane.right, lane.left, color="#e2e6ea" if apart else "#eef0f2", lw=0, zorder=0)
-    for one in list_markings(road):
-        width, dashes = (0.8, (0, (8, 8))) if one.inner else (1.2, "-")
-        s = np.clip(one.x, road.begin, road.end)
-        ax.plot(s, one.y, color="#9aa3ad", lw=width, ls=dashes, zorder=1)
+    for marking in list_markings(road):
+        width, dashes = (0.8, (0, (8, 8))) if marking.inner else (1.2, "-")
+        s = np.clip(marking.x, road.begin, road.end)
+        ax.plot(s, marking.y, color="#9aa3ad", lw=width, ls=dashes, zorder=1)
     ax.set_xlim(road.begin, road.end)
     low, high = min(float(lane.right.min()) for lane in lanes), max(float(lane.left.max()) for lane in lanes)
     ax.set_ylim(low - 0.8, high + 0.8)

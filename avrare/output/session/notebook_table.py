@@ -15,9 +15,11 @@ def render_table(results: Sequence[Result]) -> str:
     names = ["specification", "probability", "interval", "estimator", *(column.name for column in columns)]
     head = "".join(f"<th>{name}</th>" for name in [*names, *(["verdict"] if judged else [])])
     rows = "".join(f"<tr>{_row(result, columns, judged)}</tr>" for result in results)
-    texts = [(one, f"{name}: {text}") for one in results for name, text in one.health.items()]
-    texts += [(one, note.text) for one in results for note in one.notes]
-    lines = "".join(f"<li><b>{escape(one.specification)}</b> {escape(text)}</li>" for one, text in texts)
+    texts = [(result, f"{name}: {text}") for result in results for name, text in result.health.items()]
+    texts += [(result, note.text) for result in results for note in result.notes]
+    lines = "".join(
+        f"<li><b>{escape(result.specification)}</b> {escape(text)}</li>" for result, text in texts
+    )
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return table + (f"<ul>{lines}</ul>" if lines else "")
 

@@ -32,15 +32,15 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
         return
     print_table(console, _verdict_table(outcome))
     reasons: dict[tuple[str, str, str], list[str]] = {}
-    for one in outcome.decisions:
-        reasons.setdefault((one.scenario, one.verdict, one.reason), []).append(one.name)
+    for decision in outcome.decisions:
+        reasons.setdefault((decision.scenario, decision.verdict, decision.reason), []).append(decision.name)
     for (scenario, verdict, reason), names in reasons.items():
         if reason:
             text = f"{scenario}  {', '.join(names)}: {reason}"
             console.print(text, style=VERDICT_COLOURS[verdict], markup=False)
-    for one in outcome.decisions:
-        if one.next_step:
-            console.print(f"{one.scenario}  {one.name}: {one.next_step}", markup=False)
+    for decision in outcome.decisions:
+        if decision.next_step:
+            console.print(f"{decision.scenario}  {decision.name}: {decision.next_step}", markup=False)
     for note in (*outcome.notes, *list_notes(outcome)):
         console.print(note, markup=False)
     console.print(f"{colour_verdict(outcome.verdict)}{outcome.details}")
@@ -48,18 +48,18 @@ def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
 
 def _verdict_table(outcome: CheckResult) -> Table:
     several = len(outcome.results) > 1
-    compared = any(one.change_interval for one in outcome.decisions)
+    compared = any(decision.change_interval for decision in outcome.decisions)
     table = make_table(
         "check  " + ", ".join(outcome.results),
         [*(["scenario"] if several else []), "specification", "required"],
         ["probability", "interval", *(["baseline", "change"] if compared else [])],
     )
     table.add_column("verdict", no_wrap=True)
-    for one in outcome.decisions:
-        cells = [*([one.scenario] if several else []), one.specification, one.question]
-        numbers = list(format_numbers(one).values())
+    for decision in outcome.decisions:
+        cells = [*([decision.scenario] if several else []), decision.specification, decision.question]
+        numbers = list(format_numbers(decision).values())
         cells += numbers if compared else numbers[:2]
-        table.add_row(*map(escape, cells), colour_verdict(one.verdict))
+        table.add_row(*map(escape, cells), colour_verdict(decision.verdict))
     return table
 
 
@@ -70,9 +70,9 @@ def print_plan(costs: Sequence[CostEstimate], mode: Mode = "auto") -> None:
     texts, numbers = ("scenario", "specification", "required"), ("rollouts", "steps", "time")
     table = make_table("predicted cost of a verdict", texts, numbers)
     table.add_column("reason")
-    for one in costs:
+    for plan in costs:
         cost = ["-"] * 3
-        if one.rollouts is not None:
-            cost = [f"{one.rollouts:,}", f"{one.steps:,}", format_duration(one.seconds)]
-        table.add_row(*map(escape, [one.scenario, one.specification, one.question, *cost, one.reason]))
+        if plan.rollouts is not None:
+            cost = [f"{plan.rollouts:,}", f"{plan.steps:,}", format_duration(plan.seconds)]
+        table.add_row(*map(escape, [plan.scenario, plan.specification, plan.question, *cost, plan.reason]))
     console.print(table)

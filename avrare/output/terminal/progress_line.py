@@ -111,11 +111,11 @@ class Progress:
 
     def _failure_share(self, info: Info, confidence: float) -> str:
         any_of = " any" if len(self.problem.names) > 1 else ""
-        found = f"p{any_of} {info.failures / info.rollouts:.2g}"
+        share = f"p{any_of} {info.failures / info.rollouts:.2g}"
         if info.goal is None:  # the failures decide when to stop: the interval would not hold
-            return found
+            return share
         low, high = clopper_pearson(info.failures, info.rollouts, confidence, errors=info.errors)
-        return f"{found} ({low:.2g} .. {high:.2g})"
+        return f"{share} ({low:.2g} .. {high:.2g})"
 
     def _pace(self, info: Info, seconds: float) -> list[str]:
         if seconds <= 0.0 or not info.rollouts:
@@ -128,13 +128,13 @@ class Progress:
         done = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
         bar = [ProgressBar(info.goal, min(info.rollouts, info.goal), width=24)] if info.goal else []
         rate, *left = self._pace(info, seconds) or [""]
-        beside = left if info.goal else []
-        pace = "   ".join([format_clock(seconds), rate, *beside])
+        remaining = left if info.goal else []
+        pace = "   ".join([format_clock(seconds), rate, *remaining])
         advance = Table.grid(padding=(0, 2, 0, 0))
         advance.add_row(*bar, done, Text(pace, style="dim", no_wrap=True))
         head = Text(self.label, style="bold", no_wrap=True, overflow="ellipsis")
         estimate = Text("   ".join([*self._estimate(info), *_counters(info)]))
-        below = [Text("   ".join(left), style="dim")] if left and not beside else []
+        below = [Text("   ".join(left), style="dim")] if left and not remaining else []
         rows: list[RenderableType] = [head, advance, *below, estimate]
         if self.stop is not None and self.stop():
             text = "stopping after the current chunk; press Ctrl-C again to stop at once"

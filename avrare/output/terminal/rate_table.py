@@ -33,9 +33,9 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
         print_lines(console, describe_warnings(rates), "yellow")
         print_lines(console, describe_blind(rates))
     for rate in rates.rates:
-        for one in rate.decisions:
-            verdict = f"{colour_verdict(one.verdict)}{escape(one.explanation)}"
-            console.print(f"{escape(rate.rule)} {one.threshold.text}: {verdict}")
+        for decision in rate.decisions:
+            verdict = f"{colour_verdict(decision.verdict)}{escape(decision.explanation)}"
+            console.print(f"{escape(rate.rule)} {decision.threshold.text}: {verdict}")
     if rates.errors:
         print_lines(console, [f"{BROKEN}: {', '.join(rates.errors)}"], "red")
 

@@ -54,8 +54,8 @@ def note_lines(results: Sequence[Result]) -> list[str]:
 
 def _name_specifications(results: Sequence[Result], texts: Sequence[Sequence[str]]) -> list[str]:
     names: dict[str, list[str]] = {}
-    for result, own in zip(results, texts, strict=True):
-        for text in own:
+    for result, lines in zip(results, texts, strict=True):
+        for text in lines:
             names.setdefault(text, []).append(result.specification)
     return [
         text if len(said) == len(results) else f"{', '.join(said)}: {text}" for text, said in names.items()

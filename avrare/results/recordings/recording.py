@@ -68,9 +68,9 @@ class Recording:
 
     def world(self, sample: int) -> World:
         """Return the vehicles at a sample, as one particle."""
-        one = slice(sample, sample + 1)
+        rows = slice(sample, sample + 1)
         ego, others = (
-            Vehicles(*(self.signals[f"{who}_{field}"][one] for field in FIELDS)) for who in ("ego", "others")
+            Vehicles(*(self.signals[f"{who}_{field}"][rows] for field in FIELDS)) for who in ("ego", "others")
         )
         return World(np.array([sample]), ego, others, np.zeros(1))
 
@@ -156,12 +156,16 @@ def _compute_distances(
 ) -> dict[str, Floats]:
     # (T, V) to each other vehicle, and the least of them (T,)
     places = (Vehicles(*(signals[f"{who}_{field}"] for field in FIELDS)) for who in ("ego", "others"))
-    one, other = places if road is None else (to_plane(road, vehicles) for vehicles in places)
-    own = Rectangle(
-        one.x[:, None], one.y[:, None], one.heading[:, None], np.array(ego.length), np.array(ego.width)
+    ego_states, other_states = places if road is None else (to_plane(road, vehicles) for vehicles in places)
+    ego_box = Rectangle(
+        ego_states.x[:, None],
+        ego_states.y[:, None],
+        ego_states.heading[:, None],
+        np.array(ego.length),
+        np.array(ego.width),
     )
-    theirs = Rectangle(other.x, other.y, other.heading, lengths, widths)
-    distance = signed_distance(own, theirs)
+    other_boxes = Rectangle(other_states.x, other_states.y, other_states.heading, lengths, widths)
+    distance = signed_distance(ego_box, other_boxes)
     return {"distance": distance, "gap": distance.min(axis=1, initial=np.inf)}
 
 

@@ -49,7 +49,9 @@ def find_flat_parts(
     flat = [is_flat(replace(judge, derived=part), signals, by_sample) for part in judged]
     may_fail = [bool(nodes.signals(part)) for part in parts]  # what reads no signal is true, or always broken
     return tuple(
-        to_text(part) for part, found, may in zip(parts, flat, may_fail, strict=True) if found and may
+        to_text(part)
+        for part, is_flat_part, may in zip(parts, flat, may_fail, strict=True)
+        if is_flat_part and may
     )
 
 
@@ -66,8 +68,8 @@ def split_requirements(node: nodes.Node) -> list[nodes.Node]:
 def is_flat(part: Formula, signals: dict[str, Floats], by_sample: bool) -> bool:
     """Return whether the rollouts that keep a part do so by the same robustness."""
     whole = part.robustness(signals)
-    kept = whole[:, 0] >= 0.0
+    passing = whole[:, 0] >= 0.0
     if by_sample and isinstance(part.node, nodes.Window) and part.node.op == "always":
         whole = replace(part, derived=part.node.child).robustness(signals)
-    seen = whole[kept] if by_sample else whole[kept, :1]
+    seen = whole[passing] if by_sample else whole[passing, :1]
     return len(seen) >= PROBE_ROWS // 2 and bool((seen == seen[0]).all())

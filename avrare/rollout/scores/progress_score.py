@@ -46,27 +46,27 @@ class Atom(nodes.Node):
     index: int
 
 
-def positive(node: nodes.Node, found: list[nodes.Node], negated: bool = False) -> nodes.Node | None:
+def positive(node: nodes.Node, atoms: list[nodes.Node], negated: bool = False) -> nodes.Node | None:
     """Push negations down to past-only parts, added to ``found``; None where that is not possible."""
     if nodes.horizon(node) == 0:
-        found.append(nodes.Not(node) if negated else node)
-        return Atom(len(found) - 1)
+        atoms.append(nodes.Not(node) if negated else node)
+        return Atom(len(atoms) - 1)
     match node:
         case nodes.Not(child):
-            return positive(child, found, not negated)
+            return positive(child, atoms, not negated)
         case nodes.Connective("and" | "or" | "implies" as op, left, right):
             flip = negated != (op == "implies")
-            sides = positive(left, found, flip), positive(right, found, negated)
+            sides = positive(left, atoms, flip), positive(right, atoms, negated)
             op = "and" if (op == "and") != negated else "or"
             return nodes.Connective(op, *cast(Pair, sides)) if all(sides) else None
         case nodes.Window("always" | "eventually" as op, lo, hi, child):
-            inner = positive(child, found, negated)
+            inner = positive(child, atoms, negated)
             return nodes.Window(_OPPOSITE[op] if negated else op, lo, hi, inner) if inner else None
         case nodes.Until("until", lo, hi, left, right) if not negated:
-            sides = positive(left, found), positive(right, found)
+            sides = positive(left, atoms), positive(right, atoms)
             return nodes.Until("until", lo, hi, *cast(Pair, sides)) if all(sides) else None
         case nodes.Step("next" | "s_next" as op, child):
-            inner = positive(child, found, negated)
+            inner = positive(child, atoms, negated)
             return nodes.Step(_OPPOSITE[op] if negated else op, inner) if inner else None
         case _:
             return None
@@ -184,16 +184,16 @@ def shape_of(formula: Formula) -> Shape | None:
     margin suffice, nor where negations cannot be pushed down to past-only parts: quantifiers, iff, xor or a
     negated until over the future.
     """
-    found: list[nodes.Node] = []
-    body = positive(formula.node, found)
+    atoms: list[nodes.Node] = []
+    body = positive(formula.node, atoms)
     match body:
         case None:
             return None
         case nodes.Window("always", 0, math.inf, child):
             pending = nodes.horizon(child)
-            return Shape(child, tuple(found), True, pending + 1) if pending else None
+            return Shape(child, tuple(atoms), True, pending + 1) if pending else None
         case _:
-            return Shape(body, tuple(found), False, math.inf) if nodes.horizon(body) else None
+            return Shape(body, tuple(atoms), False, math.inf) if nodes.horizon(body) else None
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ PROBE_ROWS, _PROBE_SEED = 64, 0x517E5
 
 def find_terms(node: nodes.Node) -> list[nodes.Node]:
     """Return the distinct comparisons of a formula that read signals."""
-    found = [part for part in nodes.walk(node) if isinstance(part, nodes.Comparison | nodes.Predicate)]
-    return list(dict.fromkeys(part for part in found if nodes.signals(part)))
+    terms = [part for part in nodes.walk(node) if isinstance(part, nodes.Comparison | nodes.Predicate)]
+    return list(dict.fromkeys(part for part in terms if nodes.signals(part)))
 
 
 def measure_terms(system: System, steps: int, formula: Formula, select: Select | None = None) -> Sizes | None:
@@ -57,7 +57,7 @@ def measure_terms(system: System, steps: int, formula: Formula, select: Select |
             return None
         spreads = [_spread(margin) for margin in _margins(formula, terms, probe)]
         sizes = (
-            [np.where(np.isnan(own), spread, own) for own, spread in zip(sizes, spreads, strict=True)]
+            [np.where(np.isnan(size), spread, size) for size, spread in zip(sizes, spreads, strict=True)]
             if sizes
             else spreads
         )
@@ -86,9 +86,9 @@ class _Recorder(Specification):
 
     def update(self, state: dict[str, Floats], signals: Signals) -> tuple[dict[str, Floats], Verdict]:
         read = self.select(signals) if self.select else signals
-        known = {name: np.asarray(read[name]) for name in self.signals if name in read}
+        arrays = {name: np.asarray(read[name]) for name in self.signals if name in read}
         # A value that is unknown, as of a predicate where two vehicles meet, tells no size.
-        newest = {name: np.where(np.isnan(x), np.inf, x)[:, None] for name, x in known.items()}
+        newest = {name: np.where(np.isnan(x), np.inf, x)[:, None] for name, x in arrays.items()}
         seen = {name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()}
         n = len(next(iter(signals.values())))
         return seen, Verdict(np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
@@ -97,26 +97,26 @@ class _Recorder(Specification):
 def _margins(formula: Formula, terms: list[nodes.Node], signals: Mapping[str, Floats]) -> list[Floats]:
     # (steps + 1, N, V...) of each term.
     trace = read_trace(signals, formula.signals)
-    found: dict[nodes.Node, Floats] = {}
+    values: dict[nodes.Node, Floats] = {}
     algebra = RobustnessAlgebra()
-    Evaluator(trace.samples, trace.steps, trace.rows, algebra, formula.closed, found=found)(formula.node)
-    return [found[term] for term in terms]
+    Evaluator(trace.samples, trace.steps, trace.rows, algebra, formula.closed, values=values)(formula.node)
+    return [values[term] for term in terms]
 
 
 def _own_size(margin: Floats) -> Floats:
     # (T, V...) from (T, V...); NaN where there is none.
     steady = (margin > 0.0).all(axis=0) | (margin < 0.0).all(axis=0)
-    known, size = np.isfinite(margin), np.abs(margin)
+    finite, size = np.isfinite(margin), np.abs(margin)
     with np.errstate(invalid="ignore"):
-        mean = np.where(known, size, 0.0).sum(axis=0) / known.sum(axis=0)
-    size = np.where(steady & known, size, mean)
+        mean = np.where(finite, size, 0.0).sum(axis=0) / finite.sum(axis=0)
+    size = np.where(steady & finite, size, mean)
     return np.where(size > 0.0, size, np.nan)
 
 
 def _spread(margin: Floats) -> Floats:
     # (T, V...) from (T, N, V...); 1 where there is none.
-    known = np.isfinite(margin)
-    high, low = (np.where(known, margin, side * np.inf) for side in (-1.0, 1.0))
+    finite = np.isfinite(margin)
+    high, low = (np.where(finite, margin, side * np.inf) for side in (-1.0, 1.0))
     spread = 0.5 * (high.max(axis=1) - low.min(axis=1)).max(axis=0)
     return np.broadcast_to(np.where(spread > 0.0, spread, 1.0), (len(margin), *spread.shape))
 

@@ -40,8 +40,8 @@ def rows_are_independent(subject: Subject) -> None:
     """The outputs of a particle are the same, bit for bit, whatever the rest of the batch."""
     exercise = Exercise(subject)
     for rows in ([2], [5, 0], [6, 4, 3, 1]):
-        found = exercise.play(exercise.tape[rows])
-        _compare(batch.take(exercise.outputs, np.array(rows)), found, f"rows {rows} without the others")
+        outputs = exercise.play(exercise.tape[rows])
+        _compare(batch.take(exercise.outputs, np.array(rows)), outputs, f"rows {rows} without the others")
 
 
 def states_can_be_copied(subject: Subject) -> None:
@@ -73,10 +73,10 @@ def _generators() -> bytes:
     return pickle.dumps((random.getstate(), np.random.get_state()))
 
 
-def _compare(wanted: Outputs, found: Outputs, when: str) -> None:
-    assert list(wanted) == list(found), f"different outputs {when}: {sorted(set(wanted) ^ set(found))}"
+def _compare(wanted: Outputs, outputs: Outputs, when: str) -> None:
+    assert list(wanted) == list(outputs), f"different outputs {when}: {sorted(set(wanted) ^ set(outputs))}"
     for name, value in wanted.items():
-        equal = np.array_equal(value, found[name], equal_nan=value.dtype.kind == "f")
+        equal = np.array_equal(value, outputs[name], equal_nan=value.dtype.kind == "f")
         assert equal, f"{name} differs {when}"
 
 

@@ -47,8 +47,8 @@ def description_is_light(subject: Subject) -> None:
     program = _PROBE.format(path=sys.path, modules=modules, heavy=HEAVY)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr.strip().splitlines()[-1:] or "it cannot be imported"
-    found = json.loads(done.stdout.splitlines()[-1])
-    assert not found, f"imports {', '.join(found)}: import it inside the factory"
+    heavy_modules = json.loads(done.stdout.splitlines()[-1])
+    assert not heavy_modules, f"imports {', '.join(heavy_modules)}: import it inside the factory"
 
 
 def summary_is_one_line(subject: Subject) -> None:
@@ -64,10 +64,10 @@ def config_is_strict(subject: Subject) -> None:
     model = subject.model
     assert isinstance(model, type), f"{model!r} is not a class"
     assert issubclass(model, Options), f"derive {model.__name__} from avrare.plugin.Options"
-    for one in _models_with_nested(model):
-        settings = (one.model_config.get("extra"), one.model_config.get("frozen"))
+    for config in _models_with_nested(model):
+        settings = (config.model_config.get("extra"), config.model_config.get("frozen"))
         wanted = 'ConfigDict(extra="forbid", frozen=True)'
-        assert settings == ("forbid", True), f"{one.__name__}: set model_config = {wanted}"
+        assert settings == ("forbid", True), f"{config.__name__}: set model_config = {wanted}"
     try:
         model.model_validate({"no_such_option_": 1})
     except ValidationError as error:
@@ -80,15 +80,17 @@ def config_is_strict(subject: Subject) -> None:
 def options_are_described(subject: Subject) -> None:
     """Every option has a description, and a length, time or speed its unit in brackets."""
     options = [
-        (f"{one.__name__}.{name}", name, field)
-        for one in _models_with_nested(subject.model)
-        for name, field in one.model_fields.items()
+        (f"{option.__name__}.{name}", name, field)
+        for option in _models_with_nested(subject.model)
+        for name, field in option.model_fields.items()
     ]
     bare = [place for place, _, field in options if not (field.description or _is_tag(field))]
     assert not bare, f"no description: {', '.join(bare)}"
     # only by the name: a dimensionless number cannot be told from others in general
     numbers = [
-        one for one in options if one[2].annotation is float and one[1].rpartition("_")[2] in DIMENSIONS
+        option
+        for option in options
+        if option[2].annotation is float and option[1].rpartition("_")[2] in DIMENSIONS
     ]
     unitless = [place for place, _, field in numbers if "[" not in (field.description or "")]
     assert not unitless, f"no unit in brackets: {', '.join(unitless)}"
@@ -124,11 +126,11 @@ DIMENSIONS = frozenset(
 
 
 def _models_with_nested(model: type[BaseModel]) -> list[type[BaseModel]]:
-    found = [model]
-    for one in found:
-        for field in one.model_fields.values():
-            found += [inner for inner in _inside(field.annotation) if inner not in found]
-    return found
+    models = [model]
+    for current in models:
+        for field in current.model_fields.values():
+            models += [inner for inner in _inside(field.annotation) if inner not in models]
+    return models
 
 
 def _inside(annotation: object) -> list[type[BaseModel]]:

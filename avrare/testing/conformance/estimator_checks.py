@@ -71,8 +71,8 @@ def same_seed_same_bits(subject: Subject) -> None:
     suite = _suite(subject)
     large, small = (suite.estimate(walk(1.0, 20).problem(chunk=size), seed=3) for size in (4096, 17))
     for name in ("probability", "interval", "rollouts", "simulated_steps", "errors"):
-        one, other = getattr(large, name), getattr(small, name)
-        assert one == other, f"{name} is {one} in large chunks, {other} in small ones"
+        first, second = getattr(large, name), getattr(small, name)
+        assert first == second, f"{name} is {first} in large chunks, {second} in small ones"
     assert np.array_equal(large.failures.noise, small.failures.noise), "other failures in small chunks"
 
 

@@ -23,11 +23,13 @@ _CHUNKS, _ROWS = 12, 5
 def outcomes_are_those_of_serial(subject: Subject) -> None:
     """Every chunk has the outcome of the serial executor, in the order of the chunks."""
     wanted = _outcomes(SerialExecutor())
-    found = _outcomes(subject.build())
-    assert len(found) == len(wanted), f"{len(found)} outcomes of {len(wanted)} chunks"
-    for index, (one, other) in enumerate(zip(wanted, found, strict=True)):
+    outcomes = _outcomes(subject.build())
+    assert len(outcomes) == len(wanted), f"{len(outcomes)} outcomes of {len(wanted)} chunks"
+    for index, (expected, outcome) in enumerate(zip(wanted, outcomes, strict=True)):
         for name in ("robustness", "violated", "error"):
-            same = np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name == "robustness")
+            same = np.array_equal(
+                getattr(expected, name), getattr(outcome, name), equal_nan=name == "robustness"
+            )
             assert same, f"{name} of chunk {index} differs"
 
 

@@ -226,7 +226,7 @@ class Exercise:
 
     def play(self, tape: Floats, between: Between = lambda state: state) -> Outputs:
         """Return the outputs for a tape (N, STEPS + 1, size)."""
-        return dict(item for some in self._play(self._part, tape, between) for item in some.items())
+        return dict(output for some in self._play(self._part, tape, between) for output in some.items())
 
 
 def split_and_joined(state: object) -> object:
@@ -240,7 +240,7 @@ def split_and_joined(state: object) -> object:
 
 def read_only(state: object) -> object:
     """Return a copy that cannot be written to."""
-    own = batch.separated(state)
-    for leaf in batch.leaves(own):
+    copy = batch.separated(state)
+    for leaf in batch.leaves(copy):
         leaf.flags.writeable = False
-    return own
+    return copy

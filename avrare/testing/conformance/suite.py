@@ -196,18 +196,18 @@ def subjects(registry: Registry, name: str, options: Mapping[str, object]) -> li
     """Return the components of a distribution, or those of this name; all must have been loaded."""
     rows = [row for row in registry.rows() if name in (row.name, row.distribution)]
     if not rows:
-        known = {word for row in registry.rows() for word in (row.name, row.distribution) if word}
-        raise PluginError(f"no component or distribution {name!r} is installed", did_you_mean(name, known))
+        names = {word for row in registry.rows() for word in (row.name, row.distribution) if word}
+        raise PluginError(f"no component or distribution {name!r} is installed", did_you_mean(name, names))
     for row in rows:
         if row.component is None or row.status not in ("ok", "missing dependency"):
             status = f"{row.status}: {row.detail}" if row.detail else row.status
             raise PluginError(f"component {row.name} of {row.origin} cannot be checked: {status}")
     if options and len(rows) > 1:
         raise UsageError(f"{name!r} has {len(rows)} components: options are for one", "name the component")
-    found = [Subject(row, dict(options)) for row in rows]
+    selected = [Subject(row, dict(options)) for row in rows]
     if options:
-        check_options(found[0].model, found[0].name, dict(options), found[0].kind)
-    return found
+        check_options(selected[0].model, selected[0].name, dict(options), selected[0].kind)
+    return selected
 
 
 def examine(subject: Subject) -> Iterator[Outcome]:
