@@ -37,13 +37,13 @@ def execute(args: argparse.Namespace) -> int:
         reason = f"fitting a flow needs torch and pyro-ppl: {error}"
         raise PluginError(reason, "pip install torch pyro-ppl") from error
     kind = args.kind or ("affine_coupling" if samples.shape[1] > 1 else "spline_autoregressive")
-    found = fit(samples, kind, steps=args.steps, seed=args.seed, blocks=args.blocks)
-    found.flow.save(file)
+    fitted = fit(samples, kind, steps=args.steps, seed=args.seed, blocks=args.blocks)
+    fitted.flow.save(file)
     numbers = f"{samples.shape[1]} number{'s' if samples.shape[1] > 1 else ''}"
     print(f"{file}: {kind}, {numbers} a row, {len(samples)} samples")
-    print(f"log density of held-out samples: {found.held_out:.4f} nat a row (step {found.step})")
-    print(f"log density of a normal law:     {found.normal:.4f}")
-    if found.held_out < found.normal:
+    print(f"log density of held-out samples: {fitted.held_out:.4f} nat a row (step {fitted.step})")
+    print(f"log density of a normal law:     {fitted.normal:.4f}")
+    if fitted.held_out < fitted.normal:
         print("the flow is no better than a normal law: more steps, another kind, or no flow at all")
     return int(ExitCode.PASS)
 

@@ -45,8 +45,8 @@ class Truncated:
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
         below, above, middle = self._cut()
-        found = self.law.quantile(below + lower * middle, above + upper * middle)
-        return np.clip(found, self.low, self.high)
+        values = self.law.quantile(below + lower * middle, above + upper * middle)
+        return np.clip(values, self.low, self.high)
 
     def tails(self, x: Floats) -> Tails:
         below, above, middle = self._cut()
@@ -132,10 +132,10 @@ class Scipy:
 
     def quantile(self, lower: Floats, upper: Floats) -> Floats:
         left = lower <= upper
-        found = np.empty(np.shape(lower))
-        found[left] = self.distribution.ppf(lower[left])
-        found[~left] = self.distribution.isf(upper[~left])
-        return found
+        values = np.empty(np.shape(lower))
+        values[left] = self.distribution.ppf(lower[left])
+        values[~left] = self.distribution.isf(upper[~left])
+        return values
 
     def tails(self, x: Floats) -> Tails:
         return np.asarray(self.distribution.cdf(x)), np.asarray(self.distribution.sf(x))

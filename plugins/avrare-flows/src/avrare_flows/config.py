@@ -190,5 +190,5 @@ class TransformedConfig(Options):
     @property
     def dt(self) -> float | None:
         """Time step [s] of the other simulator, where its block gives one."""
-        found = self.simulator.get("dt")
-        return float(found) if isinstance(found, int | float) else None
+        step = self.simulator.get("dt")
+        return float(step) if isinstance(step, int | float) else None

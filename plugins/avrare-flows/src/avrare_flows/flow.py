@@ -83,11 +83,11 @@ class AffineCoupling:
     network: Network
 
     def push(self, x: Floats) -> Warped:
-        kept = x.shape[1] // 2
-        mean, log_scale = np.split(self.network(x[:, :kept]), 2, axis=1)
+        half = x.shape[1] // 2
+        mean, log_scale = np.split(self.network(x[:, :half]), 2, axis=1)
         log_scale = np.clip(log_scale, _LEAST, _MOST)
-        moved = np.exp(log_scale) * x[:, kept:] + mean
-        return np.concatenate([x[:, :kept], moved], axis=1)[:, ::-1], log_scale.sum(axis=1)
+        moved = np.exp(log_scale) * x[:, half:] + mean
+        return np.concatenate([x[:, :half], moved], axis=1)[:, ::-1], log_scale.sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +230,9 @@ def _from_arrays(arrays: dict[str, NDArray[np.generic]]) -> Flow:
     if int(arrays["format"]) != _FORMAT or kind not in KINDS:
         raise ValueError(f"format {arrays['format']}, kind {kind!r}")
     many, samples = int(arrays["blocks"]), int(arrays["samples"])
-    told = {name.partition(".")[0] for name in arrays if "." in name}
-    if len(told) != many or samples < 0:
-        raise ValueError(f"{many} blocks of which {len(told)} are there, fitted to {samples} samples")
+    numbers = {name.partition(".")[0] for name in arrays if "." in name}
+    if len(numbers) != many or samples < 0:
+        raise ValueError(f"{many} blocks of which {len(numbers)} are there, fitted to {samples} samples")
     blocks: list[Block] = []
     for i in range(many):
         layers = range(sum(key.startswith(f"{i}.weight") for key in arrays))

@@ -57,8 +57,8 @@ class Joint:
         columns = list(z.T)
         if self.correlation is not None:
             columns = _times(np.asarray(np.linalg.cholesky(self.correlation)), columns)
-        found = [from_normal(law, column) for law, column in zip(self.laws, columns, strict=True)]
-        return np.ascontiguousarray(np.stack(found, axis=1))
+        physical_columns = [from_normal(law, column) for law, column in zip(self.laws, columns, strict=True)]
+        return np.ascontiguousarray(np.stack(physical_columns, axis=1))
 
     def warp(self, z: Floats) -> tuple[Floats, Floats]:
         """Return physical rows (N, noise_size) of standard normal rows, and log |det| (N,) of the derivative.

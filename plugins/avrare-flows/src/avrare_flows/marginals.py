@@ -111,8 +111,8 @@ class LogNormal:
 
     def log_density(self, x: Floats) -> Floats:
         with np.errstate(invalid="ignore"):
-            found = Normal(self.mean, self.std).log_density(_log(x)) - _log(x)
-        return np.where(np.greater(x, 0.0), found, -np.inf)
+            density = Normal(self.mean, self.std).log_density(_log(x)) - _log(x)
+        return np.where(np.greater(x, 0.0), density, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +136,8 @@ class Weibull:
     def log_density(self, x: Floats) -> Floats:
         ratio = np.maximum(x, 0.0) / self.scale
         steep = special.xlogy(np.asarray(self.shape) - 1.0, ratio)
-        found = np.log(np.asarray(self.shape) / self.scale) + steep - ratio**self.shape
-        return np.where(np.greater_equal(x, 0.0), found, -np.inf)
+        density = np.log(np.asarray(self.shape) / self.scale) + steep - ratio**self.shape
+        return np.where(np.greater_equal(x, 0.0), density, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,8 +163,8 @@ class Gamma:
 
     def log_density(self, x: Floats) -> Floats:
         unit = np.maximum(x, 0.0) / self.scale
-        found = special.xlogy(np.asarray(self.shape) - 1.0, unit) - unit - special.gammaln(self.shape)
-        return np.where(np.greater_equal(x, 0.0), found - np.log(self.scale), -np.inf)
+        density = special.xlogy(np.asarray(self.shape) - 1.0, unit) - unit - special.gammaln(self.shape)
+        return np.where(np.greater_equal(x, 0.0), density - np.log(self.scale), -np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,8 @@ def build(config: TransformedConfig, scene: object | None = None) -> Transformed
     else:
         law = _joint(config.noise or (), inner.noise_size, config.correlation)
     first = law if config.initial is None else _joint(config.initial, inner.noise_size)
-    for one in (law, first):
-        check_size(one, inner.noise_size)
+    for checked in (law, first):
+        check_size(checked, inner.noise_size)
     return TransformedSimulator(inner, law, first)
 
 

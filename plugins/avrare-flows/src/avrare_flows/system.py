@@ -56,8 +56,8 @@ def transformed(system: object, law: Law, *, initial: Law | None = None) -> Tran
 
 def list_warnings(*laws: Law) -> dict[str, str]:
     """Return the health warning of laws that are not exact."""
-    found = [law.note for law in laws if law.note]
-    return {"model_error": found[0]} if found else {}
+    notes = [law.note for law in laws if law.note]
+    return {"model_error": notes[0]} if notes else {}
 
 
 def check_size(law: Law, size: int) -> None:

@@ -74,17 +74,19 @@ def fit(
     many = blocks or _BLOCKS[kind]
     size = data.shape[1]
     order = np.random.default_rng(seed).permutation(len(data))
-    held, kept = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
-    shift, scale = _mean_and_deviation(kept)
-    bound = max(_LEAST_BOUND, _ROOM * float(np.abs((kept - shift) / scale).max()))
+    held, fitting = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
+    shift, scale = _mean_and_deviation(fitting)
+    bound = max(_LEAST_BOUND, _ROOM * float(np.abs((fitting - shift) / scale).max()))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         parts = [_pyro_transforms(kind, size, max(hidden, 2 * size), bound) for _ in range(many)]
-        found, loss, step = _descend(parts, size, (kept - shift) / scale, (held - shift) / scale, steps, rate)
+        flow_blocks, loss, step = _descend(
+            parts, size, (fitting - shift) / scale, (held - shift) / scale, steps, rate
+        )
     extent = float(np.log(scale).sum())
     square = (((held - shift) / scale) ** 2).sum(axis=1).mean()
     normal = -0.5 * float(square) - 0.5 * size * math.log(2.0 * math.pi) - extent
-    return Fit(Flow(kind, found, shift, scale, len(data)), -loss - extent, normal, step)
+    return Fit(Flow(kind, flow_blocks, shift, scale, len(data)), -loss - extent, normal, step)
 
 
 def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: int) -> Floats:
@@ -110,14 +112,14 @@ def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: i
     return data
 
 
-def _mean_and_deviation(kept: Floats) -> tuple[Floats, Floats]:
+def _mean_and_deviation(samples: Floats) -> tuple[Floats, Floats]:
     with np.errstate(over="ignore", invalid="ignore"):
-        shift, scale = kept.mean(axis=0), kept.std(axis=0)
+        shift, scale = samples.mean(axis=0), samples.std(axis=0)
     if not np.isfinite(scale).all():
         raise UsageError(
             "the samples are too large for their standard deviation", "give them in another unit"
         )
-    still = np.flatnonzero(scale <= _CONSTANT * np.abs(kept).max(axis=0))
+    still = np.flatnonzero(scale <= _CONSTANT * np.abs(samples).max(axis=0))
     if len(still):
         raise UsageError(
             f"column {still[0] + 1} of the samples is constant, or nearly so",
@@ -128,11 +130,11 @@ def _mean_and_deviation(kept: Floats) -> tuple[Floats, Floats]:
 
 def _pyro_transforms(kind: str, size: int, hidden: int, bound: float = _LEAST_BOUND) -> list[Any]:
     if kind == "affine_coupling":
-        kept = size // 2
-        network: Any = DenseNN(kept, [hidden, hidden], [size - kept, size - kept]).double()
+        half = size // 2
+        network: Any = DenseNN(half, [hidden, hidden], [size - half, size - half]).double()
         with torch.no_grad():  # begin near the identity
             network.layers[-1].weight.mul_(0.01)
-        return [_transforms.AffineCoupling(kept, network), _transforms.Permute(torch.arange(size).flip(0))]
+        return [_transforms.AffineCoupling(half, network), _transforms.Permute(torch.arange(size).flip(0))]
     counts, order = [_BINS, _BINS, _BINS - 1], torch.arange(size)
     with warnings.catch_warnings():  # one number a row: a single spline, as intended
         warnings.simplefilter("ignore")
@@ -147,16 +149,18 @@ def _networks(parts: list[list[Any]]) -> Iterator[Any]:
 
 
 def _descend(
-    parts: list[list[object]], size: int, kept: Floats, held: Floats, steps: int, rate: float
+    parts: list[list[object]], size: int, fitting: Floats, held: Floats, steps: int, rate: float
 ) -> tuple[tuple[Block, ...], float, int]:
     """Return the best blocks on ``held``, their mean negative log density there, and the step."""
-    rows, test = torch.from_numpy(kept), torch.from_numpy(held)
+    rows, test = torch.from_numpy(fitting), torch.from_numpy(held)
     weights = [weight for network in _networks(parts) for weight in network.parameters()]
     optimiser = torch.optim.Adam(weights, lr=rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     zero = torch.zeros(size, dtype=torch.float64)
     base = _pyro.Normal(zero, torch.ones_like(zero), validate_args=False).to_event(1)
-    law = _pyro.TransformedDistribution(base, [one for part in parts for one in part], validate_args=False)
+    law = _pyro.TransformedDistribution(
+        base, [transform for part in parts for transform in part], validate_args=False
+    )
     best: tuple[tuple[Block, ...], float, int] = (), math.inf, 0
     for step in range(1, steps + 1):
         optimiser.zero_grad()
@@ -167,16 +171,16 @@ def _descend(
         schedule.step()
         if step % _LOOK == 0 or step == steps:
             with torch.no_grad():
-                found = float(-law.log_prob(test).mean())
-            if found < best[1]:
-                best = _exported(parts), found, step
+                held_loss = float(-law.log_prob(test).mean())
+            if held_loss < best[1]:
+                best = _exported(parts), held_loss, step
     if not best[0]:
         raise UsageError("the fit has not reached a finite density", "look for outliers, or lower the rate")
     return best
 
 
 def _exported(parts: list[list[Any]]) -> tuple[Block, ...]:
-    found: list[Block] = []
+    blocks: list[Block] = []
     for part, network in zip(parts, _networks(parts), strict=True):
         coupling = isinstance(part[0], _transforms.AffineCoupling)
         weights = tuple(
@@ -185,5 +189,5 @@ def _exported(parts: list[list[Any]]) -> tuple[Block, ...]:
         )
         biases = tuple(layer.bias.detach().numpy().copy() for layer in network.layers)
         both = Network(weights, biases)
-        found.append(AffineCoupling(both) if coupling else SplineAutoregressive(both, part[0].spline.bound))
-    return tuple(found)
+        blocks.append(AffineCoupling(both) if coupling else SplineAutoregressive(both, part[0].spline.bound))
+    return tuple(blocks)

@@ -37,9 +37,9 @@ def gains(flight: Flight, cost: FeedbackConfig) -> Floats:
     """
     a, b = linearised(flight)
     state, effort = np.diag(cost.state_cost) * DT, cost.input_cost * DT
-    to_go, found = np.diag(cost.final_cost), np.empty_like(b)
+    to_go, rows = np.diag(cost.final_cost), np.empty_like(b)
     for t in reversed(range(len(b))):
-        found[t] = (b[t] @ to_go @ a[t]) / (effort + b[t] @ to_go @ b[t])
-        closed = a[t] - np.outer(b[t], found[t])
-        to_go = state + effort * np.outer(found[t], found[t]) + closed.T @ to_go @ closed
-    return found
+        rows[t] = (b[t] @ to_go @ a[t]) / (effort + b[t] @ to_go @ b[t])
+        closed = a[t] - np.outer(b[t], rows[t])
+        to_go = state + effort * np.outer(rows[t], rows[t]) + closed.T @ to_go @ closed
+    return rows

@@ -55,10 +55,10 @@ class GliderSimulator(Simulator):
         self.noise_size = 2 if config.noise.x or config.noise.z else 1
         self.noise_names = ("elevator's rate (at 0 s: start in x)", "start in z")[: self.noise_size]
         flight = nominal()
-        found = gains(flight, config.feedback) if config.feedback is not None else 0.0 * flight.states[:-1]
+        feedback = gains(flight, config.feedback) if config.feedback is not None else 0.0 * flight.states[:-1]
         self._reference = flight.states
         self._inputs = np.append(flight.inputs, 0.0)  # the last row holds after the end
-        self._gains = np.vstack([found, np.zeros(len(NAMES))])
+        self._gains = np.vstack([feedback, np.zeros(len(NAMES))])
 
     def reset(self, noise: Floats) -> GliderState:
         """Return the state at t = 0 from noise (N, noise_size)."""

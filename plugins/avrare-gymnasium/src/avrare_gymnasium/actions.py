@@ -134,9 +134,9 @@ class BoxActions(_NoisyActions):
         """Return actions (N, *shape)."""
         shape = (len(noise), *self.shape)
         if commands is not None and np.size(commands) != len(noise) * self.low.size:
-            found = np.size(commands) // len(noise)
+            size = np.size(commands) // len(noise)
             raise UsageError(
-                f"an action has {self.low.size} number(s), the controller's command {found}",
+                f"an action has {self.low.size} number(s), the controller's command {size}",
                 "`gain` needs one row and `action` one entry per number",
             )
         replaced = self._replaced(commands, noise)

@@ -24,9 +24,9 @@ def register_installed() -> tuple[str, ...]:
 def _register(point: EntryPoint) -> str:
     try:
         registration.current_namespace = None if point.name == _ROOT else point.name
-        found = point.load()  # importing a module may register its environments
-        if callable(found):
-            found()
+        register = point.load()  # importing a module may register its environments
+        if callable(register):
+            register()
     except (Exception, SystemExit) as error:
         origin = point.dist.name if point.dist is not None else point.value
         return f"{origin} could not register its environments: {type(error).__name__}: {error}"

@@ -101,10 +101,10 @@ class TapeGenerator(np.random.Generator):
         return (low + drawn).astype(dtype)[()]
 
 
-def _shape(size: Any, one: Any, other: Any) -> Any:
-    if size is not None or (np.ndim(one) == 0 and np.ndim(other) == 0):
+def _shape(size: Any, first: Any, second: Any) -> Any:
+    if size is not None or (np.ndim(first) == 0 and np.ndim(second) == 0):
         return size
-    return np.broadcast_shapes(np.shape(one), np.shape(other))
+    return np.broadcast_shapes(np.shape(first), np.shape(second))
 
 
 def _uniforms(normals: Any) -> Any:

@@ -189,13 +189,13 @@ def state_size(world: GymWorld, attribute: str) -> int:
 def _check_number(environment: object, name: str) -> None:
     value = getattr(environment, name, None)
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        known = [
-            one
-            for one, found in vars(environment).items()
-            if isinstance(found, int | float | np.number) and not isinstance(found, bool)
+        numbers = [
+            key
+            for key, attribute in vars(environment).items()
+            if isinstance(attribute, int | float | np.number) and not isinstance(attribute, bool)
         ]
         text = f"attributes.{name}: {type(environment).__name__} has no number of this name"
-        raise UsageError(text, did_you_mean(name, known) or "it has none")
+        raise UsageError(text, did_you_mean(name, numbers) or "it has none")
     try:
         setattr(environment, name, value)
     except AttributeError:

@@ -144,7 +144,7 @@ class PathFollowerConfig(Options):
     def _check_path(cls, waypoints: Waypoints) -> Waypoints:
         if len(waypoints) < 2:
             raise ValueError(f"a path needs at least two waypoints, found {len(waypoints)}")
-        for place, (one, other) in enumerate(pairwise(waypoints)):
-            if one == other:
+        for place, (first, second) in enumerate(pairwise(waypoints)):
+            if first == second:
                 raise ValueError(f"waypoint {place + 1} is the same as the one before: remove it")
         return waypoints

@@ -49,13 +49,13 @@ class Expert:
         side = np.clip((ego.y - middle) / (self.lanes[0] - middle), -1.0, 1.0)
         better = left - right + self.loyalty * side > 0.0
         lane = np.where(better, self.lanes[0], self.lanes[1])
-        own = np.where(side > 0.0, self.lanes[0], self.lanes[1])
-        lane = np.where(self._free(ego, others, lane), lane, own)
+        current = np.where(side > 0.0, self.lanes[0], self.lanes[1])
+        lane = np.where(self._free(ego, others, lane), lane, current)
         # Between the lanes, follow the leaders of both.
-        between = np.abs(ego.y - own) > 0.5 * (4.0 - _IN_LANE)
+        between = np.abs(ego.y - current) > 0.5 * (4.0 - _IN_LANE)
         follow = np.where(lane == self.lanes[0], left, right)
         follow = np.where(between, np.minimum(left, right), follow)
-        follow = np.minimum(follow, np.where(own == self.lanes[0], left, right))
+        follow = np.minimum(follow, np.where(current == self.lanes[0], left, right))
         steer = self._steer(ego, lane)
         return np.clip(np.stack([follow / ACCELERATION, steer / STEERING], axis=1), -1.0, 1.0)
 

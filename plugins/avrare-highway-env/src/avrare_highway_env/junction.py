@@ -30,11 +30,15 @@ def crossing_road(network: RoadNetwork, turn: str) -> Road:
 
     The road from west to east has priority, as for highway-env's own drivers.
     """
-    ways = {(corner, one): _find_way(network, corner, one) for corner in range(4) for one in TURNS}
-    mine, leaving = ways[0, turn], f"o{TURNS[turn]}"
-    parts = [_middle(network, "o0", "ir0"), mine.line.points, _middle(network, f"il{TURNS[turn]}", leaving)]
+    ways = {(corner, name): _find_way(network, corner, name) for corner in range(4) for name in TURNS}
+    ego_way, leaving = ways[0, turn], f"o{TURNS[turn]}"
+    parts = [
+        _middle(network, "o0", "ir0"),
+        ego_way.line.points,
+        _middle(network, f"il{TURNS[turn]}", leaving),
+    ]
     line = PolygonalLine(np.concatenate(parts))
-    areas = [find_crossing(line, mine, other) for (corner, _), other in ways.items() if corner]
+    areas = [find_crossing(line, ego_way, other) for (corner, _), other in ways.items() if corner]
     names = [other.name for (corner, _), other in ways.items() if corner]
     crossings = tuple(
         dataclasses.replace(area, way=name, own=line)
@@ -52,20 +56,20 @@ def list_paths(network: RoadNetwork) -> tuple[Floats, ...]:
 
 def label_vehicles(environment: AbstractEnv) -> None:
     """Give each new vehicle the least free slot, which it keeps, and the number of its way."""
-    others = [one for one in environment.road.vehicles if one is not environment.vehicle]
-    taken = {one.slot for one in others if hasattr(one, "slot")}
+    others = [vehicle for vehicle in environment.road.vehicles if vehicle is not environment.vehicle]
+    taken = {vehicle.slot for vehicle in others if hasattr(vehicle, "slot")}
     free = (slot for slot in count() if slot not in taken)
-    for one in others:
-        if not hasattr(one, "slot"):
-            one.slot, one.way = next(free), _planned_way(one)
+    for vehicle in others:
+        if not hasattr(vehicle, "slot"):
+            vehicle.slot, vehicle.way = next(free), _planned_way(vehicle)
 
 
 def read_ways(environment: AbstractEnv, capacity: int) -> list[float]:
     """Return the number of the way of the vehicle in each slot, -1 where there is none."""
     ways = [float(_UNKNOWN)] * capacity
-    for one in environment.road.vehicles:
-        if one is not environment.vehicle and one.slot < capacity:
-            ways[one.slot] = float(one.way)
+    for vehicle in environment.road.vehicles:
+        if vehicle is not environment.vehicle and vehicle.slot < capacity:
+            ways[vehicle.slot] = float(vehicle.way)
     return ways
 
 

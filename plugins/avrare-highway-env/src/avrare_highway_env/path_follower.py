@@ -52,9 +52,9 @@ class Path:
         off = np.hypot(dx - along * ux, dy - along * uy)
         piece = off.argmin(axis=-1)
         chosen = piece[..., None]
-        found = np.take_along_axis(along, chosen, axis=-1)[..., 0]
+        nearest_along = np.take_along_axis(along, chosen, axis=-1)[..., 0]
         nearest = np.take_along_axis(off, chosen, axis=-1)[..., 0]
-        return self._begins[piece] + found, nearest, np.arctan2(uy, ux)[piece]
+        return self._begins[piece] + nearest_along, nearest, np.arctan2(uy, ux)[piece]
 
     def at(self, along: Floats) -> tuple[Floats, Floats]:
         """Return x and y [m] of the points at distance ``along`` [m] from the first waypoint."""

@@ -43,7 +43,7 @@ def frames(simulator: HighwayEnvSimulator, worlds: Iterable[HighwayWorld], row: 
         raise UsageError("SDL_VIDEODRIVER=dummy makes every picture black", "unset SDL_VIDEODRIVER")
     environment = simulator.environment
     mode, environment.render_mode = environment.render_mode, "rgb_array"
-    found: list[Frame] = []
+    pictures: list[Frame] = []
     last = None
     try:
         for world in worlds:
@@ -51,11 +51,11 @@ def frames(simulator: HighwayEnvSimulator, worlds: Iterable[HighwayWorld], row: 
                 continue
             last = world.snapshot[row]
             restore(environment, last)
-            found.append(np.asarray(environment.render(), dtype=np.uint8))
+            pictures.append(np.asarray(environment.render(), dtype=np.uint8))
     finally:
         environment.close()
         environment.render_mode = mode
-    return found
+    return pictures
 
 
 def save_gif(path: Path, pictures: Sequence[Frame], dt: float) -> None:

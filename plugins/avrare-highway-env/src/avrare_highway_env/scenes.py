@@ -152,12 +152,12 @@ def setting_of(config: HighwayEnvConfig) -> Setting:
     return makers[config.scene](config)
 
 
-def _options(driver: str, **own: object) -> dict[str, object]:
+def _options(driver: str, **options: object) -> dict[str, object]:
     return {
         "action": {"type": "ContinuousAction"},
         "observation": {"type": "Kinematics", "vehicles_count": 1},  # unused, but required
         "other_vehicles_type": f"avrare_highway_env.drivers.{driver}",
-        **own,
+        **options,
     }
 
 

@@ -138,8 +138,8 @@ class HighwayEnvSimulator(Simulator):
         seed = self.config.start_seed
 
         def place(row: int) -> None:
-            own = TapeRandom(noise[row, self._start])
-            self._place(own if seed is None else np.random.default_rng(seed))
+            tape = TapeRandom(noise[row, self._start])
+            self._place(tape if seed is None else np.random.default_rng(seed))
             self._tune({**self._fixed, **{path: float(value[row]) for path, value in values.items()}})
 
         return self._worlds(place, noise)
@@ -249,7 +249,7 @@ class HighwayEnvSimulator(Simulator):
         decay = np.exp(-self.dt / traffic.correlation_time)
         spread = self.environment.vehicle.options.get("traffic.acceleration_sd", traffic.acceleration_sd)
         innovation = spread * np.sqrt(1.0 - decay**2)
-        drivers = [one for one in self.environment.road.vehicles if isinstance(one, MoodyDriver)]
+        drivers = [vehicle for vehicle in self.environment.road.vehicles if isinstance(vehicle, MoodyDriver)]
         for driver, number in zip(drivers, noise, strict=False):
             driver.mood = float(decay * driver.mood + innovation * number)
 

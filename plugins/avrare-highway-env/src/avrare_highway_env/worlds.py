@@ -48,7 +48,7 @@ def capture(environment: AbstractEnv) -> Snapshot:
     road = environment.road
     objects = [*road.vehicles, *road.objects]
     ego = next(k for k, vehicle in enumerate(road.vehicles) if vehicle is environment.vehicle)
-    copies = tuple((type(thing), _copied(vars(thing))) for thing in objects)
+    copies = tuple((type(body), _copied(vars(body))) for body in objects)
     return Snapshot(copies, len(road.vehicles), ego, getattr(road, "steps", 0))
 
 
@@ -71,12 +71,12 @@ def _copied(attributes: dict[str, object]) -> dict[str, object]:
 
 
 def _made(kind: type[RoadObject], attributes: dict[str, object], road: Road) -> RoadObject:
-    thing: RoadObject = object.__new__(kind)
-    vars(thing).update(_copied(attributes))
-    thing.road = road
-    thing.lane = road.network.get_lane(thing.lane_index)
-    thing.log, thing.history = [], deque(maxlen=1)
-    return thing
+    body: RoadObject = object.__new__(kind)
+    vars(body).update(_copied(attributes))
+    body.road = road
+    body.lane = road.network.get_lane(body.lane_index)
+    body.log, body.history = [], deque(maxlen=1)
+    return body
 
 
 ABSENT = 1e6
@@ -89,24 +89,24 @@ _ABSENT_STATE = (ABSENT, ABSENT, 0.0, 0.0, 0.0)
 def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float) -> list[float]:
     """Return a world as numbers: ``EGO``, then x, y, heading, speed, acceleration of the others."""
     road, ego = environment.road, environment.vehicle
-    others = [thing for thing in (*road.vehicles, *road.objects) if thing is not ego]
+    others = [body for body in (*road.vehicles, *road.objects) if body is not ego]
     on_road, crashed = bool(ego.on_road), bool(ego.crashed)
     there = ego.position[0] > goal if goal is not None else _arrived(environment, ego)
-    found = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
-    found += [crashed, there and on_road, on_road, crashed or there]
+    numbers = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
+    numbers += [crashed, there and on_road, on_road, crashed or there]
     states: list[tuple[float, ...]] = [_ABSENT_STATE] * capacity
     for k, other in enumerate(others):
         if (slot := getattr(other, "slot", k)) < capacity:
             states[slot] = _kinematics(other, dt, crashed)
-    return found + [number for state in states for number in state]
+    return numbers + [number for state in states for number in state]
 
 
-def _kinematics(thing: RoadObject, dt: float, crashed: bool) -> tuple[float, ...]:
+def _kinematics(body: RoadObject, dt: float, crashed: bool) -> tuple[float, ...]:
     """Return x, y, heading, speed, acceleration; in a crash without the push that separates the bodies."""
-    pushed = getattr(thing, "pushed", None)
-    x, y = (thing.position if pushed is None or not crashed else thing.position - pushed).tolist()
-    speed = float(thing.speed)
-    return x, 0.0 - y, 0.0 - float(thing.heading), speed, (speed - getattr(thing, "speed_before", speed)) / dt
+    pushed = getattr(body, "pushed", None)
+    x, y = (body.position if pushed is None or not crashed else body.position - pushed).tolist()
+    speed = float(body.speed)
+    return x, 0.0 - y, 0.0 - float(body.heading), speed, (speed - getattr(body, "speed_before", speed)) / dt
 
 
 def _arrived(environment: AbstractEnv, ego: Vehicle) -> bool:

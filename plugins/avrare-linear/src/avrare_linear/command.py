@@ -57,10 +57,10 @@ def _compare(problem: Problem, changed: Problem, seed: int, chains: int) -> None
     import avrare
 
     print("fresh estimates:")
-    for name, one in (("before", problem), ("after", changed)):
+    for name, version in (("before", problem), ("after", changed)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", avrare.HealthWarning)  # their names stand in the line
-            result = avrare.estimate(one, "ess_linear", seed=seed, chains=chains)
+            result = avrare.estimate(version, "ess_linear", seed=seed, chains=chains)
         low, high = result.interval
         names = "".join(f", {warning}" for warning in result.health)
         print(
@@ -68,10 +68,10 @@ def _compare(problem: Problem, changed: Problem, seed: int, chains: int) -> None
         )
 
 
-def _specification(name: str | None, known: tuple[str, ...]) -> str:
-    if name is None and len(known) > 1:
-        raise UsageError("the scenario has several specifications", f"choose one: --specification {known[0]}")
-    return known[0] if name is None else name
+def _specification(name: str | None, names: tuple[str, ...]) -> str:
+    if name is None and len(names) > 1:
+        raise UsageError("the scenario has several specifications", f"choose one: --specification {names[0]}")
+    return names[0] if name is None else name
 
 
 def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[DescentStep]:

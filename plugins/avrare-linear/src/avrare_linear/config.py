@@ -171,8 +171,8 @@ def _check_matrices(
     for matrix in matrices or ():
         widths = {len(row) for row in matrix}
         if len(matrix) != rows or widths != {columns}:
-            found = f"{len(matrix)} x {widths.pop()}" if len(widths) == 1 else "rows of different lengths"
-            raise ValueError(f"{name} must be {layout}, {rows} x {columns}, not {found}")
+            size = f"{len(matrix)} x {widths.pop()}" if len(widths) == 1 else "rows of different lengths"
+            raise ValueError(f"{name} must be {layout}, {rows} x {columns}, not {size}")
 
 
 def _check_vectors(name: str, vectors: tuple[Vector, ...] | None, size: int, kind: str) -> None:

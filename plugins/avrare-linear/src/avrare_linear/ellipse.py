@@ -110,10 +110,10 @@ class Slicer:
         shift = np.broadcast_to(
             shift.reshape(shift.shape + (1,) * (3 - shift.ndim)), (rows, *self.mean.shape)
         )
-        found = [self._arcs(part, shift, along, across) for part in self.conjuncts]
+        arcs = [self._arcs(part, shift, along, across) for part in self.conjuncts]
         filler = np.full((rows, 1), _TURN)  # an empty segment, in case that nothing can be violated
-        low = np.concatenate([filler, *(low for low, _ in found)], axis=1)
-        high = np.concatenate([filler, *(high for _, high in found)], axis=1)
+        low = np.concatenate([filler, *(low for low, _ in arcs)], axis=1)
+        high = np.concatenate([filler, *(high for _, high in arcs)], axis=1)
         return _union(low, high)
 
     def _arcs(self, part: Conjunct, shift: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
@@ -121,16 +121,16 @@ class Slicer:
         windows, used = part.windows[:, :, None], np.array(part.used, dtype=np.int64)
         queries, crossings = len(windows), 2 * windows.shape[1] * len(used)
         block = max(1, _BLOCK // max(1, queries * (crossings + 1) * crossings))
-        found = []
+        arcs = []
         for first in range(0, len(shift), block):
             rows = slice(first, first + block)
             offset = self.mean[windows, used] - shift[rows, windows, used]
-            found.append(_cut(part, offset, along[rows, windows, used], across[rows, windows, used]))
-        width = max(low.shape[1] for low, _ in found)
-        pads = [((0, 0), (0, width - low.shape[1])) for low, _ in found]
+            arcs.append(_cut(part, offset, along[rows, windows, used], across[rows, windows, used]))
+        width = max(low.shape[1] for low, _ in arcs)
+        pads = [((0, 0), (0, width - low.shape[1])) for low, _ in arcs]
         low, high = (
             np.concatenate(
-                [np.pad(pair[k], pad, constant_values=_TURN) for pair, pad in zip(found, pads, strict=True)]
+                [np.pad(pair[k], pad, constant_values=_TURN) for pair, pad in zip(arcs, pads, strict=True)]
             )
             for k in (0, 1)
         )

@@ -57,14 +57,14 @@ class TrajectoryGaussian:
         shape = (steps + 1, system.noise_size)
         size = shape[0] * shape[1]
         mean = simulate_signals(system, np.zeros((1, *shape)), names)
-        found = tuple(mean)
-        middle = np.stack([mean[name][0] for name in found], axis=1)
+        signals = tuple(mean)
+        middle = np.stack([mean[name][0] for name in signals], axis=1)
         parts = [np.empty((0, *middle.shape))]
         for first in range(0, size, _BATCH):
             units = np.eye(min(_BATCH, size - first), size, first).reshape(-1, *shape)
-            columns = simulate_signals(system, units, found)
-            parts.append(np.stack([columns[name] for name in found], axis=2) - middle)
-        return TrajectoryGaussian(found, middle, np.concatenate(parts).transpose(1, 2, 0))
+            columns = simulate_signals(system, units, signals)
+            parts.append(np.stack([columns[name] for name in signals], axis=2) - middle)
+        return TrajectoryGaussian(signals, middle, np.concatenate(parts).transpose(1, 2, 0))
 
     @property
     def steps(self) -> int:
@@ -103,16 +103,16 @@ class TrajectoryGaussian:
         # The tolerance is relative to the spread, not to the mean.
         steps = np.arange(len(self.mean))
         tape = 3.0 * NoiseSource(0, system.noise_size).normals(0, 0, np.arange(_CHECKS)[:, None], steps)
-        expected, found = self.signals(tape), simulate_signals(system, tape, self.names)
+        expected, simulated = self.signals(tape), simulate_signals(system, tape, self.names)
         for k, name in enumerate(self.names):
-            if not (np.isfinite(found[name]).all() and np.isfinite(expected[name]).all()):
+            if not (np.isfinite(simulated[name]).all() and np.isfinite(expected[name]).all()):
                 raise UsageError(
                     f"signal {name!r} is not finite: its trajectories have no Gaussian distribution",
                     "unstable systems overflow: check the matrices and the number of steps",
                 )
-            spread = np.abs(found[name] - self.mean[:, k]).max(initial=1.0)
-            allowed = _TOLERANCE * spread + _ROUNDING * np.abs(found[name]).max()
-            if not np.allclose(expected[name], found[name], rtol=0.0, atol=allowed):
+            spread = np.abs(simulated[name] - self.mean[:, k]).max(initial=1.0)
+            allowed = _TOLERANCE * spread + _ROUNDING * np.abs(simulated[name]).max()
+            if not np.allclose(expected[name], simulated[name], rtol=0.0, atol=allowed):
                 raise UsageError(
                     f"signal {name!r} is not affine in the noise: its trajectories are not Gaussian",
                     "exact slices and gradients need a linear system, such as the simulator `linear`",

@@ -110,13 +110,14 @@ def compute_sensitivity(
         steps: T.
         names: Names of the signals.
     """
-    found = []
+    distributions = []
     for k in range(len(parameter)):
         moved = parameter.astype(np.complex128)
         moved[k] += 1j * _STEP
-        found.append(TrajectoryGaussian.unchecked(build(moved), steps, names))
+        distributions.append(TrajectoryGaussian.unchecked(build(moved), steps, names))
     return Sensitivity(
-        np.stack([one.mean.imag / _STEP for one in found]), np.stack([one.map.imag / _STEP for one in found])
+        np.stack([distribution.mean.imag / _STEP for distribution in distributions]),
+        np.stack([distribution.map.imag / _STEP for distribution in distributions]),
     )
 
 

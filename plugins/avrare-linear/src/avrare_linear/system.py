@@ -178,14 +178,14 @@ class LinearSystem(System):
         """Return states, their ``*_estimate`` if there is an observer, inputs and outputs, (N,) each."""
         states, inputs, outputs = self.names
         estimates = [f"{name}_estimate" for name in states] if self.observer is not None else []
-        found = dict(zip(states, state.x, strict=True))
-        found |= zip(estimates, state.estimate, strict=True)
-        found |= zip(inputs, self._input(state), strict=True)
-        return found | dict(zip(outputs, state.output, strict=True))
+        signals = dict(zip(states, state.x, strict=True))
+        signals |= zip(estimates, state.estimate, strict=True)
+        signals |= zip(inputs, self._input(state), strict=True)
+        return signals | dict(zip(outputs, state.output, strict=True))
 
     def _input(self, state: LinearState) -> Columns:
-        known = state.estimate if self.observer is not None else state.x
-        error = _subtract(known, _vector(self.reference, state.step))
+        measured = state.estimate if self.observer is not None else state.x
+        error = _subtract(measured, _vector(self.reference, state.step))
         return _subtract(_vector(self.feedforward, state.step), self._times("gain", state.step, error))
 
     def _output(self, step: Integers, x: Columns, noise: Floats) -> Columns:

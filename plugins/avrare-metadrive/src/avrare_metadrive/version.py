@@ -25,8 +25,8 @@ def check_supported(optional: bool = False) -> None:
     Raises:
         PluginError: Another version is installed, or none and it is not ``optional``.
     """
-    found = installed()
-    if found is None and not optional:
+    present = installed()
+    if present is None and not optional:
         raise PluginError(f"metadrive-simulator {CHECKED} is not installed", HINT)
-    if found not in (None, CHECKED):
-        raise PluginError(f"metadrive-simulator {found} is installed, but {CHECKED} is required", HINT)
+    if present not in (None, CHECKED):
+        raise PluginError(f"metadrive-simulator {present} is installed, but {CHECKED} is required", HINT)

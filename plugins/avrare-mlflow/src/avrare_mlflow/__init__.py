@@ -28,8 +28,8 @@ def on_result(run: Run) -> str | None:
         return None
     client = _connect(address)
     name = f"avrare {run.name}"
-    known = client.get_experiment_by_name(name)
-    experiment = client.create_experiment(name) if known is None else known.experiment_id
+    present = client.get_experiment_by_name(name)
+    experiment = client.create_experiment(name) if present is None else present.experiment_id
     commit = run.provenance.commit
     tags = {"fingerprint": run.fingerprint, "commit": commit, "verdict": run.verdict or ""}
     warnings = sorted({name for result in run.values() for name in result.health})

@@ -25,15 +25,15 @@ _SEED_KEY = 0xB007
 
 def fit_ensemble(fit: Fit, data: CleanedData, members: int, report: Report) -> FittedPem:
     """Return the model with so many refits to bootstrap samples of the training rows."""
-    model, plan, found = fit.model, fit.plan, []
+    model, plan, refits = fit.model, fit.plan, []
     for number in range(members):
         rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(_SEED_KEY, number)))
         sample = resample(data, rng)
-        own = replace(plan, seed=plan.seed + number + 1)
-        refit = fit_model(sample, own, {}, lambda line: None, whole=False).model
-        found.append(replace(refit, persistence=model.persistence, ghosts=model.ghosts))
+        refit_plan = replace(plan, seed=plan.seed + number + 1)
+        refit = fit_model(sample, refit_plan, {}, lambda line: None, whole=False).model
+        refits.append(replace(refit, persistence=model.persistence, ghosts=model.ghosts))
         report(f"bootstrap: refit {number + 1} of {members}")
-    return replace(model, ensemble=tuple(found))
+    return replace(model, ensemble=tuple(refits))
 
 
 def resample(data: CleanedData, rng: np.random.Generator) -> CleanedData:
@@ -49,4 +49,4 @@ def draw_blocks(rows: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Return the numbers of the rows in a sample of blocks, ascending but for the repeats of a block."""
     blocks = np.array_split(np.arange(rows), min(_BLOCKS, rows))
     chosen = np.sort(rng.integers(len(blocks), size=len(blocks)))
-    return np.concatenate([blocks[one] for one in chosen])
+    return np.concatenate([blocks[number] for number in chosen])

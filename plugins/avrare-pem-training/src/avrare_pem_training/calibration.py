@@ -58,7 +58,7 @@ class UnseenRows:
 
     def take(self, index: Bools | NDArray[np.intp]) -> UnseenRows:
         """Select rows."""
-        return UnseenRows(**{one.name: getattr(self, one.name)[index] for one in fields(self)})
+        return UnseenRows(**{column.name: getattr(self, column.name)[index] for column in fields(self)})
 
     def law(self, variant: Variant) -> ObservationLaw:
         """Return the variant's predictions for these rows."""
@@ -108,8 +108,8 @@ def _fit_error(errors: _ErrorsUnderLaws, form: int) -> Floats:
         shift = every - centre
         return float(errors.loss(every).mean() + _PRIOR * (shift @ shift) / len(errors.seen.detected))
 
-    found = minimize(loss, centre[:free], method="L-BFGS-B", options={"ftol": 1e-7})
-    return np.append(found.x, centre[free:])
+    minimum = minimize(loss, centre[:free], method="L-BFGS-B", options={"ftol": 1e-7})
+    return np.append(minimum.x, centre[free:])
 
 
 class _ErrorsUnderLaws:
@@ -166,5 +166,5 @@ def _with_error(variant: Variant, axis: int, parameters: Floats) -> Variant:
 
 
 def _minimise(loss: Callable[[Floats], float], start: list[float]) -> Floats:
-    found = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
-    return np.asarray(found.x, np.float64)
+    minimum = minimize(loss, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
+    return np.asarray(minimum.x, np.float64)

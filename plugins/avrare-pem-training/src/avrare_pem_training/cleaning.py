@@ -113,8 +113,8 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     train, test = rows.take(training), rows.take(slice(split, None))
     _require(train, "training rows, the first four fifths without duplicates,", MIN_ROWS, 50, 5)
     _require(test, "held-out rows, the last fifth,", MIN_ROWS // 5, 10, 1)
-    found = find_artefact(train)
-    present = found.present if artefact is None else artefact
+    artefact_test = find_artefact(train)
+    present = artefact_test.present if artefact is None else artefact
     oblique = [off_axis(part.yaw) >= (OBLIQUE if present else 0.0) for part in (train, test)]
     first_test = np.zeros(len(test), bool)
     first_test[np.unique(boxes[split:], axis=0, return_index=True)[1]] = True
@@ -124,7 +124,7 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
         _require(test.take(test_oblique), "held-out rows off the axes of the ego", 20, 10, 0)
     dropped = split - int(training.sum())
     false = (None, None) if ghosts is None else ghosts.split(1 - HELD_OUT)
-    return CleanedData(train, oblique[0], test, test_oblique, found, present, dropped, *false)
+    return CleanedData(train, oblique[0], test, test_oblique, artefact_test, present, dropped, *false)
 
 
 def find_artefact(rows: DetectionTable) -> Artefact:

@@ -168,12 +168,12 @@ def _read_data(args: argparse.Namespace) -> CleanedData:
 
 
 def _describe_artefact(data: CleanedData) -> str:
-    found, action = data.artefact, "taken out" if data.has_artefact else "left in"
-    if not found.known:
+    test, action = data.artefact, "taken out" if data.has_artefact else "left in"
+    if not test.known:
         return f"too few vehicles along the ego's axes to look for an artefact of matching: {action}"
     return (
-        f"detected along the ego's axes {found.aligned:.2f}, off them {found.oblique:.2f} at the same range: "
-        f"artefact of matching {'found' if found.present else 'not found'}, {action}"
+        f"detected along the ego's axes {test.aligned:.2f}, off them {test.oblique:.2f} at the same range: "
+        f"artefact of matching {'test' if test.present else 'not test'}, {action}"
     )
 
 

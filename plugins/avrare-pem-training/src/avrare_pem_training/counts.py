@@ -46,24 +46,24 @@ class Count:
     what: str
     rows: int
     seen: int
-    own: float
+    expected: float
 
 
 def count_events(model: FittedPem, rows: DetectionTable) -> list[Count]:
     """Count large errors and misses by range, under the detector's law."""
     law, errors = model.clean.law(rows, 0.0), errors_in(model.clean.frame, rows)
-    found = []
+    counts = []
     for axis, name in reversed(list(enumerate(AXIS_NAMES[model.clean.frame]))):
         for low, high, size in LARGE_ERRORS:
             band = rows.detected & (rows.range >= low) & (rows.range < high)
             seen = int((np.abs(errors[band, axis]) > size).sum())
-            own = float(chance_beyond(law, axis, size, band).sum())
-            found.append(Count(f"{name} > {size:g} m, {low:g}-{high:g} m", int(band.sum()), seen, own))
+            expected = float(chance_beyond(law, axis, size, band).sum())
+            counts.append(Count(f"{name} > {size:g} m, {low:g}-{high:g} m", int(band.sum()), seen, expected))
     for low, high in MISSES:
         band = (rows.range >= low) & (rows.range < high)
-        seen, own = int((~rows.detected[band]).sum()), float(law.miss[band].sum())
-        found.append(Count(f"missed, {low:g}-{high:g} m", int(band.sum()), seen, own))
-    return found
+        seen, expected = int((~rows.detected[band]).sum()), float(law.miss[band].sum())
+        counts.append(Count(f"missed, {low:g}-{high:g} m", int(band.sum()), seen, expected))
+    return counts
 
 
 def chance_beyond(law: ObservationLaw, axis: int, size: float, rows: Bools) -> Floats:
@@ -103,7 +103,7 @@ def misses_after_misses(model: FittedPem, rows: DetectionTable) -> list[AfterMis
     law, pairs = model.clean.law(rows, 0.0), track_pairs(rows)
     near = (rows.range[pairs.first] < NEARBY) & (rows.range[pairs.second] < NEARBY)
     pairs = pairs.take(np.flatnonzero(near & ~rows.detected[pairs.first]))
-    bounds, missed, found = detection_bounds(law), np.zeros(len(rows), bool), []
+    bounds, missed, shares = detection_bounds(law), np.zeros(len(rows), bool), []
     for lag in LAGS:
         some = pairs.take(np.flatnonzero(np.abs(pairs.seconds - lag) < _SAME))
         if not len(some.first):
@@ -114,5 +114,5 @@ def misses_after_misses(model: FittedPem, rows: DetectionTable) -> list[AfterMis
             both = pair_probability(bounds, missed, some, correlation)  # what happened: two misses
             lasting = float((both / law.miss[some.first]).mean())
         again = float((~rows.detected[some.second]).mean())
-        found.append(AfterMiss(lag, len(some.first), again, float(law.miss[some.second].mean()), lasting))
-    return found
+        shares.append(AfterMiss(lag, len(some.first), again, float(law.miss[some.second].mean()), lasting))
+    return shares

@@ -189,10 +189,10 @@ class _Trainer:
         best = self.best()
         out = np.empty((len(self.x), OUTPUTS))
         for k, block in enumerate(self.blocks):
-            own = networks(
+            block_networks = networks(
                 tuple(w[k : k + 1] for w in best.weights), tuple(b[k : k + 1] for b in best.biases)
             )
-            out[block] = own.predict(self.x[block].double().numpy())[0]
+            out[block] = block_networks.predict(self.x[block].double().numpy())[0]
         return out
 
     def _batches(self, rng: np.random.Generator) -> Iterator[Tensor]:

@@ -76,19 +76,19 @@ def fit_ghosts(log: GhostLog) -> MeasuredGhosts | None:
     return MeasuredGhosts(rate, _persistence(log), points, width)
 
 
-def describe_ghosts(found: MeasuredGhosts | None, log: GhostLog | None, held_out: GhostLog | None) -> str:
+def describe_ghosts(ghosts: MeasuredGhosts | None, log: GhostLog | None, held_out: GhostLog | None) -> str:
     """Return a line for the terminal and the model card."""
     if log is None or held_out is None:
         return "false detections: none in the data (rows of `ghost` 1)"
-    if found is None:
+    if ghosts is None:
         return (
             f"false detections: not fitted, {len(log.time)} in the training frames where {_LEAST} are needed"
         )
-    lasting = f"lasting {found.persistence:.2f} s" if found.persistence else "none that lasts"
+    lasting = f"lasting {ghosts.persistence:.2f} s" if ghosts.persistence else "none that lasts"
     return (
-        f"false detections: {found.rate:.3f} in a frame, {lasting}, from {len(log.time)} in "
+        f"false detections: {ghosts.rate:.3f} in a frame, {lasting}, from {len(log.time)} in "
         f"{len(log.frames)} frames; held out: {len(held_out.time)} seen in {len(held_out.frames)} frames, "
-        f"{found.rate * len(held_out.frames):.1f} expected"
+        f"{ghosts.rate * len(held_out.frames):.1f} expected"
     )
 
 
@@ -105,14 +105,14 @@ def _births(log: GhostLog) -> Bools:
 def _persistence(log: GhostLog) -> float:
     steps = np.diff(log.frames)
     frame = np.searchsorted(log.frames, log.time)
-    known = np.isfinite(log.track) & (frame < len(steps))
-    known[known] = steps[frame[known]] < _JUMP * np.median(steps) if len(steps) else False
+    tracked = np.isfinite(log.track) & (frame < len(steps))
+    tracked[tracked] = steps[frame[tracked]] < _JUMP * np.median(steps) if len(steps) else False
     there = set(zip(log.track.tolist(), frame.tolist(), strict=True))
-    pairs = zip(log.track[known].tolist(), frame[known].tolist(), strict=True)
+    pairs = zip(log.track[tracked].tolist(), frame[tracked].tolist(), strict=True)
     stays = np.array([(track, at + 1) in there for track, at in pairs], bool)
     if not stays.any():
         return 0.0
-    apart = steps[frame[known]]
+    apart = steps[frame[tracked]]
 
     def loss(log_seconds: float) -> float:
         hazard = apart / np.exp(log_seconds)

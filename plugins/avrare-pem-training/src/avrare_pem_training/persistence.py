@@ -55,9 +55,9 @@ class Pairs:
 
 def track_pairs(rows: DetectionTable) -> Pairs:
     """Return all pairs of frames of a track, ``LONGEST`` seconds apart or less."""
-    known = np.flatnonzero(np.isfinite(rows.track) & np.isfinite(rows.time))
-    order = known[np.lexsort((rows.time[known], rows.track[known]))]
-    found: list[NDArray[np.intp]] = []
+    timed = np.flatnonzero(np.isfinite(rows.track) & np.isfinite(rows.time))
+    order = timed[np.lexsort((rows.time[timed], rows.track[timed]))]
+    pairs: list[NDArray[np.intp]] = []
     gap = 0
     while True:
         gap += 1
@@ -66,8 +66,8 @@ def track_pairs(rows: DetectionTable) -> Pairs:
         near = (rows.track[second] == rows.track[first]) & (apart <= LONGEST)
         if gap >= len(order) or not near.any():
             break
-        found.append(np.stack([first, second])[:, near & (apart > 0)])
-    first, second = np.concatenate(found, axis=1) if found else np.zeros((2, 0), np.intp)
+        pairs.append(np.stack([first, second])[:, near & (apart > 0)])
+    first, second = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.intp)
     return Pairs(first, second, rows.time[second] - rows.time[first])
 
 
@@ -116,10 +116,10 @@ def pair_probability(bounds: Floats, detected: Bools, pairs: Pairs, correlation:
     """Return (p,) the probability of what happened to both rows of each pair, detection or miss."""
     first, second = bounds[pairs.first], bounds[pairs.second]
     both = bivariate_normal(first, second, correlation)
-    one, other = ndtr(first), ndtr(second)
+    detect_first, detect_second = ndtr(first), ndtr(second)
     seen, again = detected[pairs.first], detected[pairs.second]
-    after_detection = np.where(again, both, one - both)
-    after_miss = np.where(again, other - both, 1 - one - other + both)
+    after_detection = np.where(again, both, detect_first - both)
+    after_miss = np.where(again, detect_second - both, 1 - detect_first - detect_second + both)
     return np.maximum(np.where(seen, after_detection, after_miss), _IMPOSSIBLE)
 
 
@@ -145,13 +145,16 @@ def normal_scores(law: ObservationLaw, errors: Floats) -> Floats:
     return scores
 
 
-def describe_persistence(found: MeasuredPersistence | None) -> str:
+def describe_persistence(persistence: MeasuredPersistence | None) -> str:
     """Return a line for the terminal and the model card."""
-    if found is None:
+    if persistence is None:
         return "persistence: not fitted, too few pairs of frames with `track` and `time`"
     words = [
         f"{name} {seconds:.2f} s and {share:.2f} for good"
-        for name, (seconds, share) in (("detection", found.detection), ("position", found.position))
+        for name, (seconds, share) in (
+            ("detection", persistence.detection),
+            ("position", persistence.position),
+        )
     ]
     return f"persistence: {', '.join(words)}"
 
@@ -163,5 +166,5 @@ def _fit_correlation(loss: Callable[[Floats], float], seconds: Floats) -> Floats
     def loss_of(parameters: Floats) -> float:
         return loss(np.minimum(correlation_after(unpack(parameters), seconds), _STRONGEST))
 
-    found = minimize(loss_of, [0.0, -1.5], method="L-BFGS-B", bounds=[_LOG_SECONDS, _LOGIT_LASTING])
-    return unpack(found.x)
+    minimum = minimize(loss_of, [0.0, -1.5], method="L-BFGS-B", bounds=[_LOG_SECONDS, _LOGIT_LASTING])
+    return unpack(minimum.x)

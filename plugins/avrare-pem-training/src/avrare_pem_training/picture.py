@@ -42,78 +42,81 @@ def draw(path: Path, title: str, scored: Mapping[str, ScoredRows]) -> None:
     figure.savefig(path, dpi=110, metadata={"Software": None})
 
 
-def _reliability(axes: Axes, one: ScoredRows) -> None:
-    detect, detected = one.law.detect, one.rows.detected
+def _reliability(axes: Axes, scored: ScoredRows) -> None:
+    detect, detected = scored.law.detect, scored.rows.detected
     bins = [b for b in np.array_split(np.argsort(detect, kind="stable"), 10) if len(b)]
     predicted, observed = (np.array([x[b].mean() for b in bins]) for x in (detect, detected))
     error = 2 * np.sqrt(np.maximum(observed * (1 - observed), 1e-4) / np.array([len(b) for b in bins]))
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
     axes.errorbar(predicted, observed, error, fmt="o", color=_MODEL, ms=4, capsize=2)
     axes.set(xlabel="predicted probability of detection", ylabel="share detected")
-    value = one.scores["detection_calibration_error"]
-    axes.set_title(f"reliability, {one.title}: ECE {value:.3f}", fontsize=9)
+    value = scored.scores["detection_calibration_error"]
+    axes.set_title(f"reliability, {scored.title}: ECE {value:.3f}", fontsize=9)
 
 
 def _roc(axes: Axes, several: list[ScoredRows]) -> None:
-    for one, colour in zip(several, (_MODEL, _DATA), strict=True):
-        detected = one.rows.detected[np.argsort(-one.law.detect, kind="stable")]
+    for scored, colour in zip(several, (_MODEL, _DATA), strict=True):
+        detected = scored.rows.detected[np.argsort(-scored.law.detect, kind="stable")]
         hits, alarms = (np.append(0, np.cumsum(x)) / max(1, x.sum()) for x in (detected, ~detected))
-        area = one.scores["detection_auc"]
-        axes.plot(alarms, hits, color=colour, label=f"{one.title}: {area:.3f}")
+        area = scored.scores["detection_auc"]
+        axes.plot(alarms, hits, color=colour, label=f"{scored.title}: {area:.3f}")
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
     axes.set(xlabel="share of the missed above a threshold", ylabel="share of the detected above it")
     axes.set_title("ROC of the predicted probability", fontsize=9)
     axes.legend(fontsize=8, title="area", title_fontsize=8)
 
 
-def _detection_by(axes: Axes, one: ScoredRows, x: Floats, edges: Floats, label: str) -> None:
+def _detection_by(axes: Axes, scored: ScoredRows, x: Floats, edges: Floats, label: str) -> None:
     band = np.digitize(x, edges) - 1
     present = [i for i in range(len(edges) - 1) if (band == i).sum() >= 10]
     predicted, observed = (
-        [float(values[band == i].mean()) for i in present] for values in (one.law.detect, one.rows.detected)
+        [float(values[band == i].mean()) for i in present]
+        for values in (scored.law.detect, scored.rows.detected)
     )
     places = np.arange(len(present))
     axes.plot(places, predicted, "-", color=_MODEL, label="model")
     axes.plot(places, observed, "o", color=_DATA, ms=5, label="held-out rows")
     axes.set_xticks(places, [f"{edges[i]:g}-{edges[i + 1]:g}" for i in present], fontsize=7)
     axes.set(xlabel=label, ylabel="share detected", ylim=(0, 1.03))
-    axes.set_title(f"detection, {one.title}", fontsize=9)
+    axes.set_title(f"detection, {scored.title}", fontsize=9)
     axes.legend(fontsize=8)
 
 
-def _quantiles(axes: Axes, one: ScoredRows, axis: int) -> None:
-    detected = one.rows.detected
-    error, distance = np.abs(one.errors[detected, axis]), one.rows.range[detected]
-    drawn = np.abs(_sample_errors(one, axis))  # the model's mixture over the rows of a band
+def _quantiles(axes: Axes, scored: ScoredRows, axis: int) -> None:
+    detected = scored.rows.detected
+    error, distance = np.abs(scored.errors[detected, axis]), scored.rows.range[detected]
+    drawn = np.abs(_sample_errors(scored, axis))  # the model's mixture over the rows of a band
     band = np.digitize(distance, _BANDS) - 1
     present = [i for i in range(len(_BANDS) - 1) if (band == i).sum() >= 30]
     places = np.arange(len(present))
     for q, style in zip(_QUANTILES, ("-", "--", ":"), strict=True):
-        own, seen = ([float(np.quantile(v[band == i], q)) for i in present] for v in (drawn, error))
-        axes.plot(places, own, style, color=_MODEL, label=f"model, {q:.0%}")
+        modelled, seen = ([float(np.quantile(v[band == i], q)) for i in present] for v in (drawn, error))
+        axes.plot(places, modelled, style, color=_MODEL, label=f"model, {q:.0%}")
         axes.plot(places, seen, "o", color=_DATA, ms=4, label="held-out" if q == _QUANTILES[0] else None)
     axes.set_xticks(places, [f"{_BANDS[i]:g}-{_BANDS[i + 1]:g}" for i in present], fontsize=7)
     axes.set(xlabel="range [m]", ylabel="|error| [m]", yscale="log")
-    axes.set_title(f"error {AXIS_NAMES[one.frame][axis]}, {one.title}", fontsize=9)
+    axes.set_title(f"error {AXIS_NAMES[scored.frame][axis]}, {scored.title}", fontsize=9)
     axes.legend(fontsize=8)
 
 
-def _sample_errors(one: ScoredRows, axis: int) -> Floats:
-    detected = one.rows.detected
-    scale, location = one.law.scale[detected, axis], one.law.location[detected, axis]
+def _sample_errors(scored: ScoredRows, axis: int) -> Floats:
+    detected = scored.rows.detected
+    scale, location = scored.law.scale[detected, axis], scored.law.location[detected, axis]
     ranks = np.random.default_rng(0).standard_normal((len(scale), 20))
-    power = np.ones(1) if one.law.power is None else one.law.power[detected, axis]
-    drawn = student(one.law.dof[axis]).truncated(ranks, (one.law.limit / scale)[:, None], power[:, None])
+    power = np.ones(1) if scored.law.power is None else scored.law.power[detected, axis]
+    drawn = student(scored.law.dof[axis]).truncated(
+        ranks, (scored.law.limit / scale)[:, None], power[:, None]
+    )
     positions: Floats = location[:, None] + scale[:, None] * drawn
     return positions
 
 
-def _tails(axes: Axes, one: ScoredRows) -> None:
+def _tails(axes: Axes, scored: ScoredRows) -> None:
     sizes = np.geomspace(0.3, 40, 60)
-    fits = error_fits(one.law, one.rows.detected, one.errors)
-    for fit, name, colour in zip(fits, AXIS_NAMES[one.frame], (_DATA, _SECOND), strict=True):
-        seen, own = np.array([fit.beyond(float(size)) for size in sizes]).T
-        axes.plot(sizes, own, "-", color=colour, lw=1, label=f"{name}, model")
+    fits = error_fits(scored.law, scored.rows.detected, scored.errors)
+    for fit, name, colour in zip(fits, AXIS_NAMES[scored.frame], (_DATA, _SECOND), strict=True):
+        seen, modelled = np.array([fit.beyond(float(size)) for size in sizes]).T
+        axes.plot(sizes, modelled, "-", color=colour, lw=1, label=f"{name}, model")
         axes.plot(sizes[seen > 0], seen[seen > 0], "o", color=colour, ms=3, label=f"{name}, held-out")
     gaussian = 2 * normal.cdf(-sizes)
     axes.plot(sizes[gaussian > 1e-6], gaussian[gaussian > 1e-6], color="0.6", lw=1, label="a normal law")
@@ -124,23 +127,23 @@ def _tails(axes: Axes, one: ScoredRows) -> None:
         ylabel="share beyond",
         ylim=(1e-5, 1.2),
     )
-    axes.set_title(f"tails, {one.title}", fontsize=9)
+    axes.set_title(f"tails, {scored.title}", fontsize=9)
     axes.legend(fontsize=8)
 
 
 def _beyond(axes: Axes, several: list[ScoredRows]) -> None:
-    labels, seen, own = [], [], []
-    for one in several:
-        for name in AXIS_NAMES[one.frame]:
+    labels, seen, modelled = [], [], []
+    for scored in several:
+        for name in AXIS_NAMES[scored.frame]:
             labels.append(name)
-            seen.append(one.scores[f"{name}_z{TAILS[1]:g}"])
-            own.append(one.scores[f"{name}_z{TAILS[1]:g}_own"])
+            seen.append(scored.scores[f"{name}_z{TAILS[1]:g}"])
+            modelled.append(scored.scores[f"{name}_z{TAILS[1]:g}_own"])
     places = np.arange(len(labels))
-    axes.bar(places - 0.2, own, 0.38, color=_MODEL, label="the model's own")
+    axes.bar(places - 0.2, modelled, 0.38, color=_MODEL, label="the model's own")
     axes.bar(places + 0.2, seen, 0.38, color=_DATA, label="held-out")
-    for place, a, b in zip(places, seen, own, strict=True):
+    for place, a, b in zip(places, seen, modelled, strict=True):
         axes.annotate(f"x {a / b:.2f}" if b else "", (place, max(a, b)), ha="center", va="bottom", fontsize=8)
     axes.set_xticks(places, labels, fontsize=8)
-    axes.set(ylabel="P(|z| > 4)", ylim=(0, 1.25 * max((*seen, *own, 1e-6))))
+    axes.set(ylabel="P(|z| > 4)", ylim=(0, 1.25 * max((*seen, *modelled, 1e-6))))
     axes.set_title("P(|z| > 4): labels, then detector", fontsize=9)
     axes.legend(fontsize=8)

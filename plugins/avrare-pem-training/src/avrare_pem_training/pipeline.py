@@ -179,9 +179,9 @@ def _fit_latents(
         unseen = UnseenRows(mean, variance, distance[rows], sample.detected[rows], errors[rows])
         return pair, unseen, plan.recipe
     recipe = plan.recipe or RECIPES[plan.model][0]
-    fitted, left_out, found = fit_networks(sample, recipe, plan.seed, report)
+    fitted, left_out, fitted_recipe = fit_networks(sample, recipe, plan.seed, report)
     unseen = UnseenRows(left_out, np.zeros_like(left_out), distance, sample.detected, errors)
-    return fitted, unseen, found
+    return fitted, unseen, fitted_recipe
 
 
 def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
@@ -202,11 +202,11 @@ def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
 
 def fit_yaw(rows: DetectionTable) -> YawErrors | None:
     """Fit the distribution of yaw errors; None where fewer than 100 rows have one."""
-    known = rows.detected & np.isfinite(rows.error_yaw)
-    if known.sum() < _MIN_YAW_ROWS:
+    measured = rows.detected & np.isfinite(rows.error_yaw)
+    if measured.sum() < _MIN_YAW_ROWS:
         return None
-    distance = rows.range[known]
-    flipped, rest = split_flips(rows.error_yaw[known])
+    distance = rows.range[measured]
+    flipped, rest = split_flips(rows.error_yaw[measured])
 
     def flip_loss(parameters: Floats) -> float:
         argument = parameters[0] + parameters[1] * distance / 50
@@ -225,6 +225,6 @@ def fit_yaw(rows: DetectionTable) -> YawErrors | None:
         base, slope, dof = unpack(parameters)
         return -float(student_t.logpdf(rest, dof, scale=base + slope * distance).mean())
 
-    found = minimize(rest_loss, np.log([spread / 2, spread / 60, 1.5]), method="Nelder-Mead").x
-    base, slope, dof = unpack(found)
+    minimum = minimize(rest_loss, np.log([spread / 2, spread / 60, 1.5]), method="Nelder-Mead").x
+    base, slope, dof = unpack(minimum)
     return YawErrors(flip, np.array([base, slope]), np.array(dof))

@@ -61,7 +61,7 @@ def write_report(folder: Path, name: str, model: FittedPem, data: CleanedData) -
         UsageError: A file cannot be written.
     """
     scored, yaw = evaluate(model, data), yaw_scores(model, data)
-    scores = {part: one.scores for part, one in scored.items()}
+    scores = {part: rows.scores for part, rows in scored.items()}
     paths = [folder / f"{name}.{ending}" for ending in ("npz", "md", "json", "png")]
     try:
         save(paths[0], model)
@@ -147,7 +147,7 @@ def _errors(model: FittedPem, scores: Scores) -> str:
         for name in _error_names(s):
             tails = [(s[f"{name}_z{size:g}"], s[f"{name}_z{size:g}_own"]) for size in TAILS]
             tails.append((s[f"{name}_4sd"], s[f"{name}_4sd_own"]))
-            cells = " | ".join(f"{100 * seen:.2f} / {100 * own:.2f} %" for seen, own in tails)
+            cells = " | ".join(f"{100 * seen:.2f} / {100 * modelled:.2f} %" for seen, modelled in tails)
             lines.append(
                 f"| {TITLES[part]} | {name} | {s['error_rows']:,.0f} | **{s[f'{name}_nll']:.4f}** | "
                 f"{s[f'{name}_dof']:.2f} | {cells} |"
@@ -164,7 +164,7 @@ def _counts(model: FittedPem, data: CleanedData) -> str:
         "|---|---|---|---|---|",
     ]
     for pair in events:
-        cells = " | ".join(f"{one.rows:,} | **{one.seen}** / {one.own:.1f}" for one in pair)
+        cells = " | ".join(f"{count.rows:,} | **{count.seen}** / {count.expected:.1f}" for count in pair)
         lines.append(f"| {pair[0].what} | {cells} |")
     after = misses_after_misses(model, parts[1])
     if after:

@@ -112,16 +112,16 @@ def _read(path: Path) -> Weights:
                     if archive.getinfo("policy.pth").file_size > _MAX_BYTES:
                         raise UsageError(f"{path}: policy.pth is larger than {_MAX_BYTES >> 20} MiB")
                     content = archive.read("policy.pth")
-        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        tensors = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except UsageError:
         raise
     except Exception as error:  # pickle, zip and torch have many
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         hint = "save the state dict: torch.save(policy.state_dict(), 'policy.pt')"
         raise UsageError(f"{path}: cannot be read as tensors: {reason}", hint) from None
-    if not isinstance(found, Mapping):
+    if not isinstance(tensors, Mapping):
         raise UsageError(f"{path}: has no state dict", "torch.save(policy.state_dict(), 'policy.pt')")
-    return {str(name): _array(value) for name, value in found.items() if hasattr(value, "detach")}
+    return {str(name): _array(value) for name, value in tensors.items() if hasattr(value, "detach")}
 
 
 def _array(tensor: Any) -> NDArray[np.float32]:

@@ -59,9 +59,9 @@ class Network:
         """Weights and biases by the names of the file: W0, b0, W1, ..."""
         pairs = zip(self.weights, self.biases, strict=True)
         return {
-            name: one
+            name: array
             for k, pair in enumerate(pairs)
-            for name, one in zip((f"W{k}", f"b{k}"), pair, strict=True)
+            for name, array in zip((f"W{k}", f"b{k}"), pair, strict=True)
         }
 
     def with_arrays(self, path: Path, arrays: Mapping[str, object]) -> Network:
@@ -70,19 +70,19 @@ class Network:
         Raises:
             UsageError: A name or a shape does not fit, or a number is not finite.
         """
-        known = self.arrays
+        current = self.arrays
         for name, values in arrays.items():
-            if name not in known:
-                raise UsageError(f"{path}: has no array {name!r}", f"it has {', '.join(known)}")
-            shape = known[name].shape
+            if name not in current:
+                raise UsageError(f"{path}: has no array {name!r}", f"it has {', '.join(current)}")
+            shape = current[name].shape
             try:
-                known[name] = np.ascontiguousarray(values, dtype=np.float32)
+                current[name] = np.ascontiguousarray(values, dtype=np.float32)
             except (TypeError, ValueError):
                 raise UsageError(f"{path}: {name} needs numbers of shape {shape}") from None
-            if known[name].shape != shape:
-                raise UsageError(f"{path}: {name} needs numbers of shape {shape}, not {known[name].shape}")
+            if current[name].shape != shape:
+                raise UsageError(f"{path}: {name} needs numbers of shape {shape}, not {current[name].shape}")
         layers = range(len(self.weights))
-        weights, biases = (tuple(known[f"{letter}{k}"] for k in layers) for letter in "Wb")
+        weights, biases = (tuple(current[f"{letter}{k}"] for k in layers) for letter in "Wb")
         changed = replace(self, weights=weights, biases=biases)
         _check(path, changed)
         return changed
@@ -152,9 +152,9 @@ def save(path: Path, network: Network) -> None:
 
 
 def _assemble(path: Path, arrays: Arrays) -> Network:
-    found = int(arrays["format"].astype(float))
-    if found not in (FORMAT, SQUASHED):
-        raise UsageError(f"{path}: policy format {found}, this version reads {FORMAT} and {SQUASHED}")
+    file_format = int(arrays["format"].astype(float))
+    if file_format not in (FORMAT, SQUASHED):
+        raise UsageError(f"{path}: policy format {file_format}, this version reads {FORMAT} and {SQUASHED}")
     layers = sum(name.startswith("W") and name[1:].isdigit() for name in arrays)
     keys, values = arrays["provenance_keys"], arrays["provenance_values"]
     network = Network(
@@ -166,7 +166,7 @@ def _assemble(path: Path, arrays: Arrays) -> Network:
         low=np.asarray(arrays["low"], float),
         high=np.asarray(arrays["high"], float),
         provenance={str(key): str(value) for key, value in zip(keys, values, strict=True)},
-        squash=found == SQUASHED,
+        squash=file_format == SQUASHED,
     )
     _check(path, network)
     return network

@@ -85,7 +85,7 @@ _TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 def _read_input(path: Path, session: InferenceSession) -> tuple[str, Any, int, bool]:
     inputs = session.get_inputs()
     if len(inputs) != 1:
-        names = ", ".join(one.name for one in inputs)
+        names = ", ".join(input_.name for input_ in inputs)
         raise UsageError(
             f"{path}: the model has {len(inputs)} inputs ({names}), a policy has one: the observation"
         )

@@ -81,7 +81,7 @@ class RayExecutor(Executor):
 
     def submit(self, chunk: Task) -> _Ticket:
         """Submit a chunk to the worker with the fewest chunks."""
-        actor = min(self._actors, key=lambda one: one.load)
+        actor = min(self._actors, key=lambda worker: worker.load)
         ticket = _Ticket(self._ray, actor, actor.handle.run.remote(pickle.dumps(chunk)))
         actor.tickets.append(ticket)
         return ticket

@@ -47,10 +47,10 @@ class FormulaText:
             message: Message of the parser, with a position counted from the first definition.
             hint: Hint of the parser.
         """
-        found = _PLACE.match(message)
-        if found is None:
+        place = _PLACE.match(message)
+        if place is None:
             return self.source + message, hint, self.option
-        line, column, rest = int(found[1]), int(found[2]), message[found.end() :]
+        line, column, rest = int(place[1]), int(place[2]), message[place.end() :]
         name = self.options.get((line, column))
         if name is not None:  # the user wrote the option, not the line around it
             first = (hint or "").partition(";")[0]
@@ -102,7 +102,7 @@ def raise_errors(findings: Sequence[Finding]) -> None:
     errors = [finding for finding in findings if finding.is_error]
     if errors:
         *before, last = errors
-        lines = [part for one in before for part in FormulaError(one.message, one.hint).lines()]
+        lines = [part for finding in before for part in FormulaError(finding.message, finding.hint).lines()]
         raise FormulaError("\n".join([*lines, last.message]), last.hint)
 
 
@@ -130,10 +130,10 @@ def _check_options(config: TrafficRuleConfig) -> Iterator[Finding]:
 
 
 def _relocate_warnings(formula: Formula, text: FormulaText) -> tuple[Formula, list[Finding]]:
-    relocated = [text.relocate(one.message, one.hint) for one in formula.warnings]
+    relocated = [text.relocate(warning.message, warning.hint) for warning in formula.warnings]
     warnings = tuple(
-        dataclasses.replace(one, message=message, hint=hint)
-        for one, (message, hint, _) in zip(formula.warnings, relocated, strict=True)
+        dataclasses.replace(warning, message=message, hint=hint)
+        for warning, (message, hint, _) in zip(formula.warnings, relocated, strict=True)
     )
     findings = [Finding(message, hint, option, is_error=False) for message, hint, option in relocated]
     return dataclasses.replace(formula, warnings=warnings), findings

@@ -128,9 +128,9 @@ class Parameters(Options):
     def _positive_limit(
         cls, limit: float | tuple[float | None, ...] | None
     ) -> float | tuple[float | None, ...] | None:
-        for one in limit if isinstance(limit, tuple) else (limit,):
-            if one is not None and one <= 0.0:
-                raise ValueError(f"a speed limit should be above 0, found {one:g}")
+        for speed in limit if isinstance(limit, tuple) else (limit,):
+            if speed is not None and speed <= 0.0:
+                raise ValueError(f"a speed limit should be above 0, found {speed:g}")
         return limit
 
 
@@ -165,11 +165,11 @@ class TrafficRuleConfig(Parameters):
     @classmethod
     def _known_rule(cls, rule: str | None, info: ValidationInfo) -> str | None:
         try:
-            known = _rulebook(info.data.get("rules_file")).rules
+            rules = _rulebook(info.data.get("rules_file")).rules
         except UsageError:
             return rule  # reported by check.py
-        if rule is not None and rule not in known:
-            expected = ", ".join(f"'{name}'" for name in known)
+        if rule is not None and rule not in rules:
+            expected = ", ".join(f"'{name}'" for name in rules)
             raise PydanticCustomError("literal_error", "Input should be {expected}", {"expected": expected})
         return rule
 

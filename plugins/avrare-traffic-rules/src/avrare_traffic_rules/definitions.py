@@ -71,7 +71,7 @@ def drives_slightly_faster(s: Setting, a: Bodies, b: Bodies) -> Floats:
 
 PUBLISHED = Definitions(
     dict(RECOMMENDED.predicates)
-    | named({one.name: one for one in (keeps_safe_distance, left_of, drives_slightly_faster)}),
+    | named({rule.name: rule for rule in (keeps_safe_distance, left_of, drives_slightly_faster)}),
     edge_midpoints,
     inner_half,
     scaled=False,

@@ -123,7 +123,7 @@ def _over_areas(
 ) -> Floats:
     number, way = np.maximum(a.number, b.number), np.maximum(a.way, b.way)  # of the other one
     values = np.full(np.broadcast_shapes(a.x.shape, b.x.shape), -np.inf)
-    for area in (one for one in s.road.crossings if one.reason == reason):
+    for area in (crossing for crossing in s.road.crossings if crossing.reason == reason):
         takes = True if area.users is None else np.isin(number, area.users)
         takes = takes if area.way is None else takes & (way == area.way)
         here = np.where(takes & (a.number != b.number), value(s, a, area), -np.inf)
@@ -133,22 +133,22 @@ def _over_areas(
 
 def _is_in_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
     if area.own is None:
-        own = np.minimum(a.front - area.begin, area.end - a.rear) / s.scales.longitudinal
+        ego = np.minimum(a.front - area.begin, area.end - a.rear) / s.scales.longitudinal
     else:
-        station, beside = _on_way(s, a, area.own, area.half_width)
-        own = np.minimum(_reach(s, a, station, area.begin, area.end), beside)
-    station, beside = _on_way(s, a, area.line, area.half_width)
-    other = np.minimum(_reach(s, a, station, area.line_begin, area.line_end), beside)
-    least = np.where(a.number < 0, own, other)
+        station, sideways = _on_way(s, a, area.own, area.half_width)
+        ego = np.minimum(_reach(s, a, station, area.begin, area.end), sideways)
+    station, sideways = _on_way(s, a, area.line, area.half_width)
+    other = np.minimum(_reach(s, a, station, area.line_begin, area.line_end), sideways)
+    least = np.where(a.number < 0, ego, other)
     return np.where(np.isnan(least), -np.inf, least)
 
 
 def _brakes_before_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
-    station, beside = _on_way(s, a, area.line, area.half_width)
+    station, sideways = _on_way(s, a, area.line, area.half_width)
     gap = area.line_begin - station - 0.5 * a.length
     near = np.minimum(gap, s.parameters.made_to_brake_distance - gap) / s.scales.longitudinal
     brakes = (s.parameters.made_to_brake - a.acceleration) / s.scales.acceleration
-    least = np.minimum.reduce([near, brakes, beside])
+    least = np.minimum.reduce([near, brakes, sideways])
     return np.where(np.isnan(least) | (a.number < 0), -np.inf, least)
 
 
@@ -157,8 +157,8 @@ def _on_way(s: Setting, a: Bodies, line: ReferenceLine, half_width: float) -> tu
     plane = to_plane(s.road, Vehicles(a.x, a.y, a.heading, a.speed, a.acceleration))
     station, offset = line.to_road(plane.x, plane.y)
     turned = np.remainder(plane.heading - line.heading(station) + np.pi, 2.0 * np.pi) - np.pi
-    beside = (half_width - np.abs(offset)) / s.scales.lateral
-    return station, np.minimum(beside, (_ALIGNED - np.abs(turned)) / s.scales.heading)
+    sideways = (half_width - np.abs(offset)) / s.scales.lateral
+    return station, np.minimum(sideways, (_ALIGNED - np.abs(turned)) / s.scales.heading)
 
 
 def _reach(s: Setting, a: Bodies, station: Floats, begin: float, end: float) -> Floats:

@@ -40,8 +40,8 @@ def other_than(s: Setting, a: Bodies, b: Bodies) -> Floats:
 def left_of(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A is beside b, wholly to its left; oncoming or crossing traffic does not count."""
     aside = (a.y - a.half_width - b.y - b.half_width) / s.scales.lateral
-    beside = np.minimum(b.front - a.rear, a.front - b.rear)
-    left = np.minimum(aside, beside / s.scales.longitudinal)
+    overlap = np.minimum(b.front - a.rear, a.front - b.rear)
+    left = np.minimum(aside, overlap / s.scales.longitudinal)
     return np.minimum(left, _same_way(a, b)) if s.road.opposing or s.road.lanes else left
 
 
@@ -50,7 +50,8 @@ def single_lane(s: Setting, a: Bodies) -> Floats:
     """A touches one lane only."""
     lanes = range(len(a.lanes))
     only = [
-        np.min([a.lanes[lane] if lane == own else -a.lanes[lane] for lane in lanes], axis=0) for own in lanes
+        np.min([a.lanes[lane] if lane == occupied else -a.lanes[lane] for lane in lanes], axis=0)
+        for occupied in lanes
     ]
     return np.asarray(np.max(only, axis=0))
 

@@ -117,7 +117,9 @@ def keeps_lane_limit(s: Setting, a: Bodies) -> Floats:
     limit = s.parameters.lane_limit
     if not isinstance(limit, tuple):
         return ((np.inf if limit is None else limit) - a.speed) / s.scales.speed
-    limits = np.array([np.inf if one is None else one for one in limit]).reshape(-1, *[1] * a.speed.ndim)
+    limits = np.array([np.inf if lane_limit is None else lane_limit for lane_limit in limit]).reshape(
+        -1, *[1] * a.speed.ndim
+    )
     below = (limits - a.speed) / s.scales.speed
     return np.asarray(np.maximum(-a.lanes / s.scales.lateral, below).min(axis=0))
 
@@ -161,8 +163,8 @@ def gap(s: Setting, a: Bodies, b: Bodies) -> Floats:
 def keeps_safe_distance(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A can stop behind b if both brake as hard as they can, a after its reaction time."""
     behind, before = onward(a), onward(b)
-    own, theirs = behind**2 / (2.0 * s.braking(a)), before**2 / (2.0 * s.braking(b))
-    needed = np.maximum(own - theirs + behind * s.parameters.reaction_time, 0.0)
+    stopping, other_stopping = behind**2 / (2.0 * s.braking(a)), before**2 / (2.0 * s.braking(b))
+    needed = np.maximum(stopping - other_stopping + behind * s.parameters.reaction_time, 0.0)
     return b.rear - a.front - needed
 
 
@@ -188,8 +190,8 @@ def keeps_time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
 def rss_longitudinal(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """Room that a has behind b, or before b that comes towards it, beyond the longitudinal RSS distance."""
     p = s.parameters
-    own = _way_to_stop(s, onward(a), p.rss_least_braking)
-    behind = np.maximum(own - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
+    stopping = _way_to_stop(s, onward(a), p.rss_least_braking)
+    behind = np.maximum(stopping - onward(b) ** 2 / (2.0 * p.rss_strongest_braking), 0.0)
     both = sum(_way_to_stop(s, np.abs(each.speed), _least_braking(s, each)) for each in (a, b))
     meeting = (_along(a) >= 0.0) & (_along(b) < 0.0)
     return b.rear - a.front - np.where(meeting, both, behind)
@@ -252,10 +254,10 @@ def _meeting(apart: Floats, reach: Floats, closing: Floats) -> tuple[Floats, Flo
     """Return when intervals on a line, ``apart`` between centres, begin and cease to touch [s]."""
     still = np.where(np.abs(apart) <= reach, np.inf, -np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        one, two = (apart - reach) / closing, (apart + reach) / closing
+        first, second = (apart - reach) / closing, (apart + reach) / closing
     moving = closing != 0.0
-    begin = np.where(moving, np.minimum(one, two), -still)
-    return begin, np.where(moving, np.maximum(one, two), still)
+    begin = np.where(moving, np.minimum(first, second), -still)
+    return begin, np.where(moving, np.maximum(first, second), still)
 
 
 def _rectangle(s: Setting, bodies: Bodies) -> Rectangle:

@@ -148,19 +148,19 @@ def _require_no_lanes(
 def _look_up(
     node: nodes.Node, definitions: Definitions, vehicles: tuple[str, ...]
 ) -> dict[str, tuple[Predicate, tuple[str, ...]]]:
-    known = {"ego": "ego", "others": "others", **_spellings(vehicles)}
-    found = {}
+    spellings = {"ego": "ego", "others": "others", **_spellings(vehicles)}
+    meanings = {}
     for part in nodes.walk(node):
         if isinstance(part, nodes.Signal):
             name, _, inside = part.name.partition("(")
             words = [word.strip() for word in inside.rstrip(")").split(",")]
             for word in words:
-                if word not in known:
+                if word not in spellings:
                     raise FormulaError(
-                        f"there is no vehicle {word!r}", did_you_mean(word, known) or _ALL_OTHERS
+                        f"there is no vehicle {word!r}", did_you_mean(word, spellings) or _ALL_OTHERS
                     )
-            found[part.name] = definitions.find(name, len(words)), tuple(known[word] for word in words)
-    return found
+            meanings[part.name] = definitions.find(name, len(words)), tuple(spellings[word] for word in words)
+    return meanings
 
 
 def _spellings(vehicles: tuple[str, ...]) -> dict[str, str]:

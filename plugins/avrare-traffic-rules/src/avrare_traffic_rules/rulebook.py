@@ -146,11 +146,11 @@ def invalid_options(text: str, options: Mapping[str, object]) -> Iterator[UsageE
 
 def option_positions(text: str, options: Mapping[str, object]) -> dict[tuple[int, int], str]:
     """Return the names of options by the (line, column), from 1, of their value in the filled text."""
-    found = {}
+    positions = {}
     for match in _OPTION.finditer(text):
         before = fill(text[: match.start()], options)
-        found[before.count("\n") + 1, len(before) - before.rfind("\n")] = match.group(1)
-    return found
+        positions[before.count("\n") + 1, len(before) - before.rfind("\n")] = match.group(1)
+    return positions
 
 
 def format_value(value: object) -> str:

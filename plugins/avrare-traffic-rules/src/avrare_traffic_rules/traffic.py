@@ -108,8 +108,8 @@ class Traffic:
             if name == "others":
                 self.views[key] = self.others.view((..., *[None] * before, slice(None), *after))
             else:
-                one = self.ego if name == "ego" else self.every.view((..., self.names.index(name)))
-                self.views[key] = one.view((..., *[None] * total))
+                bodies = self.ego if name == "ego" else self.every.view((..., self.names.index(name)))
+                self.views[key] = bodies.view((..., *[None] * total))
         return self.views[key]
 
 

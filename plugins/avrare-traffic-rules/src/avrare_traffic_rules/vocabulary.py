@@ -114,16 +114,18 @@ class Definitions:
         Raises:
             FormulaError: There is none.
         """
-        found = self.predicates.get(name)
-        if found is None:
+        predicate = self.predicates.get(name)
+        if predicate is None:
             hint = did_you_mean(name, self.predicates) or f"there are {', '.join(sorted(self.predicates))}"
             raise FormulaError(f"there is no predicate {name!r}", hint)
-        wanted = len(found.arguments)
+        wanted = len(predicate.arguments)
         if wanted != count:
-            call = f"{name}({', '.join(found.arguments)})"
+            call = f"{name}({', '.join(predicate.arguments)})"
             plural = "s" if wanted != 1 else ""
-            raise FormulaError(f"{name} takes {wanted} vehicle{plural}, not {count}", f"{call}: {found.text}")
-        return found
+            raise FormulaError(
+                f"{name} takes {wanted} vehicle{plural}, not {count}", f"{call}: {predicate.text}"
+            )
+        return predicate
 
 
 def predicate(scale: str) -> Callable[[Function], Predicate]:

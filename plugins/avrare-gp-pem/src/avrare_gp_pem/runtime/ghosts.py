@@ -80,8 +80,8 @@ class GhostLaw:
             chosen = np.minimum((rank * len(self.points)).astype(np.int64), len(self.points) - 1)
             place = self.points[chosen] + self.width * parts[..., 2:4]
         if self.near:
-            beside = self._is_near(parts)[..., None]
-            place = np.where(beside, self.near_sd * parts[..., 2:4], place)
+            is_near = self._is_near(parts)[..., None]
+            place = np.where(is_near, self.near_sd * parts[..., 2:4], place)
         return place[..., 0], place[..., 1]
 
     def host(self, parts: Floats, vehicles: int) -> NDArray[np.int64]:
@@ -159,8 +159,8 @@ class GhostPem:
     @property
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
-        own = (f"{kind} of ghost {k}" for k in range(1, self.ghosts.slots + 1) for kind in _NOISE)
-        return (*self.vehicles.noise_names, *own)
+        ghost_names = (f"{kind} of ghost {k}" for k in range(1, self.ghosts.slots + 1) for kind in _NOISE)
+        return (*self.vehicles.noise_names, *ghost_names)
 
     @property
     def perfect_noise(self) -> tuple[float, ...]:
@@ -228,9 +228,9 @@ class GhostPem:
             world, first, memory.vehicles, other.vehicles, other_memory.vehicles
         )
         new, gone = self._events(parts, self.ghosts.share)
-        own, others = (_log_chances(law) for law in (self.ghosts, other.ghosts))
+        chances, other_chances = (_log_chances(law) for law in (self.ghosts, other.ghosts))
         with np.errstate(invalid="ignore"):  # what cannot happen under either law
-            change = others - own
+            change = other_chances - chances
         if (change == np.inf).any():
             change = np.full_like(change, np.nan)
         happened = np.where(new, 0, np.where(gone, 1, 2))
@@ -245,8 +245,8 @@ class GhostPem:
         return hasattr(self.vehicles, "follow")
 
     def _split(self, noise: Floats) -> tuple[Floats, Floats]:
-        own = int(self.vehicles.noise_size)
-        return noise[:, :own], noise[:, own:].reshape(len(noise), self.ghosts.slots, NOISE_PER_GHOST)
+        size = int(self.vehicles.noise_size)
+        return noise[:, :size], noise[:, size:].reshape(len(noise), self.ghosts.slots, NOISE_PER_GHOST)
 
     def _share(self, world: World) -> object:
         """Return the probability that a renewed slot holds a ghost, in the world's weather."""

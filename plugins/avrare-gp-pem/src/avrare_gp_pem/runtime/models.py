@@ -68,8 +68,8 @@ class LawPem(ABC):
 
     def shift_noise(self, world: World, noise: Floats, other: LawPem) -> tuple[Floats, Floats]:
         """Return how noise moves for ``other`` to observe the same, and log density ratios."""
-        own, moved = (model.law(world).in_weather(weather_of(world)) for model in (self, other))
-        return shift_noise(own, moved, noise)
+        law, moved = (model.law(world).in_weather(weather_of(world)) for model in (self, other))
+        return shift_noise(law, moved, noise)
 
     def log_ratio(
         self, world: World, noise: Floats, memory: None, other: LawPem, other_memory: None
@@ -139,8 +139,8 @@ def _with_options(model: Any, config: Any, persistence: Persistence, ghosts: Any
 
 def _member(fitted: FittedPem, config: GpPemConfig) -> FittedPem:
     if config.member > len(fitted.ensemble):
-        kept = f"it has {len(fitted.ensemble)}" if fitted.ensemble else "it has none"
-        message = f"perception model {config.model!r} has no member {config.member}: {kept}"
+        count = f"it has {len(fitted.ensemble)}" if fitted.ensemble else "it has none"
+        message = f"perception model {config.model!r} has no member {config.member}: {count}"
         raise UsageError(message, "fit it with `avrare pem fit --ensemble K`, or leave member out")
     return fitted.ensemble[config.member - 1] if config.member else fitted
 

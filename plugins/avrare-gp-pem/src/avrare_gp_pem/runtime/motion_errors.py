@@ -61,14 +61,14 @@ class MotionErrorPem:
     @property
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
-        own = (f"{kind} of {name}" for name in self.scene.names for kind in self.kinds)
-        return (*self.model.noise_names, *own)
+        motion_names = (f"{kind} of {name}" for name in self.scene.names for kind in self.kinds)
+        return (*self.model.noise_names, *motion_names)
 
     @property
     def perfect_noise(self) -> tuple[float, ...]:
         """Noise of an observation without misses and errors."""
-        own = tuple(_NO_FLIP if kind == _HEADING[0] else 0.0 for kind in self.kinds)
-        return (*self.model.perfect_noise, *(own * len(self.scene.names)))
+        motion_noise = tuple(_NO_FLIP if kind == _HEADING[0] else 0.0 for kind in self.kinds)
+        return (*self.model.perfect_noise, *(motion_noise * len(self.scene.names)))
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
@@ -112,9 +112,9 @@ class MotionErrorPem:
                 "no density ratio is known for speed_y_sd and heading", "vary other options of the perception"
             )
         check_ratio(self.model, "shift_noise")
-        own = int(self.model.noise_size)
-        parts = self.model.shift_noise(world, noise[:, :own], other.model)
-        rest = ((0, 0), (0, self.noise_size - own))
+        size = int(self.model.noise_size)
+        parts = self.model.shift_noise(world, noise[:, :size], other.model)
+        rest = ((0, 0), (0, self.noise_size - size))
         return np.pad(parts[0], rest), np.pad(parts[1], rest)
 
     def log_ratio(
@@ -124,8 +124,10 @@ class MotionErrorPem:
         return self.shift_noise(world, noise, other)[1].sum(axis=1), None
 
     def _parts(self, noise: Floats) -> tuple[Floats, ...]:
-        own = noise[:, self.model.noise_size :].reshape(len(noise), len(self.scene.names), len(self.kinds))
-        return tuple(np.moveaxis(own, -1, 0))
+        motion_noise = noise[:, self.model.noise_size :].reshape(
+            len(noise), len(self.scene.names), len(self.kinds)
+        )
+        return tuple(np.moveaxis(motion_noise, -1, 0))
 
     def _range(self, world: World) -> Floats:
         return relative(world_in_plane(self.scene.road, world)).range
@@ -147,7 +149,7 @@ def _wrapped(angle: Floats) -> Floats:
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _same(one: YawErrors | None, other: YawErrors | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return all(np.array_equal(value, getattr(other, name)) for name, value in vars(one).items())
+def _same(first: YawErrors | None, second: YawErrors | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return all(np.array_equal(value, getattr(second, name)) for name, value in vars(first).items())

@@ -47,7 +47,7 @@ def scale_law(law: ObservationLaw, scales: Scales) -> ObservationLaw:
     return law
 
 
-def shift_noise(own: ObservationLaw, other: ObservationLaw, noise: Floats) -> tuple[Floats, Floats]:
+def shift_noise(law: ObservationLaw, other: ObservationLaw, noise: Floats) -> tuple[Floats, Floats]:
     """Return how noise (N, 4 V) of ``own`` moves for another law to give the same observation.
 
     Returns:
@@ -55,29 +55,29 @@ def shift_noise(own: ObservationLaw, other: ObservationLaw, noise: Floats) -> tu
         decides. Errors of a missed vehicle decide nothing. A ratio is NaN where ``other`` observes what
         ``own`` cannot: weights of what ``own`` observes would lose it.
     """
-    parts = noise.reshape(*own.detect.shape, NOISE_PER_VEHICLE)
+    parts = noise.reshape(*law.detect.shape, NOISE_PER_VEHICLE)
     change, ratio = np.zeros_like(parts), np.zeros_like(parts)
-    seen = normal.cdf(parts[..., 0]) < own.detect
+    seen = normal.cdf(parts[..., 0]) < law.detect
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio[..., 0] = np.where(seen, np.log(other.detect / own.detect), np.log(other.miss / own.miss))
+        ratio[..., 0] = np.where(seen, np.log(other.detect / law.detect), np.log(other.miss / law.miss))
         change[..., 0] = _shift_detection(parts[..., 0], seen, ratio[..., 0])
         for axis in (0, 1):
-            error = own._error(axis, parts[..., 1 + axis])
-            before, after = (_rank(law, axis, error) for law in (own, other))
+            error = law._error(axis, parts[..., 1 + axis])
+            before, after = (_rank(each, axis, error) for each in (law, other))
             change[..., 1 + axis] = np.where(seen, after - before, 0.0)
             ratio[..., 1 + axis] = np.where(
-                seen, other._error_log_density(axis, error) - own._error_log_density(axis, error), 0.0
+                seen, other._error_log_density(axis, error) - law._error_log_density(axis, error), 0.0
             )
-    _shift_speed(own, other, parts[..., 3], seen, change[..., 3], ratio[..., 3])
-    ratio[..., 0] = np.where(_observes_more(own, other), np.nan, ratio[..., 0])
+    _shift_speed(law, other, parts[..., 3], seen, change[..., 3], ratio[..., 3])
+    ratio[..., 0] = np.where(_observes_more(law, other), np.nan, ratio[..., 0])
     return change.reshape(noise.shape), ratio.reshape(noise.shape)
 
 
-def _observes_more(own: ObservationLaw, other: ObservationLaw) -> Bools:
+def _observes_more(law: ObservationLaw, other: ObservationLaw) -> Bools:
     """Return (N, V) where ``other`` observes what has probability 0 under ``own``."""
-    misses = (own.miss == 0.0) & (other.miss > _NEVER)
-    detects = (own.detect == 0.0) & (other.detect > _NEVER)
-    further = other.limit > own.limit or (own.speed_sd == 0.0) != (other.speed_sd == 0.0)
+    misses = (law.miss == 0.0) & (other.miss > _NEVER)
+    detects = (law.detect == 0.0) & (other.detect > _NEVER)
+    further = other.limit > law.limit or (law.speed_sd == 0.0) != (other.speed_sd == 0.0)
     return np.asarray(misses | detects | further)
 
 
@@ -89,10 +89,10 @@ def _shift_detection(z: Floats, seen: Bools, log_ratio: Floats) -> Floats:
 
 
 def _shift_speed(
-    own: ObservationLaw, other: ObservationLaw, z: Floats, seen: Bools, change: Floats, ratio: Floats
+    law: ObservationLaw, other: ObservationLaw, z: Floats, seen: Bools, change: Floats, ratio: Floats
 ) -> None:
-    if own.speed_sd != other.speed_sd and min(own.speed_sd, other.speed_sd) > 0.0:
-        factor = own.speed_sd / other.speed_sd
+    if law.speed_sd != other.speed_sd and min(law.speed_sd, other.speed_sd) > 0.0:
+        factor = law.speed_sd / other.speed_sd
         change[...] = np.where(seen, (factor - 1.0) * z, 0.0)
         ratio[...] = np.where(seen, np.log(factor) + 0.5 * z * z * (1.0 - factor * factor), 0.0)
 

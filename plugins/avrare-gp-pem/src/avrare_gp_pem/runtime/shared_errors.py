@@ -52,8 +52,8 @@ class SharedErrorPem(PerceptionErrorModel):
         self.model = model = adapt(PerceptionErrorModel, model)
         self._common, self._pose = common, pose
         kinds = [(common, _COMMON), (pose, _POSE)]
-        names = [name for options, own in kinds if options is not None for name in own]
-        times = [options.time for options, own in kinds if options is not None for _ in own]
+        names = [name for options, channels in kinds if options is not None for name in channels]
+        times = [options.time for options, channels in kinds if options is not None for _ in channels]
         decay = [1.0 if time is None else math.exp(-dt / time) for time in times]
         self._decay, self._fresh = np.array(decay), np.sqrt(1.0 - np.square(decay))
         dark = ["blackout of the sensor"] if blackouts is not None else []
@@ -68,8 +68,8 @@ class SharedErrorPem(PerceptionErrorModel):
 
     def start(self, noise: Floats) -> SharedMemory:
         """Return the memory at t = 0, in sight, from noise (N, noise_size)."""
-        first, own = self._split(noise)
-        return SharedMemory(self.model.start(first), own.copy(), np.zeros(len(noise), dtype=np.bool_))
+        first, shared = self._split(noise)
+        return SharedMemory(self.model.start(first), shared.copy(), np.zeros(len(noise), dtype=np.bool_))
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without shared errors, from noise (N, noise_size)."""
@@ -77,9 +77,9 @@ class SharedErrorPem(PerceptionErrorModel):
 
     def follow(self, world: World, noise: Floats, memory: SharedMemory) -> tuple[Observation, SharedMemory]:
         """Return the observation of the next step and the memory after it, from noise (N, noise_size)."""
-        first, own = self._split(noise)
+        first, shared = self._split(noise)
         seen, inner = self.model.follow(world, first, memory.model)
-        later = SharedMemory(inner, self._decay * memory.numbers + self._fresh * own, memory.dark)
+        later = SharedMemory(inner, self._decay * memory.numbers + self._fresh * shared, memory.dark)
         if self._bounds is not None:
             draw = noise[:, -1]
             later = replace(later, dark=draw < np.where(memory.dark, self._bounds[1], self._bounds[0]))

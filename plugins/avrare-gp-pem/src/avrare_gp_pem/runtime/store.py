@@ -133,17 +133,21 @@ def _from_format_3(arrays: Arrays) -> FittedPem:
     members: list[FittedPem] = []
     while f"{_MEMBER}{len(members) + 1}_clean_link" in arrays:
         prefix = f"{_MEMBER}{len(members) + 1}_"
-        own = {key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)}
-        members.append(_model(own, model.provenance))
+        member_arrays = {
+            key.removeprefix(prefix): value for key, value in arrays.items() if key.startswith(prefix)
+        }
+        members.append(_model(member_arrays, model.provenance))
     return replace(model, ensemble=tuple(members))
 
 
 def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
     parts: dict[str, Variant] = {}
     for name in ("clean", "delivered"):
-        own = {key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")}
-        if own:
-            parts[name] = _variant(own)
+        variant_arrays = {
+            key[len(name) + 1 :]: value for key, value in arrays.items() if key.startswith(f"{name}_")
+        }
+        if variant_arrays:
+            parts[name] = _variant(variant_arrays)
     yaw = (
         _yaw(*(np.asarray(arrays[f"yaw_{name}"], float) for name in _YAW_ARRAYS))
         if "yaw_flip" in arrays
