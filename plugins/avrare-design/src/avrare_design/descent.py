@@ -117,14 +117,14 @@ def descend(
     """
     values, best, fall = numbers.start, None, 1.0
     for i in range(search.iterations):
-        found, refusal = _measure(numbers, values, measure, i)
-        better = found is not None and (best is None or _beats(found, best.measured, search))
-        now = Iteration(values, found, better, refusal=refusal)
-        enough = found is None or not len(found.failures.robustness) or search.reached(found.probability)
-        if better and found is not None and i + 1 < search.iterations and not enough:
+        result, refusal = _measure(numbers, values, measure, i)
+        better = result is not None and (best is None or _beats(result, best.measured, search))
+        now = Iteration(values, result, better, refusal=refusal)
+        enough = result is None or not len(result.failures.robustness) or search.reached(result.probability)
+        if better and result is not None and i + 1 < search.iterations and not enough:
             now = _try_gradient(now, numbers, search, runner, i)
         yield now
-        if found is not None and not i and not len(found.failures.robustness):
+        if result is not None and not i and not len(result.failures.robustness):
             hint = "give a larger budget, or a run"
             raise UsageError(f"{search.specification}: no failure was found at the start", hint)
         if better:
@@ -138,8 +138,8 @@ def descend(
         values = best.values + numbers.scale * move
 
 
-def _beats(found: Result, best: Result | None, search: Search) -> bool:
-    return best is None or search.sign * (found.probability - best.probability) > 0.0
+def _beats(result: Result, best: Result | None, search: Search) -> bool:
+    return best is None or search.sign * (result.probability - best.probability) > 0.0
 
 
 def _measure(
@@ -174,16 +174,16 @@ def _with_gradient(
     assert now.measured is not None
     sample = FailureSample.of(now.measured)
     lines = _directions(len(now.values), search, number)
-    found = []
+    derivatives = []
     for k, line in enumerate(lines):
         ends = tuple(
             numbers.at(now.values + end * search.step * numbers.scale * line).problem(search.specification)
             for end in (-1.0, 1.0)
         )
         name = numbers.names[k] if not search.directions else f"direction {k + 1} of {len(lines)}"
-        found.append(derive_from_failures((ends[0], ends[1]), search.step, sample, runner, name))
-    gradient = np.linalg.pinv(lines) @ np.array([one.shrunk for one in found])
-    return replace(now, gradient=gradient, derivatives=tuple(found))
+        derivatives.append(derive_from_failures((ends[0], ends[1]), search.step, sample, runner, name))
+    gradient = np.linalg.pinv(lines) @ np.array([derivative.shrunk for derivative in derivatives])
+    return replace(now, gradient=gradient, derivatives=tuple(derivatives))
 
 
 def _directions(size: int, search: Search, number: int) -> Floats:

@@ -60,16 +60,16 @@ def derive_from_failures(
         UsageError: The tapes of the problems have another shape.
     """
     shape = sample.failures.noise.shape[1:]
-    if any((one.steps + 1, one.noise_size) != shape for one in problems):
+    if any((side.steps + 1, side.noise_size) != shape for side in problems):
         raise UsageError(
             f"{activity}: its values have noise tapes of different shapes",
             "choose parameters that change no noise",
         )
     tapes = sample.failures.noise
-    fails = [runner(one, tapes, activity).fails.astype(np.float64) for one in problems]
+    fails = [runner(side, tapes, activity).fails.astype(np.float64) for side in problems]
     # Half a failure is added to those kept and to those lost: a share of 0 has no logarithm.
     half = 0.5 / sample.size
-    back, forth = (float((sample.mean(one)[0] + half) / (1.0 + 2.0 * half)) for one in fails)
+    back, forth = (float((sample.mean(side)[0] + half) / (1.0 + 2.0 * half)) for side in fails)
     _, error, _ = sample.mean(fails[1] / forth - fails[0] / back)
     value = (math.log(forth) - math.log(back)) / step
     return Derivative(value, max(error, 1.0 / sample.size) / step, (back, forth))

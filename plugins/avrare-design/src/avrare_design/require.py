@@ -86,8 +86,14 @@ def require(
     with keep_outcomes(None if out is None else Path(out), "require", task, resume) as journal:
         execution = Execution(partial(build_executor, workers), show or show_nothing, journal)
         evaluate = _Evaluation(scenario, parameter, value, name, between, rollouts, seed, execution)
-        found = find_requirement(evaluate, parameter, name, limit, between, confidence=definition.confidence)
-    return replace(found, warnings=(*found.warnings, _OWN_MODEL)) if definition.members else found
+        requirement = find_requirement(
+            evaluate, parameter, name, limit, between, confidence=definition.confidence
+        )
+    return (
+        replace(requirement, warnings=(*requirement.warnings, _OWN_MODEL))
+        if definition.members
+        else requirement
+    )
 
 
 @dataclass(frozen=True)

@@ -83,28 +83,29 @@ class Requirement(Answer):
 
     def lines(self) -> list[str]:
         """Return the answer in words, and the trials."""
-        found = [self._answer()]
+        lines = [self._answer()]
         for trial in sorted(self.trials, key=lambda trial: trial.value):
             result = trial.result
-            found.append(
+            lines.append(
                 f"  {self.parameter} = {trial.value:.4g}: {format_probability(result.probability)} "
                 f"({format_interval(trial.interval)}), {result.rollouts:,} rollouts"
                 + (f", {', '.join(result.health)}" if result.health else "")
             )
-            found += [
+            lines += [
                 f"    reweighed for {near.value:.4g}: {format_probability(near.probability)} "
                 f"({format_interval(near.interval)})"
                 for near in trial.nearby
                 if near.value in (self.kept, self.broken) and near.value != trial.value
             ]
-        return [*found, *(f"warning: {text}" for text in self.warnings)]
+        return [*lines, *(f"warning: {text}" for text in self.warnings)]
 
     def _answer(self) -> str:
         bound = f"p({self.specification}) < {self.limit:g}"
         most = "at most" if self.rising else "at least"
         level = f"{100 * self.confidence:g} % confidence"
         if self.kept is None:
-            values = f"{min(one.value for one in self.trials):g} .. {max(one.value for one in self.trials):g}"
+            tried = [trial.value for trial in self.trials]
+            values = f"{min(tried):g} .. {max(tried):g}"
             broken = "" if self.broken is None else f"; {self.broken:.4g} breaks it"
             return f"{self.parameter}: no value in {values} is shown to keep {bound} ({level}){broken}"
         text = f"{self.parameter} must be {most} {self.kept:.4g} for {bound} ({level}"

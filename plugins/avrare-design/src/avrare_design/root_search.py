@@ -81,18 +81,18 @@ def find_requirement(
     if search.look():
         search.decide()
     trials = search.trials
-    kept, broken = search.bracket()
+    keeping, broken = search.bracket()
     return Requirement(
         parameter,
         specification,
         limit,
-        kept,
+        keeping,
         broken,
         search.root(),
         confidence,
         tuple(trials),
         search.rising,
-        _doubts(trials, limit, search.rising, kept),
+        _doubts(trials, limit, search.rising, keeping),
     )
 
 
@@ -114,7 +114,8 @@ class _Search:
                 return False
             self._run(value, SHARES[number], level)
             sides = {
-                one.interval[1] < self.limit or (one.interval[0] > self.limit and None) for one in self.trials
+                trial.interval[1] < self.limit or (trial.interval[0] > self.limit and None)
+                for trial in self.trials
             }
             if number == 1 and sides in ({True}, {None}):  # both ends keep the bound, or both break it
                 return False
@@ -139,9 +140,9 @@ class _Search:
     def bracket(self) -> tuple[float | None, float | None]:
         """Return the last value that is shown to keep the bound, and the first that is shown to break it."""
         inner, outer = (max, min) if self.rising else (min, max)
-        kept = (value for one in self.trials for value in self._shown(one, True))
-        broken = (value for one in self.trials for value in self._shown(one, False))
-        return inner(kept, default=None), outer(broken, default=None)
+        keeping = (value for trial in self.trials for value in self._shown(trial, True))
+        broken = (value for trial in self.trials for value in self._shown(trial, False))
+        return inner(keeping, default=None), outer(broken, default=None)
 
     def root(self) -> float | None:
         """Return the value between the ends at which the fitted line reaches the bound; None without one."""
@@ -174,11 +175,11 @@ class _Search:
             yield near.value
 
     def _choose(self, number: int, level: float) -> float | None:
-        kept, broken = self.bracket()
-        ends = sorted(_to(one.value, self.scaled) for one in self.trials[:2])
-        if kept is not None and broken is not None:
-            ends = sorted((_to(kept, self.scaled), _to(broken, self.scaled)))
-            if abs(kept - broken) <= _NARROW * max(abs(kept), abs(broken)):
+        keeping, broken = self.bracket()
+        ends = sorted(_to(trial.value, self.scaled) for trial in self.trials[:2])
+        if keeping is not None and broken is not None:
+            ends = sorted((_to(keeping, self.scaled), _to(broken, self.scaled)))
+            if abs(keeping - broken) <= _NARROW * max(abs(keeping), abs(broken)):
                 return None
         middle = 0.5 * (ends[0] + ends[1])
         line = self._fit()
@@ -198,17 +199,19 @@ class _Search:
 
     def _inside(self, root: float) -> float:
         """Return the value of a root, or the middle of what is left where it lies outside."""
-        known = [one for one in self.bracket() if one is not None]
-        ends = known if len(known) == 2 else [one.value for one in self.trials[:2]]
-        low, high = sorted(_to(one, self.scaled) for one in ends)
+        shown = [end for end in self.bracket() if end is not None]
+        ends = shown if len(shown) == 2 else [end.value for end in self.trials[:2]]
+        low, high = sorted(_to(end, self.scaled) for end in ends)
         return _from(root if low < root < high else 0.5 * (low + high), self.scaled)
 
     def _reach(self) -> float:
         """Return how far the failures near the root can be reweighed, along the axis of the search."""
-        known = [one for one in self.trials if one.score is not None and one.result.probability > 0.0]
-        if not known:
+        scored = [
+            trial for trial in self.trials if trial.score is not None and trial.result.probability > 0.0
+        ]
+        if not scored:
             return 0.0
-        nearest = min(known, key=lambda one: abs(math.log(one.result.probability / self.limit)))
+        nearest = min(scored, key=lambda trial: abs(math.log(trial.result.probability / self.limit)))
         assert nearest.score is not None
         reach = nearest.score.reach
         return min(reach / nearest.value, 1.0) if self.scaled else reach
@@ -219,7 +222,7 @@ class _Search:
             return []
         steps, (low, high) = np.arange(-_GRID, _GRID + 1) / _GRID, self.between
         values = (_from(centre + reach * step, self.scaled) for step in steps.tolist())
-        return [one for one in values if low <= one <= high]  # others may not be valid
+        return [point for point in values if low <= point <= high]  # others may not be valid
 
     def _fit(self) -> tuple[float, float] | None:
         """Return root and slope of a line through log p, which slopes of the trials help to find.
@@ -227,23 +230,25 @@ class _Search:
         log p bends: a share ``_BEND`` of the slope for each unit of log p, which makes trials far from the
         bound tell less.
         """
-        rows = [one for one in self.trials if 0.0 < one.result.probability < 1.0]
+        rows = [trial for trial in self.trials if 0.0 < trial.result.probability < 1.0]
         if len(rows) < 2:
             return None
-        x = np.array([_to(one.value, self.scaled) for one in rows])
-        y = np.array([math.log(one.result.probability / self.limit) for one in rows])
-        spread = [math.log(one.interval[1] / max(one.interval[0], one.interval[1] * 1e-4)) for one in rows]
+        x = np.array([_to(trial.value, self.scaled) for trial in rows])
+        y = np.array([math.log(trial.result.probability / self.limit) for trial in rows])
+        spread = [
+            math.log(trial.interval[1] / max(trial.interval[0], trial.interval[1] * 1e-4)) for trial in rows
+        ]
         weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 + (0.5 * _BEND * y * y) ** 2)
         matrix = np.array([[weight.sum(), weight @ x], [weight @ x, weight @ (x * x)]])
         vector = np.array([weight @ y, weight @ (x * y)])
-        factors = [one.value if self.scaled else 1.0 for one in rows]
-        slopes = [abs(f * one.score.slope) for f, one in zip(factors, rows, strict=True) if one.score]
-        for factor, one, distance in zip(factors, rows, y.tolist(), strict=True):
-            if one.score is not None:
-                error = _WIDTHS * factor * one.score.error
-                known = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
-                matrix[1, 1] += known
-                vector[1] += known * factor * one.score.slope
+        factors = [trial.value if self.scaled else 1.0 for trial in rows]
+        slopes = [abs(f * trial.score.slope) for f, trial in zip(factors, rows, strict=True) if trial.score]
+        for factor, trial, distance in zip(factors, rows, y.tolist(), strict=True):
+            if trial.score is not None:
+                error = _WIDTHS * factor * trial.score.error
+                precision = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
+                matrix[1, 1] += precision
+                vector[1] += precision * factor * trial.score.slope
         if np.linalg.det(matrix) <= 1e-12 * matrix[0, 0] * max(matrix[1, 1], 1e-300):
             return None
         height, slope = np.linalg.solve(matrix, vector).tolist()
@@ -252,40 +257,40 @@ class _Search:
 
 def _shown_direction(trials: Sequence[Trial]) -> bool | None:
     """Return whether p rises, as intervals that lie apart show; None where none do, or they contradict."""
-    pairs = list(combinations(sorted(trials, key=lambda one: one.value), 2))
-    rises = any(one.interval[1] < other.interval[0] for one, other in pairs)
-    falls = any(one.interval[0] > other.interval[1] for one, other in pairs)
+    pairs = list(combinations(sorted(trials, key=lambda trial: trial.value), 2))
+    rises = any(trial.interval[1] < other.interval[0] for trial, other in pairs)
+    falls = any(trial.interval[0] > other.interval[1] for trial, other in pairs)
     return rises if rises != falls else None
 
 
-def _doubts(trials: list[Trial], limit: float, rising: bool, kept: float | None) -> tuple[str, ...]:
-    ordered = sorted(trials, key=lambda one: one.value, reverse=not rising)
-    found = []
-    open_ended = kept is not None and any(one.interval[1] >= limit for one in trials)
+def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | None) -> tuple[str, ...]:
+    ordered = sorted(trials, key=lambda trial: trial.value, reverse=not rising)
+    doubts = []
+    open_ended = keeping is not None and any(trial.interval[1] >= limit for trial in trials)
     if open_ended and _shown_direction(trials) is None:
-        found.append(
+        doubts.append(
             "no two estimates lie apart in one direction, so that the probability "
             f"{'rises' if rising else 'falls'} with the parameter is a guess"
         )
     best = 0.0
-    for one in ordered:
-        if one.interval[1] < best:
-            found.append(
+    for trial in ordered:
+        if trial.interval[1] < best:
+            doubts.append(
                 "the probability is not monotone in the parameter: it falls again towards "
-                f"{one.value:.4g}, so the answer holds for the values that were tried alone"
+                f"{trial.value:.4g}, so the answer holds for the values that were tried alone"
             )
             break
-        best = max(best, one.interval[0])
-    if any(one.result.health for one in trials):
-        found.append("some estimates have health warnings; the answer is no better than they are")
-    least = min(trials, key=lambda one: one.interval[1])
-    if kept is None and least.interval[0] < limit:
+        best = max(best, trial.interval[0])
+    if any(trial.result.health for trial in trials):
+        doubts.append("some estimates have health warnings; the answer is no better than they are")
+    least = min(trials, key=lambda trial: trial.interval[1])
+    if keeping is None and least.interval[0] < limit:
         times = math.ceil(least.interval[1] / limit)
-        found.append(
+        doubts.append(
             f"the least that is shown is p < {least.interval[1]:.2g}, at {least.value:.4g}, with "
             f"{least.result.rollouts:,} rollouts; {limit:g} takes some {times:,} times as many"
         )
-    return tuple(found)
+    return tuple(doubts)
 
 
 def _to(value: float, scaled: bool) -> float:

@@ -58,13 +58,13 @@ class ScenarioNumbers:
 
     def settings(self, values: Floats) -> tuple[str, ...]:
         """Return the overrides that set the numbers to ``values`` (P,)."""
-        found, at = {}, 0
+        texts, at = {}, 0
         for path, array in zip(self.paths, self.arrays, strict=True):
             changed, moves = array.copy(), _moves(array)
             changed[moves] = values[at : at + int(moves.sum())]
             at += int(moves.sum())
-            found[path] = json.dumps(_rounded(changed.tolist()))
-        return self.scenario.settings(found)
+            texts[path] = json.dumps(_rounded(changed.tolist()))
+        return self.scenario.settings(texts)
 
     def at(self, values: Floats) -> LoadedScenario:
         """Return the scenario with other values (P,)."""
@@ -80,13 +80,13 @@ def _find(scenario: ParametricScenario, path: str) -> Floats:
     if value is None:
         value = _network_array(scenario, path)
     try:
-        found = np.asarray(value, dtype=np.float64)
+        numbers = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.size == 0 or isinstance(value, (bool, str)):
+        numbers = np.zeros(0)
+    if numbers.size == 0 or isinstance(value, (bool, str)):
         hint = "give the dotted path of a number, a list or a matrix, such as controller.v_goal_weight"
         raise UsageError(f"{scenario.path}: {path} has no numbers", hint)
-    return found
+    return numbers
 
 
 def _network_array(scenario: ParametricScenario, path: str) -> object:
@@ -95,12 +95,12 @@ def _network_array(scenario: ParametricScenario, path: str) -> object:
         name = path.removeprefix(_ARRAYS)
         if name in controller.arrays:
             return controller.arrays[name]
-        known = ", ".join(f"{_ARRAYS}{array}" for array in controller.arrays)
-        raise UsageError(f"{scenario.path}: the controller has no array {name!r}", f"it has {known}")
+        names = ", ".join(f"{_ARRAYS}{array}" for array in controller.arrays)
+        raise UsageError(f"{scenario.path}: the controller has no array {name!r}", f"it has {names}")
     return float(scenario.value(path))  # says what is wrong
 
 
 def _rounded(value: object) -> object:
     if isinstance(value, list):
-        return [_rounded(one) for one in value]
+        return [_rounded(entry) for entry in value]
     return float(f"{value:.8g}")

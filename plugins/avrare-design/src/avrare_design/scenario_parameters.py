@@ -79,23 +79,23 @@ class ParametricScenario:
         # A list that is a default is not in the file: it is written out before its entries are set.
         paths = dict.fromkeys(_INDICES.sub("", path) for path in values if _INDICES.search(path))
         lists = {path: look_up(self.scenario.definition.resolved, path) for path in paths}
-        written = {path: dump_list(found) for path, found in lists.items() if isinstance(found, list)}
+        written = {path: dump_list(value) for path, value in lists.items() if isinstance(value, list)}
         return tuple(f"{path}={value}" for path, value in [*written.items(), *values.items()])
 
     def value(self, parameter: str) -> float:
         """Return the value of a parameter; UsageError if it is no number."""
-        known = dict(_numbers(self.scenario.definition.resolved))
-        if parameter not in known:
-            hint = did_you_mean(parameter, known) or "a dotted path such as perception.miss_scale"
+        numbers = dict(_numbers(self.scenario.definition.resolved))
+        if parameter not in numbers:
+            hint = did_you_mean(parameter, numbers) or "a dotted path such as perception.miss_scale"
             raise UsageError(f"{self.path}: {parameter!r} is not a number of this scenario", hint)
-        return known[parameter]
+        return numbers[parameter]
 
     def default_parameters(self) -> list[str]:
         """Return the numbers of the perception error model that the score function can derive."""
-        found = _numbers(self.scenario.definition.resolved)
+        numbers = _numbers(self.scenario.definition.resolved)
         return [
             name
-            for name, value in found
+            for name, value in numbers
             if name.startswith(_DEFAULT)
             and isinstance(value, float)
             and value != 0.0
@@ -242,7 +242,7 @@ def _find_differences(run: Run, name: str, definition: Scenario) -> str:
         return "; ".join(run.changes or run.build_errors)
     if name not in before.specifications:
         return f"it has no specification {name!r}"
-    then, now = (compute_fingerprints(one, name) for one in (before, definition))
+    then, now = (compute_fingerprints(version, name) for version in (before, definition))
     differing = [part for part in now if now[part] != then[part]]
     return f"{', '.join(differing)} differ{'s' * (len(differing) == 1)}" if differing else ""
 

@@ -77,7 +77,7 @@ class Sensitivity:
     def _way(self) -> str:
         if not self.refused:
             return f"by {self.method}"
-        refused = " and ".join(f"{one:.4g}" for one in self.refused)
+        refused = " and ".join(f"{number:.4g}" for number in self.refused)
         verb = "is" if len(self.refused) == 1 else "are"
         span = f"from {self.span[0]:.4g} to {self.span[1]:.4g}"
         return f"by {self.method} {span} ({refused} {verb} not permitted)"
@@ -107,18 +107,18 @@ class Sensitivities(Answer):
         """Return one row for each parameter."""
         return Records(
             {
-                "parameter": one.parameter,
-                "value": one.value,
-                "derivative": one.derivative,
-                "low": one.interval[0],
-                "high": one.interval[1],
-                "elasticity": one.elasticity,
-                "method": one.method,
-                "failures": one.failures,
-                "from": one.span[0],
-                "to": one.span[1],
+                "parameter": row.parameter,
+                "value": row.value,
+                "derivative": row.derivative,
+                "low": row.interval[0],
+                "high": row.interval[1],
+                "elasticity": row.elasticity,
+                "method": row.method,
+                "failures": row.failures,
+                "from": row.span[0],
+                "to": row.span[1],
             }
-            for one in self.rows
+            for row in self.rows
         )
 
     def lines(self) -> list[str]:
@@ -126,18 +126,18 @@ class Sensitivities(Answer):
         total = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
         broken = f", {self.errors} broke down" if self.errors else ""
         head = f"{self.specification}: {total}, {self.rollouts:,} rollouts{broken}"
-        return [head, *(f"  {one.line()}" for one in self.rows)]
+        return [head, *(f"  {row.line()}" for row in self.rows)]
 
 
 def sample_failures(
     problem: Problem, rollouts: int, seed: int, confidence: float, runner: TapeRunner
 ) -> FailureSample:
     """Run fresh tapes and return all that fail; UsageError if none does."""
-    kept, errors = [], runner.errors
+    failing, errors = [], runner.errors
     for first in range(0, rollouts, _BLOCK):
         tapes = draw_tapes(problem, seed, 0, min(_BLOCK, rollouts - first), first)
-        kept.append(tapes[runner(problem, tapes, "fresh tapes").fails])
-    noise = np.concatenate(kept)
+        failing.append(tapes[runner(problem, tapes, "fresh tapes").fails])
+    noise = np.concatenate(failing)
     if not len(noise):
         raise UsageError(
             f"{problem.names[0]}: none of {rollouts} rollouts failed",
@@ -223,34 +223,37 @@ def derive_by_pairs(
     both and b, c under one of them (Nam and Blackwelder, Statistics in Medicine 21, 2002). Tapes that break
     down at a value are left out, but each end of the interval counts them against itself.
     """
-    shapes = {(one.steps, one.noise_size) for one in problems}
+    shapes = {(problem.steps, problem.noise_size) for problem in problems}
     if len(shapes) > 1:
         text = f"{parameter}: the tapes of its two values have different shapes"
         raise UsageError(text, "choose a parameter that changes no noise")
     outcomes: list[list[Verdicts]] = [[], []]
     for first in range(0, rollouts, _BLOCK):
         tapes = draw_tapes(problems[0], seed, 0, min(_BLOCK, rollouts - first), first)
-        for found, problem in zip(outcomes, problems, strict=True):
-            found.append(runner(problem, tapes, parameter))
+        for verdicts, problem in zip(outcomes, problems, strict=True):
+            verdicts.append(runner(problem, tapes, parameter))
     low, high = map(Verdicts.join, outcomes)
     broken = low.broken | high.broken
     both = int((low.fails & high.fails).sum())
-    one, other = int((low.fails & high.passes).sum()), int((low.passes & high.fails).sum())
+    only_low, only_high = int((low.fails & high.passes).sum()), int((low.passes & high.fails).sum())
     width, lost = span[1] - span[0], int(broken.sum())
-    if not (both + one and both + other):
+    count = both + only_low + only_high
+    if not (both + only_low and both + only_high):
         nothing = (-math.inf, math.inf)
-        return Sensitivity(parameter, value, math.nan, nothing, "paired", both + one + other, span)
-    derivative, (least, most) = _compare(both, one, other, width, confidence)
+        return Sensitivity(parameter, value, math.nan, nothing, "paired", count, span)
+    derivative, (least, most) = _compare(both, only_low, only_high, width, confidence)
     if lost:  # they might have failed at one of the two values alone, at either
-        least = _compare(both, one + lost, other, width, confidence)[1][0]
-        most = _compare(both, one, other + lost, width, confidence)[1][1]
-    return Sensitivity(parameter, value, derivative, (least, most), "paired", both + one + other, span)
+        least = _compare(both, only_low + lost, only_high, width, confidence)[1][0]
+        most = _compare(both, only_low, only_high + lost, width, confidence)[1][1]
+    return Sensitivity(parameter, value, derivative, (least, most), "paired", count, span)
 
 
-def _compare(both: int, one: int, other: int, width: float, confidence: float) -> tuple[float, Interval]:
-    ratio = math.log((both + other) / (both + one))
+def _compare(
+    both: int, only_low: int, only_high: int, width: float, confidence: float
+) -> tuple[float, Interval]:
+    ratio = math.log((both + only_high) / (both + only_low))
     # A change seen on no tape has still been looked for on finitely many: half a tape is added.
-    error = math.sqrt(max(one + other, 0.5) / ((both + one) * (both + other)))
+    error = math.sqrt(max(only_low + only_high, 0.5) / ((both + only_low) * (both + only_high)))
     return ratio / width, normal_interval(ratio / width, error / abs(width), confidence)
 
 

@@ -181,11 +181,12 @@ def synthesise(
     start, best = iterations[0], [iteration for iteration in iterations if iteration.best][-1]
     assert start.measured is not None
     assert best.measured is not None
-    found = Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability))
+    synthesis = Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability))
     if best is start:
-        return found
+        return synthesis
     before, after = numbers.at(numbers.start), numbers.at(best.values)
-    return replace(found, proof=estimates.prove(before, after, start.measured.probability, proof, maximise))
+    proven = estimates.prove(before, after, start.measured.probability, proof, maximise)
+    return replace(synthesis, proof=proven)
 
 
 @dataclass(frozen=True)

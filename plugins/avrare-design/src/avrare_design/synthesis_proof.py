@@ -57,7 +57,7 @@ class Proof:
     @property
     def harmed(self) -> tuple[PairedCounts, ...]:
         """The other specifications that are shown to fail more often."""
-        return tuple(one for one in self.counts[1:] if one.verdict(self.confidence) == "worse")
+        return tuple(counts for counts in self.counts[1:] if counts.verdict(self.confidence) == "worse")
 
     def lines(self) -> list[str]:
         """Return it in words."""
@@ -65,9 +65,9 @@ class Proof:
 
     def _head(self) -> list[str]:
         if self.counts:
-            one = self.counts[0]
-            broken = f", {one.errors} broke down" if one.errors else ""
-            return [f"the same {one.count + one.errors:,} fresh tapes before and after{broken}:"]
+            counts = self.counts[0]
+            broken = f", {counts.errors} broke down" if counts.errors else ""
+            return [f"the same {counts.count + counts.errors:,} fresh tapes before and after{broken}:"]
         return [f"fresh estimates, at {self.confidence:.1%} together:"]
 
     def _verdict(self) -> list[str]:
@@ -75,14 +75,15 @@ class Proof:
         if not self.counts:
             said = f"it {word}: the intervals do not meet" if self.moved else "not shown: the intervals meet"
             return [f"  {said}"]
-        one = self.counts[0]
+        counts = self.counts[0]
         change = (
-            f"{format_signed_interval(one.interval(self.confidence))} (Tango), McNemar p = {one.p_value:.2g}"
+            f"{format_signed_interval(counts.interval(self.confidence))} (Tango), "
+            f"McNemar p = {counts.p_value:.2g}"
         )
         said = f"it {word}" if self.moved else "not shown"
-        if one.verdict(self.confidence) == ("better" if self.maximise else "worse"):
+        if counts.verdict(self.confidence) == ("better" if self.maximise else "worse"):
             said = f"it {opposite}"
-        lines = [f"  {said}: {one.only_first} fail only before, {one.only_second} only after; {change}"]
+        lines = [f"  {said}: {counts.only_first} fail only before, {counts.only_second} only after; {change}"]
         return lines + [
             f"  but {other.specification} fails more often: {other.first:.3g}, then {other.second:.3g}"
             for other in self.harmed
@@ -102,15 +103,15 @@ def prove_by_pairs(
     names = (specification, *(name for name in before.specifications if name != specification))
     confidence = before.definition.confidence
     counts = tuple(compare_pairs(before.problem(names), after.problem(names), rollouts, seed, executor))
-    one = counts[0]
+    first = counts[0]
 
     def side(only: int) -> Side:
-        failed, total = one.both + only, one.count + one.errors
+        failed, total = first.both + only, first.count + first.errors
         return Side(
-            failed / max(one.count, 1), intervals.clopper_pearson(failed, total, confidence, one.errors)
+            failed / max(first.count, 1), intervals.clopper_pearson(failed, total, confidence, first.errors)
         )
 
-    return Proof(side(one.only_first), side(one.only_second), counts, confidence, maximise)
+    return Proof(side(first.only_first), side(first.only_second), counts, confidence, maximise)
 
 
 def prove_by_estimates(
@@ -130,5 +131,5 @@ def prove_by_estimates(
         maximise: The probability was to rise.
     """
     level = 1.0 - (1.0 - confidence) / 2.0
-    sides = [estimate(one, number, level) for number, one in enumerate((before, after))]
+    sides = [estimate(version, number, level) for number, version in enumerate((before, after))]
     return Proof(sides[0], sides[1], (), confidence, maximise)

@@ -174,17 +174,19 @@ def _counts(model: FittedPem, data: CleanedData) -> str:
             "|---|---|---|---|---|",
         ]
     lines += [
-        f"| {one.seconds:g} s | {one.pairs} | **{one.seen:.2f}** | {one.anew:.2f} | {one.lasting:.2f} |"
-        for one in after
+        f"| {share.seconds:g} s | {share.pairs} | **{share.seen:.2f}** | {share.anew:.2f} "
+        f"| {share.lasting:.2f} |"
+        for share in after
     ]
     return "\n".join(lines) + "\n"
 
 
 def _yaw(yaw: Mapping[str, float]) -> str:
-    rows, seen, own = yaw["yaw_rows"], 100 * yaw["yaw_flips"], 100 * yaw["yaw_flips_own"]
+    rows, seen, modelled = yaw["yaw_rows"], 100 * yaw["yaw_flips"], 100 * yaw["yaw_flips_own"]
     return (
         f"Yaw ({rows:,.0f} clean detections): {seen:.1f} % are off by half a turn, the model says "
-        f"{own:.1f} %; the rest has a median of {yaw['yaw_rest_median']:.3f} rad; NLL {yaw['yaw_nll']:.3f}.\n"
+        f"{modelled:.1f} %; the rest has a median of {yaw['yaw_rest_median']:.3f} rad; "
+        f"NLL {yaw['yaw_nll']:.3f}.\n"
     )
 
 
@@ -206,19 +208,19 @@ def _limits(model: FittedPem, data: CleanedData) -> str:
 def _persistence(model: FittedPem) -> str:
     if model.persistence is None:
         return "Errors are drawn anew at every step: runs of misses are probably too short."
-    found = describe_persistence(model.persistence).removeprefix("persistence: ")
+    measured = describe_persistence(model.persistence).removeprefix("persistence: ")
     return (
-        f"Errors last as in the training rows ({found}) only with `persistence: measured`; over times "
+        f"Errors last as in the training rows ({measured}) only with `persistence: measured`; over times "
         "shorter than between two frames this is extrapolated."
     )
 
 
 def _ghosts(model: FittedPem, data: CleanedData) -> str:
-    found = describe_ghosts(model.ghosts, data.ghosts, data.test_ghosts).capitalize()
+    measured = describe_ghosts(model.ghosts, data.ghosts, data.test_ghosts).capitalize()
     if model.ghosts is None:
-        return f"{found}."
+        return f"{measured}."
     places = len(model.ghosts.points)
-    return f"{found}. Only with `ghosts: measured`; the file holds {places} of their places."
+    return f"{measured}. Only with `ghosts: measured`; the file holds {places} of their places."
 
 
 def _artefact(model: FittedPem, data: CleanedData) -> str:

@@ -47,8 +47,8 @@ class ErrorFit:
 
     def beyond(self, size: float) -> tuple[float, float]:
         """Return the share of |z| > ``size``: observed, and according to the model."""
-        own = np.where(self.bound > size, self._tail(np.asarray(size)), 0.0)
-        return float((np.abs(self.z) > size).mean()), float(own.mean())
+        modelled = np.where(self.bound > size, self._tail(np.asarray(size)), 0.0)
+        return float((np.abs(self.z) > size).mean()), float(modelled.mean())
 
     def beyond_sd(self, count: float) -> tuple[float, float]:
         """Return the same beyond ``count`` of the model's standard deviations."""
@@ -174,13 +174,13 @@ def error_fits(law: ObservationLaw, detected: Bools, errors: Floats) -> list[Err
 def yaw_scores(model: FittedPem, data: CleanedData) -> dict[str, float]:
     """Return scores of the yaw errors of held-out clean detections; empty where the model has none."""
     rows = data.test.take(data.test_oblique)
-    known = rows.detected & np.isfinite(rows.error_yaw)
-    if model.yaw is None or not known.any():
+    measured = rows.detected & np.isfinite(rows.error_yaw)
+    if model.yaw is None or not measured.any():
         return {}
-    distance, error = rows.range[known], rows.error_yaw[known]
+    distance, error = rows.range[measured], rows.error_yaw[measured]
     flipped, rest = split_flips(error)
     return {
-        "yaw_rows": float(known.sum()),
+        "yaw_rows": float(measured.sum()),
         "yaw_flips": float(flipped.mean()),
         "yaw_flips_own": float(model.yaw.flip_probability(distance).mean()),
         "yaw_nll": -float(model.yaw.log_density(error, distance).mean()),
@@ -198,7 +198,7 @@ def _score_rows(title: str, variant: Variant, rows: DetectionTable, train: Detec
 def _truncated_sd(dof: float, bound: Floats, power: Floats) -> Floats:
     """Return (m,) standard deviations; between powers of a grid they are interpolated."""
     grid = np.unique(np.linspace(power.min(), power.max(), _POWERS))
-    at_grid = np.stack([_sd_at_power(dof, bound, one) for one in grid])
+    at_grid = np.stack([_sd_at_power(dof, bound, exponent) for exponent in grid])
     place = np.clip(np.searchsorted(grid, power) - 1, 0, max(len(grid) - 2, 0))
     above, rows = np.minimum(place + 1, len(grid) - 1), np.arange(len(power))
     share = (power - grid[place]) / np.where(above > place, grid[above] - grid[place], 1.0)

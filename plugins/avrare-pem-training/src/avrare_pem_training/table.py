@@ -82,7 +82,7 @@ class DetectionTable(Box):
 
     def take(self, index: Bools | NDArray[np.intp] | slice) -> DetectionTable:
         """Select rows."""
-        return DetectionTable(**{one.name: getattr(self, one.name)[index] for one in fields(self)})
+        return DetectionTable(**{column.name: getattr(self, column.name)[index] for column in fields(self)})
 
 
 def errors_in(frame: str, rows: DetectionTable) -> Floats:
@@ -127,11 +127,11 @@ def read_log(path: Path) -> tuple[DetectionTable, GhostLog | None]:
     names = [name.lower() for name in content.names]
     _check_header(names, content.header)
     content.check_rows()
-    known = {*BOX, *ERRORS, *_DETECTED_BOX, *_TRACK, _GHOST, "detected"}
+    known_names = {*BOX, *ERRORS, *_DETECTED_BOX, *_TRACK, _GHOST, "detected"}
     columns = {
         name: content.parse_column(given)
         for name, given in zip(names, content.names, strict=True)
-        if name in known
+        if name in known_names
     }
     lines = np.array([line for line, _ in content.rows])
     ghosts = _split_ghosts(path, columns, lines)
@@ -170,8 +170,8 @@ def _split_ghosts(path: Path, columns: dict[str, Floats], lines: NDArray[np.intp
         "and each drive times after those of the drive before",
     )
     right, forward = (
-        np.where(np.isnan(columns.get(found, unknown)), columns[given], columns.get(found, unknown))
-        for given, found in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
+        np.where(np.isnan(columns.get(detected, unknown)), columns[given], columns.get(detected, unknown))
+        for given, detected in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
     )
     _refuse(
         path, lines, false & ~np.isfinite(right + forward), "right, forward: a false detection has no place"

@@ -75,9 +75,9 @@ def convert(inputs: Path, labels: Path) -> DetectionTable:
 
 
 def _visibility(occlusion: Floats, path: Path, lines: Sequence[int]) -> Floats:
-    known = np.isin(occlusion, (0, 1, 2, 3))
-    if not known.all():
-        first = int(np.argmin(known))
+    valid = np.isin(occlusion, (0, 1, 2, 3))
+    if not valid.all():
+        first = int(np.argmin(valid))
         raise UsageError(f"{path}:{lines[first]}: occlusion: {occlusion[first]:g} is not 0, 1, 2 or 3")
     return _VISIBILITY_OF_OCCLUSION[occlusion.astype(np.intp)]
 

@@ -60,7 +60,7 @@ def execute(args: argparse.Namespace) -> int:
         with Progress(label, problem, "quiet" if args.json else display(args)) as progress:
             yield progress
 
-    found = require(
+    requirement = require(
         args.scenario,
         args.parameter,
         args.probability,
@@ -75,19 +75,19 @@ def execute(args: argparse.Namespace) -> int:
         show=show,
     )
     content = {
-        "parameter": found.parameter,
-        "specification": found.specification,
-        "limit": found.limit,
-        "kept": found.kept,
-        "broken": found.broken,
-        "root": found.root,
-        "confidence": found.confidence,
-        "rising": found.rising,
-        "trials": list(found.table()),
-        "warnings": list(found.warnings),
+        "parameter": requirement.parameter,
+        "specification": requirement.specification,
+        "limit": requirement.limit,
+        "kept": requirement.kept,
+        "broken": requirement.broken,
+        "root": requirement.root,
+        "confidence": requirement.confidence,
+        "rising": requirement.rising,
+        "trials": list(requirement.table()),
+        "warnings": list(requirement.warnings),
     }
-    show_or_write(args, "require.json", content, [found])
-    return int(ExitCode.PASS if found.kept is not None else ExitCode.INCONCLUSIVE)
+    show_or_write(args, "require.json", content, [requirement])
+    return int(ExitCode.PASS if requirement.kept is not None else ExitCode.INCONCLUSIVE)
 
 
 def _read_ends(text: str | None) -> tuple[float, float] | None:

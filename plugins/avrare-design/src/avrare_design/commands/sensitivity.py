@@ -71,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
     out = None if args.out is None else Path(args.out)
     with keep_outcomes(out, "sensitivity", task, args.resume) as journal:
         with progress_line(args) as progress:
-            found = sensitivity(
+            sensitivities = sensitivity(
                 args.scenario,
                 args.parameter,
                 args.specification,
@@ -83,13 +83,15 @@ def execute(args: argparse.Namespace) -> int:
                 runner=TapeRunner(args.workers, progress, journal=journal("tapes")),
             )
         content = {
-            "specification": found.specification,
-            "probability": found.probability,
-            "interval": list(found.interval),
-            "rollouts": found.rollouts,
-            "errors": found.errors,
-            "sensitivity": list(found.table()),
+            "specification": sensitivities.specification,
+            "probability": sensitivities.probability,
+            "interval": list(sensitivities.interval),
+            "rollouts": sensitivities.rollouts,
+            "errors": sensitivities.errors,
+            "sensitivity": list(sensitivities.table()),
         }
-        show_or_write(args, "sensitivity.json", content, [found])
+        show_or_write(args, "sensitivity.json", content, [sensitivities])
     most = definition.max_error_rate
-    return int(ExitCode.ROLLOUT_ERRORS if found.errors > most * found.rollouts else ExitCode.PASS)
+    return int(
+        ExitCode.ROLLOUT_ERRORS if sensitivities.errors > most * sensitivities.rollouts else ExitCode.PASS
+    )
