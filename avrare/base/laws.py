@@ -83,7 +83,7 @@ class Uniform(_Law):
     high: float = Field(description="greatest value")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _require_order(self) -> Self:
         _check_order(self.low, self.high)
         return self
 
@@ -210,18 +210,18 @@ class Empirical(_Law):
             raise ValueError("all values are the same: write the number itself")
         return self
 
-    def _sorted(self) -> tuple[Floats, Floats]:
+    def _sort(self) -> tuple[Floats, Floats]:
         values = np.sort(np.array(self.values))
         return values, np.linspace(0.0, 1.0, len(values))
 
     def at(self, z: ArrayLike) -> Floats:
         """Return the value of a standard normal number."""
-        values, places = self._sorted()
+        values, places = self._sort()
         return np.asarray(np.interp(_below(np.asarray(z, dtype=np.float64)), places, values))
 
     def score(self, value: ArrayLike) -> Floats:
         """Return the normal score of a value; of a value that was seen often, the middle of its scores."""
-        values, places = self._sorted()
+        values, places = self._sort()
         number = np.asarray(value, dtype=np.float64)
         first, last = np.searchsorted(values, number), np.searchsorted(values, number, side="right") - 1
         middle = 0.5 * (places[np.minimum(first, len(values) - 1)] + places[last])

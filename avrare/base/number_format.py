@@ -105,14 +105,14 @@ def format_count(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
-def format_signed(value: float) -> str:
+def format_difference(value: float) -> str:
     """Return a difference with its sign: ``+0.012``."""
     return f"{value:+.2g}" if value else "0"
 
 
 def format_signed_interval(interval: Sequence[float]) -> str:
     """Return ``-0.004 .. +0.02``."""
-    return " .. ".join(map(format_signed, interval))
+    return " .. ".join(map(format_difference, interval))
 
 
 def format_robustness(value: float) -> str:

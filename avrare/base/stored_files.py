@@ -43,12 +43,12 @@ _KINDS = "biufU"
 
 def read_json(path: Path, hint: str) -> dict[str, Any]:
     """Read a file that holds a JSON object."""
-    return _explained(path, hint, lambda: parse_json(read_regular(path, _MOST_JSON)))
+    return _explain_errors(path, hint, lambda: parse_json(read_regular(path, _MOST_JSON)))
 
 
 def read_arrays(path: Path, hint: str) -> Arrays:
     """Read all arrays of an npz file."""
-    return _explained(path, hint, lambda: parse_arrays(read_regular(path)))
+    return _explain_errors(path, hint, lambda: parse_arrays(read_regular(path)))
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
@@ -178,7 +178,7 @@ def parse_arrays(content: bytes) -> Arrays:
     return arrays
 
 
-def _explained(path: Path, hint: str, read: Callable[[], _Content]) -> _Content:
+def _explain_errors(path: Path, hint: str, read: Callable[[], _Content]) -> _Content:
     try:
         return read()
     except (OSError, ValueError) as error:

@@ -61,7 +61,7 @@ def _print_cards(offers: Sequence[Offer]) -> None:
 
 
 def _card(offer: Offer, width: int) -> list[Text]:
-    def wrapped(words: str, indent: int, hanging: int = 0, style: str = "") -> Text:
+    def wrap(words: str, indent: int, hanging: int = 0, style: str = "") -> Text:
         first, others = " " * indent, " " * (indent + hanging)
         filled = textwrap.fill(
             words, width, initial_indent=first, subsequent_indent=others, break_on_hyphens=False
@@ -70,10 +70,10 @@ def _card(offer: Offer, width: int) -> list[Text]:
 
     card = offer.card
     lines = [Text.assemble((card.name, "bold"), "  ", card.title), Text()]
-    lines += [wrapped(" ".join(card.text.split()), 2), Text()]
-    lines += [wrapped(line, 4, 4, "cyan") for line in card.formula.strip().splitlines()]
+    lines += [wrap(" ".join(card.text.split()), 2), Text()]
+    lines += [wrap(line, 4, 4, "cyan") for line in card.formula.strip().splitlines()]
     if card.remarks:
-        lines += [Text(), wrapped(" ".join(card.remarks.split()), 2)]
+        lines += [Text(), wrap(" ".join(card.remarks.split()), 2)]
     if card.parameters:
         lines.append(Text())
     settings = [f"{parameter.default} {parameter.unit}".strip() for parameter in card.parameters]
@@ -84,8 +84,8 @@ def _card(offer: Offer, width: int) -> list[Text]:
             parameter.name,
             f"{parameter.text}; {parameter.source}" if parameter.source else parameter.text,
         )
-        row = wrapped(f"{name:<{names}}  {value:<{values}}  {about}", 2, names + values + 4)
+        row = wrap(f"{name:<{names}}  {value:<{values}}  {about}", 2, names + values + 4)
         row.stylize("bold", 2, 2 + len(name))
         lines.append(row)
     lines += [Text(), Text(f"  plugin: {offer.row.name}, {offer.row.origin}")]
-    return [*lines, wrapped(f"source: {card.source}", 2, 8)]
+    return [*lines, wrap(f"source: {card.source}", 2, 8)]

@@ -164,12 +164,12 @@ def _run_all(
         message = f"interrupted, {count} {'chunk is' if count == 1 else 'chunks are'} saved"
         raise Interrupted(message, resume_hint(checkpoint.folder.parent)) from error
     except MemoryError:
-        raise _say_what_is_saved(OutOfMemory(), checkpoint) from None
+        raise _add_checkpoint_hint(OutOfMemory(), checkpoint) from None
     except (SaveError, SystemCrashed, WorkerDied) as error:
-        raise _say_what_is_saved(error, checkpoint) from error.__cause__
+        raise _add_checkpoint_hint(error, checkpoint) from error.__cause__
 
 
-def _say_what_is_saved(error: AvrareError, checkpoint: Checkpoint) -> AvrareError:
+def _add_checkpoint_hint(error: AvrareError, checkpoint: Checkpoint) -> AvrareError:
     if checkpoint.chunks:
         error.hint = f"{error.hint}; completed chunks are saved: {resume_hint(checkpoint.folder.parent)}"
     return error

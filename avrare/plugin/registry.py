@@ -119,10 +119,10 @@ class Registry:
         Dependencies are searched for, not imported.
         """
         order = {kind: place for place, kind in enumerate(KINDS)}
-        checked = [self._checked(row) for row in self._rows]
+        checked = [self._check(row) for row in self._rows]
         return sorted(checked, key=lambda row: (order.get(row.kind, len(order)), row.name, row.distribution))
 
-    def _checked(self, row: Row) -> Row:
+    def _check(self, row: Row) -> Row:
         if row.status != "ok" or row.component is None:
             return row
         key = (row.kind, row.name)
@@ -142,7 +142,7 @@ class Registry:
 
     def usable(self, kind: str) -> list[Component]:
         """Return the components of a kind that can be built, by name."""
-        rows = [self._checked(row) for row in self._rows if row.kind == kind]
+        rows = [self._check(row) for row in self._rows if row.kind == kind]
         components = [row.component for row in rows if row.status == "ok" and row.component is not None]
         return sorted(components, key=lambda component: component.name)
 
@@ -197,7 +197,7 @@ class Registry:
         Raises:
             PluginError: It is unknown, not installed, ambiguous or incompatible.
         """
-        rows = [self._checked(row) for row in self._rows if (row.kind, row.name) == (kind, name)]
+        rows = [self._check(row) for row in self._rows if (row.kind, row.name) == (kind, name)]
         if not rows:
             raise self._unknown(kind, name)
         row = rows[0]

@@ -21,7 +21,7 @@ def call_back(run: Run) -> list[str]:
         Lines to show: what the callbacks returned, and which of them failed.
     """
     lines = []
-    for point in _allowed():
+    for point in _find_allowed():
         try:
             said = point.load()(run)
         except (Exception, SystemExit) as error:
@@ -31,7 +31,7 @@ def call_back(run: Run) -> list[str]:
     return lines
 
 
-def _allowed() -> list[EntryPoint]:
+def _find_allowed() -> list[EntryPoint]:
     names = os.environ.get(VARIABLE)
     allowed = None if names is None else {name.strip() for name in names.split(",")}
     points = sorted(entry_points(group=GROUP), key=lambda point: point.name)

@@ -61,7 +61,7 @@ class _CarryStore:
         self._row_bytes: dict[int, int] = {}
 
     def add(self, t: int, rows: Integers, carry: Carry) -> None:
-        if not self._wanted(t):
+        if not self._is_wanted(t):
             return
         self.carries.append((t, rows, carry))
         if not self.most_bytes:
@@ -69,10 +69,10 @@ class _CarryStore:
         self._row_bytes[t] = sum(leaf.nbytes for leaf in batch.leaves(carry)) // len(rows)
         while self.most_bytes < sum(self._row_bytes.values()) and self.every <= t:
             self.every *= 2
-            self.carries = [entry for entry in self.carries if self._wanted(entry[0])]
-            self._row_bytes = {step: size for step, size in self._row_bytes.items() if self._wanted(step)}
+            self.carries = [entry for entry in self.carries if self._is_wanted(entry[0])]
+            self._row_bytes = {step: size for step, size in self._row_bytes.items() if self._is_wanted(step)}
 
-    def _wanted(self, t: int) -> bool:
+    def _is_wanted(self, t: int) -> bool:
         return (t % self.every == 0 and not self.only_last) or t == self.steps
 
 

@@ -206,7 +206,7 @@ class Rollouts:
         widest = max(
             part.features.shape[2] for part in parts
         )  # 0 where no row of a part lived to be observed
-        parts = [replace(part, features=widened(part.features, widest)) for part in parts]
+        parts = [replace(part, features=widen(part.features, widest)) for part in parts]
         names = {name for part in parts for name in part.counts}
         return Rollouts(
             **{
@@ -230,7 +230,7 @@ class Rollouts:
         )
 
 
-def widened(features: Floats, width: int) -> Floats:
+def widen(features: Floats, width: int) -> Floats:
     """Return features (M, K, F) with ``width`` columns, the further ones NaN."""
     missing = np.full((*features.shape[:2], width - features.shape[2]), np.nan)
     return np.concatenate([features, missing], axis=2)

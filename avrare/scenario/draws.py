@@ -24,7 +24,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.laws import Law, condense
 from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.validation import Mistake, Place, check, error_with_hint, find_places
-from avrare.scenario.value_positions import Node, Path, dotted
+from avrare.scenario.value_positions import Node, Path, join_path
 
 KEY = "draws"
 """Key of a simulator's block with the settings of its draws."""
@@ -194,7 +194,7 @@ def _read_laws(nodes: Mapping[Path, Node], path: Path, folder: str) -> tuple[dic
     mistakes: list[Mistake] = []
     for at, node in nodes.items():
         try:
-            named = Node({dotted(at): _with_columns(node, folder)}, node.mark)
+            named = Node({join_path(at): _with_columns(node, folder)}, node.mark)
         except UsageError as error:
             mistakes.append(Mistake(node.mark, (*path, *at), error.message, error.hint))
             continue

@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from avrare.base.errors import ExitCode, ScenarioError, UsageError, did_you_mean
 from avrare.plugin.option_marks import DrawableMark, is_marked
-from avrare.scenario.value_positions import Mark, Node, Path, Scalar, dotted
+from avrare.scenario.value_positions import Mark, Node, Path, Scalar, join_path
 
 Value = TypeVar("Value")
 
@@ -53,14 +53,14 @@ class Mistake:
     @property
     def message(self) -> str:
         """``file:line:column: path: what is wrong``; ``--set KEY: ...`` does not repeat its KEY."""
-        path = dotted(self.path)
+        path = join_path(self.path)
         in_override = self.mark.file == f"--set {'.'.join(map(str, self.path))}"
         return ": ".join([str(self.mark), *([path] if path and not in_override else []), self.text])
 
 
 def scenario_error(mistakes: Iterable[Mistake]) -> ScenarioError:
     """Return the error that lists these mistakes by place; exit code 5 if all of them are about plugins."""
-    ordered = sorted(dict.fromkeys(mistakes), key=lambda mistake: (mistake.mark, dotted(mistake.path)))
+    ordered = sorted(dict.fromkeys(mistakes), key=lambda mistake: (mistake.mark, join_path(mistake.path)))
     only_plugins = {mistake.exit_code for mistake in ordered} == {ExitCode.PLUGIN}
     code = ExitCode.PLUGIN if only_plugins else ExitCode.USAGE
     return ScenarioError([(mistake.message, mistake.hint) for mistake in ordered], code)
@@ -142,7 +142,7 @@ def check_options(
         mistakes = _explain(error, find_places(model, Node.of(dict(options), Mark(""))), (), other_keys)
     texts = []
     for mistake in mistakes:
-        option, component = dotted(mistake.path), f"{kind} {name!r}"
+        option, component = join_path(mistake.path), f"{kind} {name!r}"
         if mistake.text == UNKNOWN_KEY:
             texts.append(f"unknown option {option!r} of {component}")
         else:
@@ -306,12 +306,12 @@ def _describe_error(
             return text, near if near and near.startswith("did") else help_text
         case "union_tag_invalid":
             choices = context["expected_tags"]
-            text = f"should be one of {', '.join(_quoted(choices))}, found {describe(place.node)}"
+            text = f"should be one of {', '.join(_quote(choices))}, found {describe(place.node)}"
             return text, _suggest(context["tag"], choices) or help_text
     if "" in types:
         return _reword(first["msg"], place.node), help_text
     if "law" in place.node.entries and not place.is_drawable and "number" in " ".join(types):
-        drawable = [dotted(at) for at, other in places.items() if other.is_drawable]
+        drawable = [join_path(at) for at, other in places.items() if other.is_drawable]
         hint = f"of the options given here these can: {', '.join(drawable)}" if drawable else help_text
         return "this option cannot be drawn: it should be a number", hint
     yes_no = types[0] == "true or false" and str(place.node.value).lower() in ("yes", "no", "on", "off")
@@ -319,13 +319,13 @@ def _describe_error(
     return text, "write true or false" if yes_no else help_text
 
 
-def _quoted(expected: str) -> list[str]:
+def _quote(expected: str) -> list[str]:
     return re.findall(r"'([^']*)'", expected)
 
 
 def _suggest(word: str, expected: str) -> str | None:
     """Return a hint with the choice that ``word`` resembles; one that differs in case only comes first."""
-    choices = _quoted(expected)
+    choices = _quote(expected)
     same = [choice for choice in choices if choice.casefold() == word.casefold()]
     return f"did you mean {same[0]!r}?" if same else did_you_mean(word, choices)
 

@@ -165,7 +165,7 @@ def _index(items: list[Node], step: str, mark: Mark) -> int:
     raise mark.error(f"the list has no item {step!r}", did_you_mean(step, indices) or "it is empty")
 
 
-def dotted(path: Sequence[str | int]) -> str:
+def join_path(path: Sequence[str | int]) -> str:
     """Return a path as ``thresholds.0.confidence``; keys that would break the line are quoted."""
     return ".".join(printable(str(step)) for step in path)
 

@@ -74,19 +74,19 @@ def build_stack(scenario: Scenario) -> Stack:
             f"{scenario.path}: perception: no tracker is given to process the observations",
             "add a `tracker:` block, or remove the perception",
         )
-    with _located(scenario, "simulator"):
+    with _locate_errors(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
         check_dynamics(simulator)
-    with _located(scenario, "steps"):
+    with _locate_errors(scenario, "steps"):
         simulator.check_steps(scenario.steps)
     scene = simulator.scene
-    with _located(scenario, "timing"):
+    with _locate_errors(scenario, "timing"):
         clock = Clock.of(scenario.timing or Timing(), simulator.dt)
     plane = scene or simulator.junction
     parts = _build_parts(scenario, plane, clock)
     specifications = {}
     for name, part in scenario.specifications.items():
-        with _located(scenario, f"specifications.{name}"):
+        with _locate_errors(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, plane, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
@@ -96,26 +96,26 @@ def build_stack(scenario: Scenario) -> Stack:
 def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts:
     perception, tracker, controller, known = None, None, None, scene
     if scenario.perception is not None:
-        with _located(scenario, "perception"):
+        with _locate_errors(scenario, "perception"):
             perception = build_block(
                 scenario.perception, clock.paced(scene, clock.sensor), PerceptionErrorModel
             )
             check_declarations(perception)
     if scenario.tracker is not None:
-        with _located(scenario, "tracker"):
+        with _locate_errors(scenario, "tracker"):
             tracker = build_block(scenario.tracker, clock.paced(scene, clock.tracker), Tracker)
             if perception is not None:
                 check_labels(perception, tracker)
             known = tracker.known_scene or scene
     if scenario.controller is not None:
-        with _located(scenario, "controller"):
+        with _locate_errors(scenario, "controller"):
             paced = clock.paced(known, clock.planner)
             controller = build_block(scenario.controller, paced, Controller)
     if scenario.aeb is not None:
-        with _located(scenario, "aeb"):
+        with _locate_errors(scenario, "aeb"):
             controller = add_emergency_braking(controller, scenario.aeb, clock.paced(known, clock.planner))
     timing, actuators = scenario.timing or Timing(), scenario.actuators or Actuators()
-    with _located(scenario, "timing"):
+    with _locate_errors(scenario, "timing"):
         return time_parts(timing, actuators, clock, scene, Parts(perception, tracker, controller))
 
 
@@ -135,12 +135,12 @@ def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
     """Raise a ``ScenarioError`` for specifications that every start violates: their probability is 1."""
     for name, spec in stack.specifications.items():
         if isinstance(scenario.specifications[name], Formula):
-            with _located(scenario, f"specifications.{name}"):
+            with _locate_errors(scenario, f"specifications.{name}"):
                 _check_relations(spec)
     signals = _signals_at_start(scenario, stack, np.zeros((1, stack.loop.noise_size)))
     problems: list[tuple[str, str | None]] = []
     for name, spec in stack.specifications.items():
-        with _located(scenario, f"specifications.{name}"):
+        with _locate_errors(scenario, f"specifications.{name}"):
             monitor, verdict = spec.update(spec.start(1), signals)
         settled = spec.margin(monitor) is not None
         if settled and verdict.violated[0] and _fails_from_drawn_starts(scenario, stack, spec):
@@ -243,7 +243,7 @@ def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3
     if start is None:
         return []
     noise = np.random.default_rng(0).standard_normal((steps + 1, scenes, loop.noise_size))
-    with _located(scenario, "simulator"):
+    with _locate_errors(scenario, "simulator"):
         state = loop.initial(noise[0])
         drawn = state.drawn
         for row in noise[1 : scenario.steps + 1]:
@@ -267,7 +267,7 @@ def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str,
 
 
 @contextmanager
-def _located(scenario: Scenario, path: str) -> Iterator[None]:
+def _locate_errors(scenario: Scenario, path: str) -> Iterator[None]:
     try:
         yield
     except UsageError as error:

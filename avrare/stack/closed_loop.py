@@ -31,7 +31,7 @@ from avrare.protocols import (
 )
 from avrare.stack.burn_in import BurnIn
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
-from avrare.stack.features import check_features, flattened, plan_features, track_features, vehicle_features
+from avrare.stack.features import check_features, flatten, plan_features, track_features, vehicle_features
 from avrare.stack.misreadings import find_misreadings
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 from avrare.stack.observing import observe
@@ -204,7 +204,7 @@ class ClosedLoop(System):
         driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
         found = [_declared(self.simulator, state.world)]
         if found[0] is None:
-            found = [flattened(self.signals(state)), vehicle_features(state.world) if driving else None]
+            found = [flatten(self.signals(state)), vehicle_features(state.world) if driving else None]
         found.append(_declared(self.perception, state.latent))
         tracked = _declared(self.tracker, state.track)
         if tracked is None and self.tracker is not None and driving:

@@ -102,14 +102,14 @@ class DrawnStart:
         broken = none
         if settings.broken_rule != "keep":
             drawn = DrawnValues(values, np.zeros(len(values), dtype=np.int64), none)
-            broken = self._broken({**self._simulator.signals(world), **self.signals(drawn)})
+            broken = self._find_broken({**self._simulator.signals(world), **self.signals(drawn)})
         again, refused = none.copy(), none.copy()
         for rows, rule in ((overlapping, settings.overlap), (broken, settings.broken_rule)):
             again |= rows & (rule == "resample")
             refused |= rows & (rule == "error")
         return again, refused
 
-    def _broken(self, signals: Signals) -> Bools:
+    def _find_broken(self, signals: Signals) -> Bools:
         n = len(next(iter(signals.values())))
         broken = np.zeros(n, dtype=bool)
         for monitor in self._specifications.values():

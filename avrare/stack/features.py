@@ -22,7 +22,7 @@ _NODES = (1, 3, 6, 10, 15, 20)
 def system_features(system: System, state: object) -> Floats:
     """Return the features (N, F) that a system declares, else its signals."""
     declared = system.features(state)
-    return flattened(system.signals(state)) if declared is None else check_features(system, declared)
+    return flatten(system.signals(state)) if declared is None else check_features(system, declared)
 
 
 def check_features(part: object, values: object) -> Floats:
@@ -42,7 +42,7 @@ def monitor_features(
     return np.stack([robustness if margin is None else margin, robustness, score], axis=1)
 
 
-def flattened(signals: Signals) -> Floats:
+def flatten(signals: Signals) -> Floats:
     """Return all numbers of named arrays as columns (N, F)."""
     columns = [np.asarray(x, dtype=np.float64).reshape(len(x), -1) for x in signals.values()]
     return np.concatenate(columns, axis=1)

@@ -193,11 +193,14 @@ def response(
         f"comes to {trigger:g} by step {last} and then stays above 0 for {within} steps"
     )
     formula = f"always[0:{last}] ((x >= {trigger}) -> eventually[0:{within}] (x <= {_CLEAR}))"
-    exact, score = partial(_unanswered, chain, trigger, within, steps), Waiting(trigger, within, last)
+    exact, score = (
+        partial(_integrate_open_triggers, chain, trigger, within, steps),
+        Waiting(trigger, within, last),
+    )
     return ReferenceProblem(id, "response", text, Linear(chain), formula, steps, "<0", exact, score)
 
 
-def _unanswered(chain: Chain, trigger: float, within: int, steps: int) -> float:
+def _integrate_open_triggers(chain: Chain, trigger: float, within: int, steps: int) -> float:
     """Integrate over x and the age of the oldest unanswered trigger.
 
     ``idle`` is the density of x without a trigger, column j of ``waiting`` that of x > 0 with one of age j.

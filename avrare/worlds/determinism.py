@@ -93,8 +93,8 @@ class _Trial:
 
     def run(self, branch: bool) -> None:
         every = np.arange(len(_TAPES))
-        wanted, copies = self._watched(every, self._read_only_step)
-        again, _ = self._watched(every, self.system.step)
+        wanted, copies = self._watch(every, self._read_only_step)
+        again, _ = self._watch(every, self.system.step)
         if difference := _find_difference(wanted, again):
             cause = _find_cause(lambda: self._samples(every))
             self.found["differs"] = f"{difference} between two runs on the same noise ({cause})"
@@ -109,14 +109,14 @@ class _Trial:
         for difference in rows:
             self._note("differs", difference, "with the other rows of its batch")
 
-    def _watched(
+    def _watch(
         self, rows: NDArray[np.int64], step: Callable[[object, Floats], object]
     ) -> tuple[Samples, list[object]]:
         stored, samples = [], []
         for state in self._states(rows, step):
             stored.append((state, _copy(state)))
             samples.append(self._sample(state))
-        if any(copy is not None and _changed(state, copy) for state, copy in stored):
+        if any(copy is not None and _has_changed(state, copy) for state, copy in stored):
             self.found.setdefault("in_place", "a step changes the state that it is given")
         return samples, [copy for _, copy in stored]
 
@@ -177,7 +177,7 @@ def _place(error: Exception) -> str:
     return f"{Path(frames_here[-1].filename).name}:{frames_here[-1].lineno}"
 
 
-def _changed(state: object, copy: object) -> bool:
+def _has_changed(state: object, copy: object) -> bool:
     return not all(map(_same, batch.leaves(state), batch.leaves(copy)))
 
 

@@ -109,7 +109,7 @@ class Worlds(Simulator):
         """Return worlds at t = 0 from noise (N, noise_size)."""
         self._pool.recall(len(noise), keep=())
         with self._watchdog:
-            histories = [self._start(row) for row in _frozen(noise)]
+            histories = [self._start(row) for row in _freeze(noise)]
         zeros = np.zeros(len(noise), dtype=np.int64)
         return self._state(zeros, histories, zeros)
 
@@ -121,7 +121,7 @@ class Worlds(Simulator):
         """
         action = self._prepare(action, noise)
         at, histories = world.step.tolist(), world.track.tolist()
-        inputs = list(zip(_rows(action, len(at)), _frozen(noise), strict=True))
+        inputs = list(zip(_rows(action, len(at)), _freeze(noise), strict=True))
         replayed, recalled = world.replayed.copy(), False
         with self._watchdog:
             for i, (history, t, given) in enumerate(zip(histories, at, inputs, strict=True)):
@@ -208,10 +208,10 @@ def _rows(action: object, n: int) -> Iterable[object]:
             f"the controller returned {type(action).__name__}{shape}, but every world takes its own row",
             f"a controller for this simulator returns an array with leading axis {n}",
         )
-    return iter(_frozen(action))
+    return iter(_freeze(action))
 
 
-def _frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:
+def _freeze(values: NDArray[Scalar]) -> NDArray[Scalar]:
     # Histories hold views of the rows, which must not change.
     view = values.view()
     view.flags.writeable = False

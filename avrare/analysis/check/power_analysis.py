@@ -136,10 +136,10 @@ def _rollouts_to_pass(p: float, limit: float, tail: float) -> int | None:
     # Monte Carlo rollouts that prove the bound with ``POWER``; None beyond 200 failures
     for failures in range(_MAX_FAILURES):
 
-        def proven(trials: int, failures: int = failures) -> bool:
+        def is_proven(trials: int, failures: int = failures) -> bool:
             return beta_cdf(1.0 - limit, trials - failures, failures + 1) <= tail
 
-        rollouts = _find_first(proven, failures + 1)
+        rollouts = _find_first(is_proven, failures + 1)
         if beta_cdf(1.0 - p, rollouts - failures, failures + 1) >= POWER:
             return rollouts
     return None

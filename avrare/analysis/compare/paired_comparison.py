@@ -16,7 +16,7 @@ import numpy as np
 
 from avrare.analysis.compare.study import StudyWatch, parse_cost
 from avrare.base.errors import UsageError, require_path
-from avrare.base.number_format import format_signed, format_signed_interval
+from avrare.base.number_format import format_difference, format_signed_interval
 from avrare.base.records import Answer, Records
 from avrare.base.special_functions import bisect, normal_factor
 from avrare.estimation.plan.budget import Budget
@@ -180,7 +180,7 @@ class PairedComparison(Answer):
         """Return ``safe_distance: worse, +0.012 (+0.004 .. +0.02)`` for each specification."""
         lines = []
         for counts in self.counts:
-            change = format_signed(counts.difference)
+            change = format_difference(counts.difference)
             interval = format_signed_interval(counts.interval(self.confidence))
             lines.append(f"{counts.specification}: {counts.verdict(self.confidence)}, {change} ({interval})")
         return lines

@@ -81,7 +81,7 @@ def summarise(result: MonitoringResult) -> str:
     robustness = format_robustness(result.robustness)
     first, worst = result.first, result.worst
     if result.no_vehicles:
-        return f"{verdict}: there are no vehicles that it applies to{list_excluded(result)}"
+        return f"{verdict}: there are no vehicles that it applies to{list_exclusions(result)}"
     if not result.pointwise or (result.violated and first is None):
         decided = "" if worst is None else f", decided {_describe(result, worst)}"
         return f"{verdict} with robustness {robustness}{decided}"
@@ -125,7 +125,7 @@ def _describe_formula(decisive: DecisiveSample) -> str:
     return f"{decisive.formula if term is None else term[1] + term[2]} has robustness {robustness}"
 
 
-def list_excluded(result: MonitoringResult) -> str:
+def list_exclusions(result: MonitoringResult) -> str:
     """Return the vehicles that the specification ignores, in brackets."""
     return f" (excluded: {', '.join(result.excluded)})" if result.excluded else ""
 

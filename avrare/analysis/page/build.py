@@ -22,7 +22,7 @@ from avrare.analysis.page.model import (
     Summary,
 )
 from avrare.analysis.page.player import build_player
-from avrare.analysis.page.stored_rollouts import replay_stored
+from avrare.analysis.page.stored_rollouts import replay_rollouts
 from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.chart import Chart, Scale, make_log_scale
 from avrare.base.late_import import late_import
@@ -247,7 +247,7 @@ def _describe_exposure(exposure: Exposure, met: Quantity) -> str:
 
 def _build_sections(run: Run, estimates: Sequence[Estimate], stored: StoredCauses) -> tuple[Section, ...]:
     """Return a section for each estimate of a run."""
-    rollouts, errors = replay_stored(run, stored.kinds)
+    rollouts, errors = replay_rollouts(run, stored.kinds)
     sections = []
     for estimate in estimates:
         name = estimate.specification

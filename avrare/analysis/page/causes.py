@@ -165,7 +165,7 @@ class _View:
         steps = 2 if road.line is None and not road.lanes else 81
         self.stations = np.linspace(x - _BEHIND, x + _AHEAD, steps)
 
-    def _turned(self, vehicles: Vehicles) -> Vehicles:
+    def _turn(self, vehicles: Vehicles) -> Vehicles:
         if self._road.line is None:
             return replace(vehicles, x=vehicles.x - self._x[0] + _BEHIND)
         x, y, heading, _ = (field[0] for field in self._road.line.frame(self._x))
@@ -181,12 +181,12 @@ class _View:
 
     def place(self, world: World) -> tuple[Vehicles, Vehicles]:
         """Return ego and others in the picture; y is still to the left."""
-        return self._turned(world.ego), self._turned(world.others)
+        return self._turn(world.ego), self._turn(world.others)
 
     def curve(self, x: Floats, y: Floats) -> Floats:
         """Return points (K, 2) of the road in the picture, y downwards."""
         zeros = np.zeros_like(x)
-        there = self._turned(Vehicles(x, y, zeros, zeros, zeros))
+        there = self._turn(Vehicles(x, y, zeros, zeros, zeros))
         return np.stack([there.x, -there.y], axis=1)
 
 

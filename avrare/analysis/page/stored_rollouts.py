@@ -102,7 +102,7 @@ def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[St
     ]
 
 
-def replay_stored(
+def replay_rollouts(
     run: Run, kinds: Mapping[str, StoredKinds]
 ) -> tuple[dict[str, list[MonitoredRollout]], tuple[str, ...]]:
     """Return the rollouts to show of each specification, replayed in one batch and monitored.

@@ -45,26 +45,26 @@ def normalise(node: Node, positive: bool = True) -> Node:
         case Not(child):
             return normalise(child, not positive)
         case Connective("iff" | "xor" as op, left, right):
-            return Connective(_signed(op, positive), normalise(left), normalise(right))
+            return Connective(_sign(op, positive), normalise(left), normalise(right))
         case Connective(op, left, right):
-            return Connective(_signed(op, positive), normalise(left, positive), normalise(right, positive))
+            return Connective(_sign(op, positive), normalise(left, positive), normalise(right, positive))
         case Quantifier(op="at_least"):
             counted = dataclasses.replace(node, child=normalise(node.child))
             return counted if positive else Not(counted)
         case Quantifier(op):
-            return dataclasses.replace(node, op=_signed(op, positive), child=normalise(node.child, positive))
+            return dataclasses.replace(node, op=_sign(op, positive), child=normalise(node.child, positive))
         case Window(op, lo, hi, child):
-            op, child = _signed(op, positive), normalise(child, positive)
+            op, child = _sign(op, positive), normalise(child, positive)
             if math.isinf(hi) and lo > 0:
                 return Window(op, lo, lo, Window(op, 0, hi, child))
             return Window(op, lo, hi, child)
         case Until(op, lo, hi, left, right):
             left, right = normalise(left, positive), normalise(right, positive)
-            return _until(_signed(op, positive), lo, hi, left, right)
+            return _until(_sign(op, positive), lo, hi, left, right)
     raise TypeError(f"not a formula: {node!r}")
 
 
-def _signed(op: str, positive: bool) -> str:
+def _sign(op: str, positive: bool) -> str:
     return op if positive else _DUAL[op]
 
 

@@ -69,13 +69,13 @@ def slide(x: Array, lo: int, hi: float, join: np.ufunc, overwrite: bool = False)
     y, spare = x, None
     while covered < width:
         by = min(covered, width - covered)
-        y, spare = _join_shifted(join, y, by, spare), (y if overwrite or y is not x else None)
+        y, spare = _join_shift(join, y, by, spare), (y if overwrite or y is not x else None)
         covered += by
     # 3. Move it to its offset.
     return shift(y, lo, get_neutral(join))
 
 
-def _join_shifted(join: np.ufunc, x: Array, by: int, out: Array | None) -> Array:
+def _join_shift(join: np.ufunc, x: Array, by: int, out: Array | None) -> Array:
     # x[i] with x[i + by]; into a separate array, as NumPy copies operands that overlap.
     y = np.empty(x.shape, x.dtype) if out is None else out
     join(x[:-by], x[by:], out=y[:-by])
@@ -112,7 +112,7 @@ def fold_until(
         join(p[:-by], meet(q[:-by], p[by:]), out=p[:-by])
         covered += by
         if covered < width:
-            q, spare = _join_shifted(meet, q, by, spare), (None if q is left else q)
+            q, spare = _join_shift(meet, q, by, spare), (None if q is left else q)
     # 3. Move to the offset, where left must hold on the samples before it too.
     if lo == 0:
         return p

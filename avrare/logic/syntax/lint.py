@@ -44,7 +44,7 @@ def find_lint_warnings(
     text: str, definitions: Definitions, trees: list[Tree[Token]]
 ) -> tuple[LintWarning, ...]:
     """Return the warnings about a text that has been parsed to ``trees``, sorted by place."""
-    warnings = [*_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
+    warnings = [*_find_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
     parts = [part for tree in trees for part in tree.iter_subtrees()]
     warnings += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
     warnings += _signless(text, parts)
@@ -55,7 +55,7 @@ def _warn(text: str, place: Place, message: str, hint: str) -> _Placed:
     return (place.line or 1, place.column or 1), LintWarning(add_place(text, place, message), hint)
 
 
-def _unused(text: str, definitions: Definitions) -> list[_Placed]:
+def _find_unused(text: str, definitions: Definitions) -> list[_Placed]:
     hint = "delete it, or use it in the last statement"
     return [
         _warn(text, each.name, f"{name} is defined but never used", hint)

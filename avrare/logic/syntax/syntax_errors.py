@@ -68,14 +68,14 @@ def translate_error(text: str, error: UnexpectedInput) -> FormulaError:
         return make_error(text, error, f"unexpected character {character!r}", _CHARACTER_HINTS.get(character))
     token = error.token
     if token.type == "$END":
-        message = f"the formula ends early: {_expected(error)}"
+        message = f"the formula ends early: {_find_expected(error)}"
         place = Position(token.end_line or 1, token.end_column or 1)
         return make_error(text, place, message, _misspelt(text[: token.end_pos][-_CONTEXT:]))
     start = token.start_pos or 0
     before, rest = text[max(0, start - _CONTEXT) : start], text[start : start + _CONTEXT]
     if rest.startswith("/*") or (before.endswith("/") and rest.startswith("*")):
         return make_error(text, token, "unterminated comment", "close it with */")
-    message = f"unexpected {str(token)!r}: {_expected(error)}"
+    message = f"unexpected {str(token)!r}: {_find_expected(error)}"
     return make_error(text, token, message, _hint(before, rest, token))
 
 
@@ -90,7 +90,7 @@ def suggest(word: str, candidates: Iterable[str], cutoff: float = 0.7) -> str | 
     return close[0] if close else None
 
 
-def _expected(error: UnexpectedToken) -> str:
+def _find_expected(error: UnexpectedToken) -> str:
     accepted = set(error.accepts or error.expected)
     if accepted >= _OPERAND:
         return "an operand is missing"

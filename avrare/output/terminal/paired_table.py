@@ -8,8 +8,8 @@ from rich.table import Table
 from avrare.analysis.compare.paired_comparison import PairedComparison
 from avrare.base.number_format import (
     format_confidence,
+    format_difference,
     format_probability,
-    format_signed,
     format_signed_interval,
 )
 from avrare.output.terminal.console import make_table
@@ -29,7 +29,7 @@ def paired_table(paired: PairedComparison) -> Table:
             escape(counts.specification),
             format_probability(counts.first),
             format_probability(counts.second),
-            format_signed(counts.difference),
+            format_difference(counts.difference),
             format_signed_interval(counts.interval(paired.confidence)),
             str(counts.only_first),
             str(counts.only_second),

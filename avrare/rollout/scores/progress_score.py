@@ -127,7 +127,7 @@ class Danger:
             return np.asarray(missing / (self.scales[node.index] + missing))
         return np.asarray(np.minimum(self(node)[-1], _NEARLY))
 
-    def _allowed(self, lo: int, hi: float) -> tuple[Floats, Floats]:
+    def _find_allowed(self, lo: int, hi: float) -> tuple[Floats, Floats]:
         # (W, 1) numbers of samples where a witness may lie: in total, and so far.
         position = self._positions[:, None]
         begin, end = position + lo, np.minimum(position + hi, self.last)
@@ -135,7 +135,7 @@ class Danger:
         return np.maximum(end - begin + 1, 0), np.maximum(np.minimum(end, newest) - begin + 1, 0)
 
     def _eventually(self, x: Floats, deficit: Floats, lo: int, hi: float) -> Floats:
-        allowed, seen = self._allowed(lo, hi)
+        allowed, seen = self._find_allowed(lo, hi)
         best = np.minimum(slide(x, lo, hi, np.minimum), 1.0)
         return np.asarray(_waiting(best, deficit, allowed, seen))
 
@@ -144,7 +144,7 @@ class Danger:
         return np.stack([self._until_at(node, left, right, i) for i in range(len(left))])
 
     def _until_at(self, node: nodes.Until, left: Floats, right: Floats, i: int) -> Floats:
-        allowed, seen = self._allowed(node.lo, node.hi)
+        allowed, seen = self._find_allowed(node.lo, node.hi)
         held = np.maximum.accumulate(left[i:], axis=0)
         end = int(min(node.hi, len(held) - 1)) + 1
         best = np.maximum(right[i + node.lo : i + end], held[node.lo : end]).min(axis=0, initial=1.0)

@@ -167,11 +167,11 @@ class ScaledMonitor(Specification):
         """Return the formula's signals at sample ``t`` with the sizes among them."""
         signals = self.select(signals) if self.select else signals
         n = len(next(iter(signals.values())))
-        sizes = {name: _repeated(x[t], n) for name, x in self._constants.items()}
+        sizes = {name: _repeat(x[t], n) for name, x in self._constants.items()}
         return {**signals, **sizes}
 
 
-def _repeated(size: Floats, n: int) -> Floats:
+def _repeat(size: Floats, n: int) -> Floats:
     table = np.empty((n, *np.shape(size)))  # several times faster than a broadcast view
     table[:] = size
     return table

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from avrare.base import batch
-from avrare.testing.conformance.exercises import Exercise, Outputs, read_only, split_and_joined
+from avrare.testing.conformance.exercises import Exercise, Outputs, read_only, split_and_join
 from avrare.testing.conformance.suite import Subject
 
 
@@ -47,7 +47,7 @@ def rows_are_independent(subject: Subject) -> None:
 def states_can_be_copied(subject: Subject) -> None:
     """Splitting and joining a state between steps changes no bit."""
     exercise = Exercise(subject)
-    _compare(exercise.outputs, exercise.play(exercise.tape, split_and_joined), "with copied states")
+    _compare(exercise.outputs, exercise.play(exercise.tape, split_and_join), "with copied states")
 
 
 def states_are_values(subject: Subject) -> None:

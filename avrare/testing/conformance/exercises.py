@@ -43,7 +43,7 @@ def _simulator(part: Simulator, tape: Floats, between: Between) -> Iterator[Outp
     for step in range(STEPS + 1):
         if step:
             world = _step_world(part, between(world), tape[:, step])
-        yield _named(step, part.signals(world)) | _features(part, world, step)
+        yield _name_values(step, part.signals(world)) | _features(part, world, step)
 
 
 def _step_world(part: Simulator, world: object, noise: Floats) -> object:
@@ -95,10 +95,10 @@ def _perception(part: PerceptionErrorModel, tape: Floats, between: Between) -> I
     for step in range(STEPS + 1):
         world, noise = between(road.world(tape[:, step, :_ROAD], step)), tape[:, step, _ROAD:]
         observation = part.observe(world, noise)
-        yield _named(step, vars(observation))
+        yield _name_values(step, vars(observation))
         if lasting and step:
             followed, memory = part.follow(world, noise, between(memory))
-            yield {f"followed {name}": value for name, value in _named(step, vars(followed)).items()}
+            yield {f"followed {name}": value for name, value in _name_values(step, vars(followed)).items()}
         if overrides(part, PerceptionErrorModel.log_prob):
             yield {f"log_prob at {step}": part.log_prob(world, observation)}
 
@@ -108,7 +108,7 @@ def _tracker(part: Tracker, tape: Floats, between: Between) -> Iterator[Outputs]
     for step in range(STEPS + 1):
         if step:
             track = part.update(between(track), _observation(tape[:, step], step))
-        yield _named(step, vars(part.predict(track, 3))) | _features(part, track, step)
+        yield _name_values(step, vars(part.predict(track, 3))) | _features(part, track, step)
 
 
 def _features(part: Simulator | Tracker | Controller, state: object, step: int) -> Outputs:
@@ -133,7 +133,7 @@ def _controller(part: Controller, tape: Floats, between: Between) -> Iterator[Ou
         x = world.others.x[..., None] + world.others.speed[..., None] * ahead
         prediction = Prediction(x, np.broadcast_to(world.others.y[..., None], x.shape))
         action, memory = part.act(between(memory), world.ego, prediction)
-        yield _named(step, vars(action)) | _features(part, memory, step)
+        yield _name_values(step, vars(action)) | _features(part, memory, step)
 
 
 def _plain_controller(part: Controller, tape: Floats, between: Between) -> Iterator[Outputs]:
@@ -164,7 +164,7 @@ def _specification(part: Specification, tape: Floats, between: Between) -> Itera
     for step in range(STEPS + 1):
         signals = _AnySignals(tape[:, step], step)
         state, verdict = part.update(between(state), signals)
-        yield _named(step, vars(verdict))
+        yield _name_values(step, vars(verdict))
 
 
 class _AnySignals(Mapping[str, NDArray[Any]]):
@@ -191,7 +191,7 @@ class _AnySignals(Mapping[str, NDArray[Any]]):
         return len(self._traffic)
 
 
-def _named(step: int, values: Mapping[str, object]) -> Outputs:
+def _name_values(step: int, values: Mapping[str, object]) -> Outputs:
     return {f"{name} at step {step}": value for name, value in values.items() if value is not None}
 
 
@@ -229,7 +229,7 @@ class Exercise:
         return dict(output for some in self._play(self._part, tape, between) for output in some.items())
 
 
-def split_and_joined(state: object) -> object:
+def split_and_join(state: object) -> object:
     """Take a state apart and join it, as the splitting estimators do."""
     if not batch.leaves(state):
         return state

@@ -11,7 +11,7 @@ from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare_glider import aircraft
 from avrare_glider.config import FeedbackConfig, GliderConfig
-from avrare_glider.feedback import gains, linearised
+from avrare_glider.feedback import gains, linearise
 from avrare_glider.nominal import Flight, nominal
 from avrare_glider.simulator import GliderSimulator
 
@@ -96,7 +96,7 @@ def test_the_optimiser_reproduces_the_nominal_flight():
 
 def test_derivatives_agree_with_differences():
     flight = nominal()
-    a, b = linearised(flight)
+    a, b = linearise(flight)
     for t in (0, 30, 65):
         state = np.append(flight.states[t], flight.inputs[t])
 
@@ -111,7 +111,7 @@ def test_gains_are_the_optimum_of_their_cost():
     """Compare the cost of the linearised errors from a start with that of any other gain at one step."""
     flight = Flight(nominal().states[:13], nominal().inputs[:12])
     cost = FeedbackConfig()
-    (a, b), best = linearised(flight), gains(flight, cost)
+    (a, b), best = linearise(flight), gains(flight, cost)
 
     def paid(gain):
         error, total = np.array([0.01, 0.02, 0.03, -0.01, 0.1, -0.1, 0.05]), 0.0

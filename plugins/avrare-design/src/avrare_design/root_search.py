@@ -140,8 +140,8 @@ class _Search:
     def bracket(self) -> tuple[float | None, float | None]:
         """Return the last value that is shown to keep the bound, and the first that is shown to break it."""
         inner, outer = (max, min) if self.rising else (min, max)
-        keeping = (value for trial in self.trials for value in self._shown(trial, True))
-        broken = (value for trial in self.trials for value in self._shown(trial, False))
+        keeping = (value for trial in self.trials for value in self._give_values(trial, True))
+        broken = (value for trial in self.trials for value in self._give_values(trial, False))
         return inner(keeping, default=None), outer(broken, default=None)
 
     def root(self) -> float | None:
@@ -154,7 +154,7 @@ class _Search:
     @property
     def rising(self) -> bool:
         """True if the probability rises with the parameter, as is shown, or else as the line does."""
-        shown = _shown_direction(self.trials)
+        shown = _find_direction(self.trials)
         if shown is not None:
             return shown
         if (line := self._fit()) is not None:
@@ -165,7 +165,7 @@ class _Search:
     def _run(self, value: float, share: int, level: float, nearby: Sequence[float] = ()) -> None:
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
 
-    def _shown(self, trial: Trial, keeps: bool) -> Iterator[float]:
+    def _give_values(self, trial: Trial, keeps: bool) -> Iterator[float]:
         """Give the values that a trial shows to keep the bound, or to break it, its own in its place."""
         nearby = [near for near in trial.nearby if near.value != trial.value]
         values: list[Trial | Nearby] = sorted([trial, *nearby], key=lambda near: near.value)
@@ -255,7 +255,7 @@ class _Search:
         return (-height / slope, slope) if slope != 0.0 else None
 
 
-def _shown_direction(trials: Sequence[Trial]) -> bool | None:
+def _find_direction(trials: Sequence[Trial]) -> bool | None:
     """Return whether p rises, as intervals that lie apart show; None where none do, or they contradict."""
     pairs = list(combinations(sorted(trials, key=lambda trial: trial.value), 2))
     rises = any(trial.interval[1] < other.interval[0] for trial, other in pairs)
@@ -267,7 +267,7 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
     ordered = sorted(trials, key=lambda trial: trial.value, reverse=not rising)
     doubts = []
     open_ended = keeping is not None and any(trial.interval[1] >= limit for trial in trials)
-    if open_ended and _shown_direction(trials) is None:
+    if open_ended and _find_direction(trials) is None:
         doubts.append(
             "no two estimates lie apart in one direction, so that the probability "
             f"{'rises' if rising else 'falls'} with the parameter is a guess"

@@ -63,7 +63,7 @@ class ScenarioNumbers:
             changed, moves = array.copy(), _moves(array)
             changed[moves] = values[at : at + int(moves.sum())]
             at += int(moves.sum())
-            texts[path] = json.dumps(_rounded(changed.tolist()))
+            texts[path] = json.dumps(_round(changed.tolist()))
         return self.scenario.settings(texts)
 
     def at(self, values: Floats) -> LoadedScenario:
@@ -100,7 +100,7 @@ def _network_array(scenario: ParametricScenario, path: str) -> object:
     return float(scenario.value(path))  # says what is wrong
 
 
-def _rounded(value: object) -> object:
+def _round(value: object) -> object:
     if isinstance(value, list):
-        return [_rounded(entry) for entry in value]
+        return [_round(entry) for entry in value]
     return float(f"{value:.8g}")

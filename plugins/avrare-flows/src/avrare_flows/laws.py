@@ -50,7 +50,7 @@ class Joint:
     def __init__(self, laws: Sequence[Marginal], correlation: ArrayLike | None = None) -> None:
         self.laws = tuple(laws)
         self.noise_size = len(self.laws)
-        self.correlation = None if correlation is None else _checked(correlation, self.noise_size)
+        self.correlation = None if correlation is None else _check_correlation(correlation, self.noise_size)
 
     def physical(self, z: Floats) -> Floats:
         """Return physical rows (N, noise_size) of standard normal rows."""
@@ -100,7 +100,7 @@ def _times(matrix: Floats, columns: Sequence[Floats]) -> list[Floats]:
     ]
 
 
-def _checked(correlation: ArrayLike, size: int) -> Floats:
+def _check_correlation(correlation: ArrayLike, size: int) -> Floats:
     matrix = np.asarray(correlation, dtype=np.float64)
     if matrix.shape != (size, size):
         raise UsageError(f"correlation has shape {matrix.shape}, but there are {size} laws")

@@ -70,7 +70,7 @@ def fit(
     Raises:
         UsageError: The samples or an option do not fit.
     """
-    data = _checked(samples, kind, steps, blocks, seed)
+    data = _check_samples(samples, kind, steps, blocks, seed)
     many = blocks or _BLOCKS[kind]
     size = data.shape[1]
     order = np.random.default_rng(seed).permutation(len(data))
@@ -89,7 +89,7 @@ def fit(
     return Fit(Flow(kind, flow_blocks, shift, scale, len(data)), -loss - extent, normal, step)
 
 
-def _checked(samples: Floats, kind: str, steps: int, blocks: int | None, seed: int) -> Floats:
+def _check_samples(samples: Floats, kind: str, steps: int, blocks: int | None, seed: int) -> Floats:
     data = np.asarray(samples, dtype=np.float64)
     data = data[:, None] if data.ndim == 1 else data
     if kind not in KINDS:
@@ -173,13 +173,13 @@ def _descend(
             with torch.no_grad():
                 held_loss = float(-law.log_prob(test).mean())
             if held_loss < best[1]:
-                best = _exported(parts), held_loss, step
+                best = _export(parts), held_loss, step
     if not best[0]:
         raise UsageError("the fit has not reached a finite density", "look for outliers, or lower the rate")
     return best
 
 
-def _exported(parts: list[list[Any]]) -> tuple[Block, ...]:
+def _export(parts: list[list[Any]]) -> tuple[Block, ...]:
     blocks: list[Block] = []
     for part, network in zip(parts, _networks(parts), strict=True):
         coupling = isinstance(part[0], _transforms.AffineCoupling)

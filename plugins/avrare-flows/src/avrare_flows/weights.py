@@ -91,12 +91,12 @@ class WeightedSystem(SystemWrapper):
             )
         if self.first is not None:
             return WeightedState(self.system.initial(self.first.physical(noise)), np.zeros(len(noise)))
-        x, weight = self._warped(noise)
+        x, weight = self._warp(noise)
         return WeightedState(self.system.initial(x), weight)
 
     def step(self, state: WeightedState, noise: Floats) -> WeightedState:
         """Return the state one step later."""
-        x, weight = self._warped(noise)
+        x, weight = self._warp(noise)
         return WeightedState(self.system.step(state.state, x), state.log_weight + weight)
 
     def unwrap(self, state: WeightedState) -> object:
@@ -112,7 +112,7 @@ class WeightedSystem(SystemWrapper):
         """Return the log weights (N,)."""
         return state.log_weight
 
-    def _warped(self, noise: Floats) -> Warped:
+    def _warp(self, noise: Floats) -> Warped:
         x, log_det = self.flow.warp(noise)
         if self.log_density is None:
             return x, log_det

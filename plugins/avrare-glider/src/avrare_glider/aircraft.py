@@ -69,12 +69,12 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
 def advance(state: Columns, elevator_rate: ArrayLike) -> Columns:
     """Return the columns one step later at a constant input, by the classical Runge-Kutta method."""
     first = rates(state, elevator_rate)
-    second = rates(_moved(state, first, 0.5 * DT), elevator_rate)
-    third = rates(_moved(state, second, 0.5 * DT), elevator_rate)
-    fourth = rates(_moved(state, third, DT), elevator_rate)
+    second = rates(_move(state, first, 0.5 * DT), elevator_rate)
+    third = rates(_move(state, second, 0.5 * DT), elevator_rate)
+    fourth = rates(_move(state, third, DT), elevator_rate)
     slopes = zip(first, second, third, fourth, strict=True)
-    return _moved(state, tuple((a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in slopes), DT)
+    return _move(state, tuple((a + 2.0 * (b + c) + d) / 6.0 for a, b, c, d in slopes), DT)
 
 
-def _moved(state: Columns, slope: Columns, time: float) -> Columns:
+def _move(state: Columns, slope: Columns, time: float) -> Columns:
     return tuple(s + time * v for s, v in zip(state, slope, strict=True))

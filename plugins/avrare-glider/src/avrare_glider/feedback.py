@@ -13,7 +13,7 @@ _SMALL = 1e-20
 """Imaginary step: derivatives without cancellation, exact but for one or two bits."""
 
 
-def linearised(flight: Flight) -> tuple[Floats, Floats]:
+def linearise(flight: Flight) -> tuple[Floats, Floats]:
     """Linearise the step along a flight, by complex steps.
 
     Returns:
@@ -35,7 +35,7 @@ def gains(flight: Flight, cost: FeedbackConfig) -> Floats:
     Returns:
         (K, 7): the change of the input is minus gain times error.
     """
-    a, b = linearised(flight)
+    a, b = linearise(flight)
     state, effort = np.diag(cost.state_cost) * DT, cost.input_cost * DT
     to_go, rows = np.diag(cost.final_cost), np.empty_like(b)
     for t in reversed(range(len(b))):

@@ -57,7 +57,7 @@ class _NoisyActions:
             self.channel = Channel(size, noise.scale, noise.law)
         self.noise_size = replacement if self.chance is not None else size if self.channel is not None else 0
 
-    def _replaced(self, commands: Commands, noise: Floats) -> NDArray[np.bool_]:
+    def _is_replaced(self, commands: Commands, noise: Floats) -> NDArray[np.bool_]:
         replaced = np.zeros(len(noise), dtype=bool)
         if self.chance is not None:
             replaced = np.asarray(_uniforms(noise[:, 0]) < self.chance) | (self.chance == 1.0)
@@ -85,19 +85,19 @@ class DiscreteActions(_NoisyActions):
 
     def __call__(self, commands: Commands, noise: Floats) -> NDArray[np.generic]:
         """Return integer actions (N,)."""
-        replaced = self._replaced(commands, noise)
+        replaced = self._is_replaced(commands, noise)
         if commands is None:
             chosen = np.full(len(noise), self.first)
         else:
-            chosen = self._chosen(np.reshape(commands, (len(noise), -1)), noise)
+            chosen = self._choose(np.reshape(commands, (len(noise), -1)), noise)
         if self.chance is None:
             return chosen
         other = np.minimum((self.count * _uniforms(noise[:, 1])).astype(np.int64), self.count - 1)
         return np.where(replaced, self.first + other, chosen)
 
-    def _chosen(self, commands: Numbers, noise: Floats) -> NDArray[np.generic]:
+    def _choose(self, commands: Numbers, noise: Floats) -> NDArray[np.generic]:
         if commands.dtype.kind in "iu" and commands.shape[1] == 1:
-            return self._numbered(commands[:, 0])
+            return self._number(commands[:, 0])
         if commands.shape[1] != self.width:
             raise UsageError(
                 f"a command for {self.count} actions has {self.width} number(s), not {commands.shape[1]}",
@@ -109,7 +109,7 @@ class DiscreteActions(_NoisyActions):
             return self.first + (commands[:, 0] > 0.0).astype(np.int64)
         return np.asarray(self.first + np.argmax(commands, axis=1))
 
-    def _numbered(self, chosen: Numbers) -> NDArray[np.generic]:
+    def _number(self, chosen: Numbers) -> NDArray[np.generic]:
         if self.channel is not None:
             raise UsageError(
                 "additive noise does not apply to integer actions", "use law: random, which replaces them"
@@ -139,7 +139,7 @@ class BoxActions(_NoisyActions):
                 f"an action has {self.low.size} number(s), the controller's command {size}",
                 "`gain` needs one row and `action` one entry per number",
             )
-        replaced = self._replaced(commands, noise)
+        replaced = self._is_replaced(commands, noise)
         chosen = np.zeros(shape) if commands is None else np.reshape(commands, shape)
         if self.channel is not None:
             chosen = chosen + self.channel(noise).reshape(shape)

@@ -140,7 +140,7 @@ class GymnasiumConfig(Options):
 
     @field_validator("env")
     @classmethod
-    def _installed(cls, env: str) -> str:
+    def _require_installed(cls, env: str) -> str:
         module = env.partition(":")[0].partition(".")[0]
         if ":" in env and module not in _plugin_modules():
             raise ValueError(

@@ -122,10 +122,10 @@ def _fit(plan: Plan, states: Floats, labels: Floats) -> Network:
             torch.nn.functional.mse_loss(net(inputs[part]), targets[part]).backward()
             optimiser.step()
             schedule.step()
-    return _exported(plan, layers, mean, scale, gain.numpy(), len(states))
+    return _export(plan, layers, mean, scale, gain.numpy(), len(states))
 
 
-def _exported(
+def _export(
     plan: Plan, layers: list[torch.nn.Linear], mean: Floats, scale: Floats, gain: Floats, states: int
 ) -> Network:
     weights = [layer.weight.detach().numpy().T.copy() for layer in layers]

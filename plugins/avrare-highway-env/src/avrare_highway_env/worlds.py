@@ -48,21 +48,21 @@ def capture(environment: AbstractEnv) -> Snapshot:
     road = environment.road
     objects = [*road.vehicles, *road.objects]
     ego = next(k for k, vehicle in enumerate(road.vehicles) if vehicle is environment.vehicle)
-    copies = tuple((type(body), _copied(vars(body))) for body in objects)
+    copies = tuple((type(body), _copy(vars(body))) for body in objects)
     return Snapshot(copies, len(road.vehicles), ego, getattr(road, "steps", 0))
 
 
 def restore(environment: AbstractEnv, snapshot: Snapshot) -> None:
     """Restore a snapshot of the same road."""
     road = environment.road
-    objects = [_made(kind, attributes, road) for kind, attributes in snapshot.objects]
+    objects = [_make(kind, attributes, road) for kind, attributes in snapshot.objects]
     road.vehicles, road.objects = objects[: snapshot.vehicles], objects[snapshot.vehicles :]
     environment.controlled_vehicles = [road.vehicles[snapshot.ego]]
     if hasattr(road, "steps"):
         road.steps = snapshot.clock
 
 
-def _copied(attributes: dict[str, object]) -> dict[str, object]:
+def _copy(attributes: dict[str, object]) -> dict[str, object]:
     return {
         name: value.copy() if isinstance(value, (np.ndarray, dict, list)) else value
         for name, value in attributes.items()
@@ -70,9 +70,9 @@ def _copied(attributes: dict[str, object]) -> dict[str, object]:
     }
 
 
-def _made(kind: type[RoadObject], attributes: dict[str, object], road: Road) -> RoadObject:
+def _make(kind: type[RoadObject], attributes: dict[str, object], road: Road) -> RoadObject:
     body: RoadObject = object.__new__(kind)
-    vars(body).update(_copied(attributes))
+    vars(body).update(_copy(attributes))
     body.road = road
     body.lane = road.network.get_lane(body.lane_index)
     body.log, body.history = [], deque(maxlen=1)
@@ -91,7 +91,7 @@ def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float)
     road, ego = environment.road, environment.vehicle
     others = [body for body in (*road.vehicles, *road.objects) if body is not ego]
     on_road, crashed = bool(ego.on_road), bool(ego.crashed)
-    there = ego.position[0] > goal if goal is not None else _arrived(environment, ego)
+    there = ego.position[0] > goal if goal is not None else _has_arrived(environment, ego)
     numbers = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
     numbers += [crashed, there and on_road, on_road, crashed or there]
     states: list[tuple[float, ...]] = [_ABSENT_STATE] * capacity
@@ -109,7 +109,7 @@ def _kinematics(body: RoadObject, dt: float, crashed: bool) -> tuple[float, ...]
     return x, 0.0 - y, 0.0 - float(body.heading), speed, (speed - getattr(body, "speed_before", speed)) / dt
 
 
-def _arrived(environment: AbstractEnv, ego: Vehicle) -> bool:
+def _has_arrived(environment: AbstractEnv, ego: Vehicle) -> bool:
     arrived = getattr(environment, "has_arrived", None)
     return bool(arrived(ego)) if arrived is not None else False
 

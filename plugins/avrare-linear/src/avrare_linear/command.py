@@ -45,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
         print(f"no step was better than the start: the {args.parameter} is unchanged")
         written = "the scenario, unchanged"
     else:
-        _compare(problem, _changed(problem, args.parameter, best), seed + _SEED_OFFSET, 2 * args.chains)
+        _compare(problem, _change(problem, args.parameter, best), seed + _SEED_OFFSET, 2 * args.chains)
     if args.file is not None:
         _write(args.file, scenario.definition.resolved, args.parameter, best)
         print(f"{args.file}: {written}")
@@ -113,7 +113,7 @@ def _descend(args: argparse.Namespace, problem: Problem, seed: int) -> list[Desc
     )
 
 
-def _changed(problem: Problem, parameter: str, step: DescentStep) -> Problem:
+def _change(problem: Problem, parameter: str, step: DescentStep) -> Problem:
     from dataclasses import replace
 
     from avrare.rollout.problem import Problem

@@ -152,7 +152,7 @@ def estimate_parameter_gradient(
     gaussian = TrajectoryGaussian.of(system, steps, names)
 
     def build(entries: NDArray[np.complex128]) -> LinearSystem:
-        return _changed(system, parameter, entries.reshape(value.shape))
+        return _change(system, parameter, entries.reshape(value.shape))
 
     derivatives = compute_sensitivity(build, value.ravel(), steps, names)
     log_gradient = estimate_log_gradient(gaussian, failing.tape, failing.weight)
@@ -160,7 +160,7 @@ def estimate_parameter_gradient(
     return DescentStep(value, failing.probability, gradient.reshape(value.shape))
 
 
-def _changed(system: LinearSystem, parameter: str, value: Floats | NDArray[np.complex128]) -> LinearSystem:
+def _change(system: LinearSystem, parameter: str, value: Floats | NDArray[np.complex128]) -> LinearSystem:
     changes: dict[str, Any] = {parameter: value}
     return replace(system, **changes)
 
@@ -255,7 +255,7 @@ def synthesise(
     """
 
     def evaluate(value: Floats, iteration: int) -> DescentStep:
-        moved = _changed(system, parameter, value)
+        moved = _change(system, parameter, value)
         return estimate_parameter_gradient(
             moved, formula, steps, parameter, effort or Effort(), seed + iteration
         )

@@ -115,7 +115,7 @@ def serve(connection: Connection[Answer, Call], target: object) -> None:
         try:
             name, arguments = connection.recv()
             if name == "fork":
-                connection = _forked(connection)
+                connection = _fork(connection)
                 continue
         except (EOFError, OSError):
             os._exit(0)  # no exit handlers: they belong to the root process
@@ -126,7 +126,7 @@ def serve(connection: Connection[Answer, Call], target: object) -> None:
         connection.send(answer)
 
 
-def _forked(connection: Connection[Answer, Call]) -> Connection[Answer, Call]:
+def _fork(connection: Connection[Answer, Call]) -> Connection[Answer, Call]:
     """Fork; return the connection to serve from now on: its own, or in the copy the new one."""
     theirs: Connection[Answer, Call] = Connection(recv_handle(connection))
     try:

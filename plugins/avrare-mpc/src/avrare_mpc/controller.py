@@ -96,7 +96,7 @@ class MpcController(Controller):
         Raises:
             UsageError: There is no prediction, or it is too short.
         """
-        vehicles = others = self._predicted(prediction)
+        vehicles = others = self._list_predictions(prediction)
         line, wheelbase = self._scene.road.line, self._config.wheelbase
         if line is not None:
             vehicles = others = beside_ego(line, ego, others[0]), others[1]
@@ -168,7 +168,7 @@ class MpcController(Controller):
             "fallback_solves": memory.fallbacks,
         }
 
-    def _predicted(self, prediction: Prediction | None) -> tuple[Floats, Floats]:
+    def _list_predictions(self, prediction: Prediction | None) -> tuple[Floats, Floats]:
         if prediction is None:
             raise UsageError("the controller mpc needs predictions", hint="name a tracker in the scenario")
         nodes = self.horizon + 1

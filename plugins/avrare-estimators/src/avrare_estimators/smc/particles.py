@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widened
+from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widen
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare_estimators.common.committor.potentials import Paths, Potentials
@@ -297,7 +297,7 @@ class Particles:
         # Of a part whose rows all ended before they were observed the number of features is not known.
         width = max(one.rows.features.shape[2] for one in self.ends)
         parts = [
-            replace(one, rows=replace(one.rows, features=widened(one.rows.features, width)))
+            replace(one, rows=replace(one.rows, features=widen(one.rows.features, width)))
             for one in self.ends
         ]
         joined = batch.concatenate(parts)

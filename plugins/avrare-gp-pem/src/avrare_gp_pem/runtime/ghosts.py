@@ -180,7 +180,7 @@ class GhostPem:
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without a past, from noise (N, noise_size)."""
         first, parts = self._split(noise)
-        memory = _anchored(self.start(noise), world)
+        memory = _anchor(self.start(noise), world)
         parts = _without_jitter(parts, np.ones_like(memory.present))
         return self._with_ghosts(self.vehicles.observe(world, first), world, parts, memory)
 
@@ -191,7 +191,7 @@ class GhostPem:
             observation, inner = self.vehicles.follow(world, first, memory.vehicles)
         else:
             observation, inner = self.vehicles.observe(world, first), None
-        memory = _anchored(memory, world)
+        memory = _anchor(memory, world)
         new, gone = self._events(parts, self._share(world))
         forward, left, *at = _locate(world, *self.ghosts.place(parts), self.ghosts.host(parts, self.count))
         later = GhostMemory(
@@ -313,7 +313,7 @@ def with_ghosts(model: object, ghosts: Ghosts | MeasuredGhosts | None, scene: Sc
     return GhostPem(model, law, len(scene.names))
 
 
-def _anchored(memory: GhostMemory, world: World) -> GhostMemory:
+def _anchor(memory: GhostMemory, world: World) -> GhostMemory:
     """Place the ghosts of t = 0, whose world is not known there, in the first world."""
     begun, old = memory.begun[:, None], (memory.forward, memory.left, memory.x, memory.y)
     new = _locate(world, memory.forward, memory.left, memory.host)

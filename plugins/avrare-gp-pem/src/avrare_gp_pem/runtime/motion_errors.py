@@ -84,7 +84,7 @@ class MotionErrorPem:
             scale = self.heading.scale[0] + self.heading.scale[1] * distance
             rest = scale * student(float(self.heading.dof)).truncated(parts[_HEADING[1]], _QUARTER / scale)
             error = rest + np.where(flipped, np.pi, 0.0)
-            seen = replace(seen, heading=_wrapped(others.heading - error) + missing)
+            seen = replace(seen, heading=_wrap(others.heading - error) + missing)
         return seen
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
@@ -96,7 +96,7 @@ class MotionErrorPem:
             density = normal_log_density(np.where(seen, error, 0.0), self.speed_y_sd)
             total = total + np.where(seen, density, 0.0).sum(axis=1)
         if self.heading is not None and observation.heading is not None:
-            error = _wrapped(np.where(seen, others.heading - observation.heading, 0.0))
+            error = _wrap(np.where(seen, others.heading - observation.heading, 0.0))
             density = self.heading.log_density(error, self._range(world))
             total = total + np.where(seen, density, 0.0).sum(axis=1)
         return total
@@ -145,7 +145,7 @@ def with_motion_errors(
     return MotionErrorPem(model, speed_y_sd, heading)
 
 
-def _wrapped(angle: Floats) -> Floats:
+def _wrap(angle: Floats) -> Floats:
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
 

@@ -83,7 +83,7 @@ class SharedErrorPem(PerceptionErrorModel):
         if self._bounds is not None:
             draw = noise[:, -1]
             later = replace(later, dark=draw < np.where(memory.dark, self._bounds[1], self._bounds[0]))
-        return self._blackened(self._moved(seen, world, later), later.dark), later
+        return self._blacken(self._move(seen, world, later), later.dark), later
 
     def locate(self, ego: Vehicles, memory: SharedMemory) -> Vehicles:
         """Return the ego where the error of its pose puts it."""
@@ -106,7 +106,7 @@ class SharedErrorPem(PerceptionErrorModel):
             return np.zeros((1, 3))
         return np.asarray(memory.numbers[:, -3:] * np.array([*self._pose.sd, self._pose.heading_sd]))
 
-    def _moved(self, seen: Observation, world: World, memory: SharedMemory) -> Observation:
+    def _move(self, seen: Observation, world: World, memory: SharedMemory) -> Observation:
         ego, shift = world.ego, self._common_error(memory)[:, :, None]
         x, y, turn = self._pose_error(memory)[:, :, None].transpose(1, 0, 2)
         cos, sin = np.cos(turn), np.sin(turn)
@@ -118,7 +118,7 @@ class SharedErrorPem(PerceptionErrorModel):
         )
         return moved if seen.heading is None else replace(moved, heading=seen.heading + turn)
 
-    def _blackened(self, seen: Observation, dark: Bools) -> Observation:
+    def _blacken(self, seen: Observation, dark: Bools) -> Observation:
         if not dark.any():
             return seen
         nothing: Observation = batch.map_leaves(

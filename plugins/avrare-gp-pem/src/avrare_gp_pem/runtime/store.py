@@ -163,7 +163,7 @@ def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
 def _yaw(flip: Floats, scale: Floats, dof: Floats) -> YawErrors:
     if flip.shape != (2,) or scale.shape != (2,) or dof.shape != () or not np.isfinite([*flip, *scale]).all():
         raise ValueError("its yaw errors are no two pairs of numbers and a number")
-    if not (scale[0] > 0 and scale[1] >= 0 and _tabulated(dof)):
+    if not (scale[0] > 0 and scale[1] >= 0 and _is_tabulated(dof)):
         raise ValueError("its yaw errors have no positive scale, or degrees of freedom not from 1 to 30")
     return YawErrors(flip, scale, dof)
 
@@ -189,7 +189,7 @@ def _pair(values: NDArray[np.generic]) -> Floats:
 def _from_format_1(arrays: Arrays) -> FittedPem:  # two processes, ten inputs, no artefact or calibration
     numbers = {name: np.asarray(arrays[name], float) for name in _NUMBERS}
     variant = Variant(_gp_pair(arrays), NAMES, link="probit", frame="vehicle", **numbers)
-    return FittedPem(_checked(variant), None, _provenance(arrays))
+    return FittedPem(_check(variant), None, _provenance(arrays))
 
 
 def _variant(arrays: Arrays) -> Variant:
@@ -210,21 +210,21 @@ def _variant(arrays: Arrays) -> Variant:
         **{name: np.asarray(arrays[name], float) for name in (*_NUMBERS, *_CALIBRATION)},
         **{name: np.asarray(arrays[name], float) for name in _TAILS if name in arrays},  # format 2 has none
     )
-    return _checked(variant)
+    return _check(variant)
 
 
-def _checked(variant: Variant) -> Variant:
+def _check(variant: Variant) -> Variant:
     law = variant.law(_CAR, speed_sd=0.0)
     parts = (law.detect, law.location, law.scale, law.limit, law.dof, 1.0 if law.power is None else law.power)
     unbounded = np.isinf(law.dof).all() and np.isinf(law.limit)  # normal errors
     if not all(np.isfinite(part).all() for part in (parts[:3] if unbounded else parts)):
         raise ValueError("its predictions are not finite")
-    if not (_tabulated(law.dof) and np.min(law.scale) > 0.0 and np.min(law.limit) > 0.0):
+    if not (_is_tabulated(law.dof) and np.min(law.scale) > 0.0 and np.min(law.limit) > 0.0):
         raise ValueError("its scales or limit are not positive, or its degrees of freedom not from 1 to 30")
     return variant
 
 
-def _tabulated(dof: ArrayLike) -> bool:
+def _is_tabulated(dof: ArrayLike) -> bool:
     numbers = np.asarray(dof, float)
     return bool(np.all((numbers >= 1.0) & (numbers <= 30.0) | (numbers == np.inf)))
 

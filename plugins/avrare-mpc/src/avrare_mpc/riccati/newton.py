@@ -148,8 +148,8 @@ def _limit_soft(p: Programme, path: Path, work: Workspace, k: int, j: int, mu: L
     central_low, central_high = mu * inside_high * inverse, mu * inside_low * inverse
     store(work.force, 3 * k + j, central_high - central_low)
     # multipliers
-    low_m = _limited(load(work.soft, row), central_low, penalty, first)
-    high_m = _limited(load(work.soft, row + 1), central_high, penalty, first)
+    low_m = _limit(load(work.soft, row), central_low, penalty, first)
+    high_m = _limit(load(work.soft, row + 1), central_high, penalty, first)
     store(work.soft, row, low_m)
     store(work.soft, row + 1, high_m)
     # curvature 1 / (inside / multiplier + outside / (penalty - multiplier))
@@ -164,7 +164,7 @@ def _limit_soft(p: Programme, path: Path, work: Workspace, k: int, j: int, mu: L
 
 
 @kernel
-def _limited(multiplier: Lanes, central: Lanes, penalty: float, first: Mask) -> Lanes:
+def _limit(multiplier: Lanes, central: Lanes, penalty: float, first: Mask) -> Lanes:
     most = (1.0 - 1e-9) * penalty
     limited = larger(smaller(multiplier, smaller(1e6 * central, most)), 1e-6 * central)
     return select(first, smaller(central, most), limited)

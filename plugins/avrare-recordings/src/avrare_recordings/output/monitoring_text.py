@@ -13,7 +13,7 @@ from rich.text import Text
 from avrare.analysis.monitor.monitoring import (
     MonitoringResult,
     format_sample_time,
-    list_excluded,
+    list_exclusions,
     summarise,
 )
 from avrare.base.number_format import format_robustness
@@ -62,7 +62,7 @@ def _list_vehicles(result: MonitoringResult) -> str:
     recording = result.recording
     if "ego_x" not in recording.signals:
         return ""
-    return f"; the ego and {', '.join(recording.names) or 'no other vehicle'}{list_excluded(result)}"
+    return f"; the ego and {', '.join(recording.names) or 'no other vehicle'}{list_exclusions(result)}"
 
 
 def draw_chart(result: MonitoringResult) -> list[Text]:
