@@ -215,7 +215,8 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
     for target in outcome.targets:
         results = outcome.results[target.definition.name]
         folder = rundir.make_folder(out, target.definition.name, len(outcome.targets) > 1)
-        messages += call_back(Run.of_scenario(target.definition, results).write(folder))
+        run = Run.of_scenario(target.definition, results, Budget.parse(args.budget))
+        messages += call_back(run.write(folder))
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
     return messages

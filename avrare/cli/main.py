@@ -38,6 +38,8 @@ COMMANDS = {
 
 PROVIDED = {
     "monitor": ("avrare-recordings", "evaluate a rule or formula on a recorded drive or a failure"),
+    "evidence": ("avrare-evidence", "write results as a safety case, or check one"),
+    "confirm": ("avrare-evidence", "estimate a safety case's numbers again with another seed"),
     "sensitivity": ("avrare-design", "estimate how the probability changes with parameters"),
     "require": ("avrare-design", "find the parameter value that keeps a probability below a bound"),
     "synthesise": ("avrare-design", "change numbers of a scenario until its failures are rarer"),
@@ -53,7 +55,7 @@ Such a module has ``add_arguments(parser)`` as well.
 
 GROUPS = {
     "estimate": ("run", "rate", "compare"),
-    "judge": ("check", "monitor", "rules"),
+    "judge": ("check", "monitor", "rules", "evidence", "confirm"),
     "explain": ("why", "replay", "falsify", "failures", "sensitivity"),
     "look": ("report", "plugins", "scenes"),
     "build": ("new", "validate", "require", "synthesise", "pem", "flow", "policy"),

@@ -17,6 +17,10 @@ class Options(BaseModel):
         """Return files that no mark names, such as those within arguments, by option. Default: none."""
         return {}
 
+    def used_models(self) -> Mapping[str, Path]:
+        """Return model files of the distribution that these options name, by option. Default: none."""
+        return {}
+
     def used_versions(self) -> Mapping[str, str]:
         """Return versions of distributions whose components these options choose. Default: none."""
         return {}

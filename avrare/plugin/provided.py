@@ -10,6 +10,8 @@ from avrare.base.errors import PluginError
 COMMAND_GROUP = "avrare.commands"
 FUNCTION_GROUP = "avrare.functions"
 FUNCTIONS = {
+    "confirm": "avrare-evidence",
+    "evidence": "avrare-evidence",
     "export": "avrare-recordings",
     "monitor": "avrare-recordings",
     "monitor_all": "avrare-recordings",

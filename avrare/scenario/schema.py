@@ -60,6 +60,11 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+REQUIREMENTS = "requirements that the scenario tests, by their ids; only `avrare evidence` reads them"
+ODD = "tags of the operational design domain, such as motorway or rain; only `avrare evidence` reads them"
+OBJECTIVE = "purpose of the test in a few words; only `avrare evidence` reads it"
+
+
 class ScoreFormula(_Model):
     """Formula that orders particles in splitting and does not affect the verdict."""
 
@@ -212,6 +217,9 @@ class Document(_Model):
 
     name: Slug = Field(description="name of the scenario and of its results folder")
     description: str | None = Field(None, description="what the scenario is about")
+    requirements: tuple[str, ...] = Field((), description=REQUIREMENTS)
+    odd: tuple[str, ...] = Field((), description=ODD)
+    objective: str | None = Field(None, description=OBJECTIVE)
     steps: int = Field(ge=0, le=10_000_000, description="steps per rollout; 0 for a static problem")
     simulator: dict[str, Any] = Field(description="simulator of the world")
     perception: dict[str, Any] | None = Field(None, description="perception error model")
@@ -312,6 +320,9 @@ class Scenario:
     exposure: Exposure | None = None
     regression: Regression | None = None
     description: str | None = None
+    requirements: tuple[str, ...] = ()
+    odd: tuple[str, ...] = ()
+    objective: str | None = None
     seed: int = 0
     chunk: int | None = None
     max_error_rate: float = 0.01
@@ -347,6 +358,8 @@ class Scenario:
     def resolved(self) -> dict[str, object]:
         """Scenario as plain data with all defaults; loading it gives an equal scenario."""
         plain: dict[str, Any] = {"name": self.name, "description": self.description, "steps": self.steps}
+        plain |= {key: list(tags) for key in ("requirements", "odd") if (tags := getattr(self, key))}
+        plain |= {"objective": self.objective} if self.objective else {}
         plain |= {key: part.resolved for key in PARTS if (part := getattr(self, key))}
         for key in ("aeb", "timing", "actuators"):
             if (block := getattr(self, key)) is not None:

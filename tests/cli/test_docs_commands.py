@@ -49,6 +49,7 @@ NOT_RUN = {
     r"avrare why .*": "needs a large run; tests/cli/test_why.py and tests/analysis",
     r"avrare (sensitivity|require) .*": "needs perception; plugins/avrare-design/tests",
     r"avrare compare .* against.controller.*": "needs a planner; tests/analysis/compare",
+    r"avrare (evidence|confirm) .*": "of results made before; plugins/avrare-evidence/tests",
     r"avrare rate .*": "needs drawn options; tests/analysis/rates/test_rates.py",
     r"avrare replay .* --failure 68a0a4be( .*)?": "a failure of the page's own run; tests/analysis/failures",
     r"avrare replay --run runs/night .* --(shrink|lost)": "of the page's own run; tests/analysis/failures",

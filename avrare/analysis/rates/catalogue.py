@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Sequence
@@ -62,6 +63,8 @@ class Catalogue:
             "thresholds=[]",
             f"exposure={entry.exposure.model_dump_json(exclude_none=True)}",
         ]
+        tags = entry.model_dump(include={"requirements", "odd", "objective"}, exclude_defaults=True)
+        common += [f"{key}={json.dumps(value)}" for key, value in tags.items()]
         named = [f"name={entry.name}", f"seed={seed}"]
         if phase == "own":
             return load(_path(self.path, entry), [*entry.set, *named, *common], self.blocks[index])

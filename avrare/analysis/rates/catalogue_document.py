@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from avrare.estimation.plan.budget import Budget
 from avrare.scenario.exposure import Exposure, Positive, Unit
-from avrare.scenario.schema import Probability, Slug
+from avrare.scenario.schema import OBJECTIVE, ODD, REQUIREMENTS, Probability, Slug
 
 
 class _Model(BaseModel):
@@ -50,6 +50,9 @@ class SceneEntry(_Model):
     scenario: str = Field(min_length=1, description="scenario file, relative to the catalogue")
     set: tuple[str, ...] = Field(default=(), description="KEY=VALUE overrides, as after --set")
     exposure: Exposure = Field(description="how often the scene is met")
+    requirements: tuple[str, ...] = Field(default=(), description=REQUIREMENTS)
+    odd: tuple[str, ...] = Field(default=(), description=ODD)
+    objective: str | None = Field(default=None, description=OBJECTIVE)
     estimator: str | dict[str, Any] | None = Field(
         default=None,
         description="estimator of a rare scene: a name such as auto, or a block such as {plugin: ams, ...}, "

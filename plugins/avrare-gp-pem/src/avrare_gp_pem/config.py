@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -213,6 +214,11 @@ class GpPemConfig(_PemConfig):
         allow_inf_nan=False,
         description="height of every other vehicle, an input of the model [m]",
     )
+
+    def used_models(self) -> dict[str, Path]:
+        """Return the file of a shipped model."""
+        shipped = Path(__file__).parent / "models" / f"{self.model}.npz"
+        return {} if self.model.endswith(".npz") else {"model": shipped}
 
 
 class ParametricPemConfig(_PemConfig):

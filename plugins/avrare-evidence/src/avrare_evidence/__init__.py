@@ -1,0 +1,1 @@
+"""Safety-case packs: claims, evidence, defeaters, and confirmation by another person."""

@@ -1,0 +1,231 @@
+"""Packs of evidence: claims, challenges, digests, and confirmation with other random numbers."""
+
+import json
+import shutil
+
+import pytest
+import yaml
+
+import avrare
+import avrare_evidence.confirm as confirmation
+from avrare.base.errors import UsageError
+from avrare.cli.main import main
+from avrare_evidence.gsn import find_faults
+from avrare_evidence.pack import find_pack_faults, hash_files, read_pack, write_pack
+
+SCENARIO = """\
+name: point
+description: A point on a line
+requirements: [R-1]
+odd: [dry]
+objective: stay below the bound
+steps: 0
+simulator: {plugin: linear, states: [x], A: [[1]], initial: {mean: [0], covariance: [1]}}
+specifications: {below: {stl: x < 2}}
+estimator: {plugin: mc, rollouts: 4000}
+thresholds: [{specification: below, probability: "< 0.04"}]
+"""
+CATALOGUE = """\
+name: points
+budget: {rollouts: 4000}
+pilot: 20
+scenes:
+  - {name: near, scenario: point.yaml, exposure: {per_hour: 2.0}, odd: [wet]}
+  - {name: far, scenario: point.yaml, exposure: {count: 5, hours: 1.0}}
+thresholds: [{rule: below, per_hour: "< 0.01"}]
+"""
+TRIPLED = "simulator.initial.mean=[0.513]"
+"""P(x >= 2) = 0.0228 becomes 0.0684."""
+
+
+@pytest.fixture
+def point(tmp_path):
+    (tmp_path / "point.yaml").write_text(SCENARIO)
+    return tmp_path
+
+
+def make_pack(point, *overrides, estimator=None, name="pack"):
+    avrare.run(point / "point.yaml", overrides, out=point / f"run-{name}", estimator=estimator)
+    return write_pack([point / f"run-{name}"], point / name)
+
+
+def test_a_pack_holds_claim_evidence_and_tags(point):
+    pack = make_pack(point)
+    [claim] = pack.claims
+    assert (claim.state, claim.measure["bound"], claim.challenges) == ("holds", "< 0.04", ())
+    assert find_pack_faults(read_pack(pack.folder)) == []
+    context = pack.case["C1"]["scenarios"]["point"]
+    assert (context["requirements"], context["odd"], context["objective"]) == (
+        ["R-1"],
+        ["dry"],
+        "stay below the bound",
+    )
+    solution = pack.case["Sn1"]
+    assert pack.manifest["files"][solution["url"]] == solution["sha256"]
+    sheet = yaml.safe_load((pack.folder / "test-cases" / "point.yaml").read_text())
+    assert sheet["expected"] == {"below": "< 0.04"}
+    assert sheet["actual"]["verdicts"] == {"below": "pass"}
+
+
+def test_the_same_results_give_the_same_bytes(point):
+    first = make_pack(point)
+    write_pack([point / "run-pack"], point / "again")
+    assert hash_files(first.folder) == hash_files(point / "again")
+
+
+@pytest.mark.parametrize(
+    ("bound", "state", "defeated"),
+    [("< 0.04", "holds", False), ("< 0.0228", "not shown", True), ("< 0.01", "refuted", True)],
+)
+def test_a_goal_is_defeated_where_a_challenge_decides(point, bound, state, defeated):
+    pack = make_pack(point, f"thresholds.0.probability={bound}")
+    [claim] = pack.claims
+    assert (claim.state, claim.is_defeated) == (state, defeated)
+    assert pack.case["G2"].get("defeated", False) is defeated
+    assert ("decides the verdict" in (pack.folder / "case.md").read_text()) is defeated
+
+
+def test_what_a_search_may_have_missed_decides_a_claim_that_assumes_it_away(point):
+    pack = make_pack(
+        point, "estimator.rollouts=2000", "thresholds.0.probability=< 0.0005", "simulator.initial.mean=[-2]"
+    )
+    blind = make_pack(
+        point,
+        "thresholds.0.probability=< 0.0002",
+        "simulator.initial.mean=[-2]",
+        estimator="ess",
+        name="blind",
+    )
+    assert not any("search" in challenge.text for claim in pack.claims for challenge in claim.challenges)
+    [claim] = blind.claims
+    [challenge] = [challenge for challenge in claim.challenges if challenge.place == "blind_bound"]
+    assert challenge.decides is (claim.measure["verdict"] == "pass_assuming")
+    assert claim.measure["verdict"] == "pass_assuming"
+
+
+def test_a_catalogue_is_claimed_by_its_rates(point):
+    (point / "points.yaml").write_text(CATALOGUE)
+    avrare.rate(point / "points.yaml", out=point / "rates")
+    pack = write_pack([point / "rates"], point / "pack")
+    [claim] = pack.claims
+    assert claim.state == "refuted"
+    assert claim.measure["unit"] == "per hour"
+    assert pack.case["C1"]["scenarios"]["near"]["odd"] == ["wet"]
+    assert find_pack_faults(read_pack(pack.folder)) == []
+    assert confirmation.confirm(pack.folder, 5).outcome == "agree"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (
+            lambda f: (f / "evidence/point/result.json").write_bytes(b"x"),
+            "evidence/point/result.json: was changed",
+        ),
+        (lambda f: (f / "evidence/point/scenario.yaml").open("a").write("#"), "scenario.yaml: was changed"),
+        (lambda f: (f / "evidence/point/provenance.json").unlink(), "provenance.json: is missing"),
+        (lambda f: (f / "evidence/extra.txt").write_text(""), "evidence/extra.txt: is not in the manifest"),
+    ],
+)
+def test_every_change_of_a_file_is_named(point, spoil, fault, capsys):
+    pack = make_pack(point)
+    spoil(pack.folder)
+    assert main(["evidence", "--check", str(pack.folder)]) == 1
+    assert fault in capsys.readouterr().out
+    assert main(["confirm", str(pack.folder)]) == 4
+    assert fault in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"X1": {"text": "?"}}, "V01"),
+        ({"G2": {"text": "without support"}}, "V02"),
+        ({"G1": {"text": "top", "supportedBy": ["C1"]}}, "V04"),
+        ({"G1": {"text": "top", "supportedBy": ["Sn1", "Sn1"]}}, "V05"),
+        ({"G1": {"text": "top", "supportedBy": ["G1"]}}, "V06"),
+        ({"G1": {"text": "top", "supportedBy": ["Sn1"], "defeated": True}}, "V10"),
+        ({"S1": {"text": "s", "supportedBy": ["Sn1"], "challenges": "G1"}}, "V12"),
+        ({"G2": {"text": "second top", "supportedBy": ["Sn1"]}}, "C01"),
+        ({"G1": {"text": "top", "supportedBy": ["Sn9"]}}, "C03"),
+        ({"G1": {"text": "top", "supportedBy": ["S1"]}, "S1": {"text": "s", "supportedBy": ["G1"]}}, "C04"),
+    ],
+)
+def test_rules_of_the_notation(change, rule):
+    case = {"G1": {"text": "top", "supportedBy": ["Sn1"], "inContextOf": ["C1"]}}
+    case |= {"Sn1": {"text": "result"}, "C1": {"text": "scene"}}
+    assert find_faults(case) == []
+    assert any(fault.startswith(rule) for fault in find_faults(case | change))
+
+
+def test_a_confirmation_agrees_and_leaves_a_sheet(point, capsys):
+    pack = make_pack(point)
+    assert main(["confirm", str(pack.folder), "--seed", "3", "--vary", TRIPLED]) == 0
+    sheet = yaml.safe_load((pack.folder / "confirmation.yaml").read_text())
+    assert (sheet["outcome"], sheet["signed_off"]["name"]) == ("agree", None)
+    assert sheet["comparisons"][0]["power"] > 0.9
+    assert [row["verdict"] for row in sheet["variations"]] == ["fail"]
+    assert main(["evidence", "--check", str(pack.folder)]) == 0  # the sheet belongs to no manifest
+
+
+def test_a_confirmation_that_could_not_notice_decides_nothing(point):
+    pack = make_pack(point, "estimator.rollouts=50")
+    assert confirmation.confirm(pack.folder, 3).outcome == "not decided"
+
+
+def test_a_confirmation_needs_the_same_system(point, monkeypatch):
+    pack = make_pack(point)
+    with pytest.raises(UsageError, match="seed 0 is that of the pack"):
+        confirmation.confirm(pack.folder, 0)
+    monkeypatch.setattr("avrare_evidence.pack.find_version", lambda name: "9.9")
+    with pytest.raises(UsageError, match=r"avrare-linear: .* in the pack, 9\.9 here"):
+        confirmation.confirm(pack.folder, 3)
+    assert len(confirmation.confirm(pack.folder, 3, accept_changes=True).version_changes) == 2
+
+
+def test_a_file_of_an_option_travels_and_a_shipped_model_must_be_the_same(point, monkeypatch, tmp_path):
+    shutil.copy(__file__, tmp_path / "model.npz")
+    from avrare_linear.config import LinearConfig
+
+    monkeypatch.setattr(LinearConfig, "used_models", lambda self: {"A": tmp_path / "model.npz"})
+    pack = make_pack(point)
+    [copies] = [entry["named_files"]["simulator.A (model)"] for entry in pack.manifest["runs"]]
+    assert (pack.folder / copies[0]).read_bytes() == (tmp_path / "model.npz").read_bytes()
+    (tmp_path / "model.npz").write_text("another model")
+    with pytest.raises(UsageError, match=r"simulator.A: the model model.npz is missing here, or not that of"):
+        confirmation.confirm(pack.folder, 3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "text"),
+    [
+        (lambda p: shutil.rmtree(p / "run-pack"), "no result in it"),
+        (lambda p: (p / "run-pack/scenario.yaml").open("a").write("#"), "changed after the run"),
+        (lambda p: (p / "other").mkdir() or (p / "other/file").touch(), "is not an empty folder"),
+    ],
+)
+def test_mistakes_are_explained(point, spoil, text, capsys):
+    make_pack(point)
+    spoil(point)
+    assert main(["evidence", str(point / "run-pack"), "--out", str(point / "other")]) == 4
+    assert text in capsys.readouterr().err
+
+
+def test_two_results_of_one_name_are_refused(point):
+    make_pack(point)
+    with pytest.raises(UsageError, match="two of the results are named 'point'"):
+        write_pack([point / "run-pack", point / "run-pack"], point / "both")
+
+
+@pytest.mark.slow
+def test_false_alarms_and_power_over_a_hundred_packs(point, monkeypatch):
+    load, alarms, noticed = confirmation.load, 0, 0
+    for seed in range(100):
+        pack = make_pack(point, f"seed={2 * seed}", name=f"pack{seed}")
+        alarms += confirmation.confirm(pack.folder, 2 * seed + 1).outcome == "disagree"
+        monkeypatch.setattr(confirmation, "load", lambda path, settings: load(path, [*settings, TRIPLED]))
+        noticed += confirmation.confirm(pack.folder, 2 * seed + 1).outcome == "disagree"
+        monkeypatch.setattr(confirmation, "load", load)
+    print(json.dumps({"alarms": alarms, "noticed": noticed}))
+    assert alarms <= 8
+    assert noticed >= 90
