@@ -165,6 +165,29 @@ def test_drivers_brake_for_the_ego():
     assert 40.0 - worlds[-1].others.x[0, 0] - 4.298 == pytest.approx(2.0, abs=0.3)
 
 
+def test_a_driver_brakes_for_a_standing_car_beyond_the_one_ahead():
+    # the one ahead leaves the lane late
+    vehicles = [
+        {"name": "parked", "x": 220.0, "y": 1.75, "speed": 0.0},
+        {"name": "lead", "x": 45.0, "y": 1.75, "speed": 25.0, "heading": 0.01},
+    ]
+    worlds = drive(simulator(*vehicles, car("one", 0.0)), 200)
+    rates = np.array([world.others.acceleration[0, 2] for world in worlds])
+    assert rates.min() > -2.5
+    assert worlds[-1].others.speed[0, 2] < 0.1
+
+
+def test_a_cool_driver_brakes_calmly_for_a_cut_in_and_hard_for_who_stands():
+    for ahead, least, most in ((25.0, -2.0, -1.5), (0.0, -8.0, -8.0)):
+        lead = {"name": "lead", "x": 14.0, "y": 1.75, "speed": ahead}
+        cool, hasty = (
+            drive(simulator(lead, car("one", 0.0, speed=25.0, coolness=share)), 1)[1].others.acceleration[0, 1]
+            for share in (1.0, 0.0)
+        )
+        assert least - 1e-9 <= cool <= most + 1e-9
+        assert hasty == pytest.approx(-8.0)
+
+
 def test_a_merge_waits_for_a_gap_and_stops_at_the_end_of_its_lane():
     merging = car("in", 0.0, y=-1.75, merge={"lane": 1}, lane_end=150.0)
     column = [{"name": f"c{k}", "x": 12.0 * k - 300.0, "y": 1.75, "speed": 20.0} for k in range(60)]

@@ -167,6 +167,9 @@ class FollowingConfig(Options, Generic[_Number]):
     acceleration: _Number = _number(1.5, "acceleration on a free road [m/s^2]", gt=0.0)
     deceleration: _Number = _number(2.0, "comfortable deceleration [m/s^2]", gt=0.0)
     braking_max: _Number = _number(8.0, "bound of the deceleration [m/s^2]", gt=0.0)
+    coolness: _Number = _number(
+        0.0, "share of calm braking for a gap that closes slowly, as after a cut-in; 0: IDM", ge=0.0, le=1.0
+    )
     acceleration_sd: float = _number(
         0.0, "standard deviation of the noise of its acceleration [m/s^2]", ge=0.0
     )

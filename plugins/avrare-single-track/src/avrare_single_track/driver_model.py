@@ -4,7 +4,10 @@ Along the road the intelligent driver model (Treiber, Hennecke and Helbing, Phys
 
     a (1 - (v / v0)^4 - (s* / s)^2),    s* = s0 + max(0, v T + v (v - u) / (2 sqrt(a b)))
 
-with the gap s and the speed u of the vehicle ahead. A lane is changed by MOBIL (Kesting, Treiber and Helbing,
+with the gap s and the speed u of the vehicle ahead; of several ahead in its lane the one that asks for the
+hardest braking counts, as who leaves the lane may have hidden one that stands. A cool driver brakes less for a
+gap that closes slowly, as after a cut-in (Kesting, Treiber and Helbing, Philosophical Transactions A 368, 2010,
+with the vehicle ahead taken to keep its speed). A lane is changed by MOBIL (Kesting, Treiber and Helbing,
 Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and the gain
 of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks for the safe
 gaps alone, at every step. Who changes lanes signals: it is seen in both from the first step on. What the
@@ -37,6 +40,7 @@ PARAMETERS = (
     "safe_braking",
     "lane_change_time",
     "reaction_time",
+    "coolness",
 )
 """Parameters of a driver, in the order of the last axis of the kernel's table."""
 _MARGIN = 0.25
@@ -113,7 +117,28 @@ def _behind(
 
 @inlined
 def _follow(v: Floats, i: int, ahead: int, gap: float, p: Floats) -> float:
-    return idm(v[i], v[ahead] if ahead >= 0 else 0.0, gap, p)
+    u = v[ahead] if ahead >= 0 else 0.0
+    a = idm(v[i], u, gap, p)
+    needed = -0.5 * max(v[i] - u, 0.0) ** 2 / max(gap, _TOUCH)
+    if p[11] > 0.0 and gap < math.inf and a < needed:
+        cool = needed - p[4] * math.tanh((needed - a) / p[4])
+        a = max((1.0 - p[11]) * a + p[11] * cool, -p[5])
+    return a
+
+
+@inlined
+def _follow_all(
+    x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int,
+    lane: int, p: Floats,
+) -> float:  # fmt: skip
+    # What the vehicles ahead in a lane allow. One beyond a slower one never asks for more.
+    a, slowest = _follow(v, i, -1, math.inf, p), math.inf
+    for k in range(rank[i] + 1, len(order)):
+        j = order[k]
+        if lanes[j] >> lane & 1 and v[j] < slowest:
+            a = min(a, _follow(v, i, j, x[j] - x[i] - 0.5 * (lengths[i] + lengths[j]), p))
+            slowest = v[j]
+    return a
 
 
 @inlined
@@ -126,7 +151,7 @@ def _incentive(
     # ends of both lanes.
     new_ahead, new_gap = _ahead(x, lengths, order, rank, lanes, i, to)
     new, new_behind = _behind(x, lengths, order, rank, lanes, i, to)
-    after = _follow(v, i, new_ahead, new_gap, p)
+    after = _follow_all(x, v, lengths, order, rank, lanes, i, to, p)
     if new_end < math.inf:
         after = min(after, idm(v[i], 0.0, new_end, p))
     if after < -p[8] or new_gap <= 0.0 or new_behind <= 0.0:
@@ -147,7 +172,7 @@ def _incentive(
     if old >= 0 and v[old] >= 0.0 and p[6] > 0.0:
         q = table[drivers[old]] if drivers[old] >= 0 else p
         gained = _follow(v, old, ahead, gap + behind + lengths[i], q) - idm(v[old], v[i], behind, q)
-    current = _follow(v, i, ahead, gap, p)
+    current = _follow_all(x, v, lengths, order, rank, lanes, i, now, p)
     if end < math.inf:
         current = min(current, idm(v[i], 0.0, end, p))
     return True, after - current + p[6] * (imposed + gained)
@@ -222,7 +247,7 @@ def _braked(brake: Floats, row: int, step: int, a: float) -> float:
 #     widths: (V,) widths [m].
 #     drivers: (V,) index of each vehicle among the drivers, -1 for others.
 #     places: (R,) index of each driver among the vehicles.
-#     table: (1 or N, R, 11) ``PARAMETERS``.
+#     table: (1 or N, R, 12) ``PARAMETERS``.
 #     limits: (R, 2) first and last lane that a driver may choose.
 #     ends: (R,) x at which the lane of its start ends [m], inf where it does not.
 #     forced: (R, 3) lane of a merge (-1: none), step from which it is wanted, lane of the start.
@@ -278,13 +303,11 @@ def advance(
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]
                     end = _way_to_end(spans, ends[r], forced[r, 2], chosen, at[i], lengths[i])
             changing = clock[n, r] >= 0.0
-            ahead, gap = _ahead(at, lengths, order, rank, lanes, i, lane[n, r])
-            a = _follow(speeds, i, ahead, gap, p)
+            a = _follow_all(at, speeds, lengths, order, rank, lanes, i, lane[n, r], p)
             if changing:  # still between the lanes: the old one counts as well
                 for c in range(len(centres)):
                     if lanes[i] >> c & 1:
-                        ahead, gap = _ahead(at, lengths, order, rank, lanes, i, c)
-                        a = min(a, _follow(speeds, i, ahead, gap, p))
+                        a = min(a, _follow_all(at, speeds, lengths, order, rank, lanes, i, c, p))
             if end < math.inf:
                 a = min(a, idm(speeds[i], 0.0, end, p))
             if past.shape[2] > 0:

@@ -36,7 +36,7 @@ class DriverMemory:
         mood: (N, R) offset of the acceleration, an Ornstein-Uhlenbeck process [m/s^2].
         haste: (N, Q) logarithm of the reaction time over its median, the same; of those whose time varies.
         past: (N, R, K) what the model demanded at the last steps [m/s^2]; K = 0 where nobody is late.
-        table: (N, R, 11) parameters where they are drawn, else None.
+        table: (N, R, 12) parameters where they are drawn, else None.
     """
 
     lane: NDArray[np.int64]
