@@ -1,6 +1,7 @@
 """Drives of a scene checked by other means: the ego's motion and limits, contacts, consistency of tracks.
 
     OMP_NUM_THREADS=1 python benchmarks/drive_physics.py [SCENARIO] [--rollouts 1000] [--seed 21]
+        [--set KEY=VALUE]
 
 The motion is integrated anew, in `PARTS` midpoint steps a sample, from speeds and steering angles at the
 samples. Contacts are looked for at as many poses between two samples, by lines that separate the boxes. The
@@ -110,8 +111,9 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="scenarios/lane_change.yaml")
     parser.add_argument("--rollouts", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=21)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     args = parser.parse_args()
-    scenario = LoadedScenario(load(args.scenario))
+    scenario = LoadedScenario(load(args.scenario, args.set))
     problem = scenario.problem("no_collision")
     loop, scene, rule = problem.system, scenario.stack.scene, problem.monitors[0]
     config, dt = loop.simulator.config.ego, loop.simulator.dt
