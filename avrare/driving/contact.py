@@ -15,7 +15,7 @@ _TOP_SPEED = 150.0
 """Relative speed beyond which a vehicle has appeared or vanished [m/s]."""
 
 
-def interpolate(before: Vehicles, after: Vehicles, share: Floats) -> Vehicles:
+def interpolate(before: Vehicles, after: Vehicles, share: Floats | float) -> Vehicles:
     """Return vehicles at a share of the way between two samples; accelerations are those after it."""
     turn = np.remainder(after.heading - before.heading + np.pi, 2.0 * np.pi) - np.pi
     x, y, speed = (

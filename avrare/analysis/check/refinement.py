@@ -76,6 +76,6 @@ def _drive(stack: Stack, tapes: Floats) -> Drives:
 
 
 def _greatest(coarse: Floats, fine: Floats) -> float:
-    """Return the greatest difference of numbers that both have, absent vehicles left out."""
-    finite = (np.abs(coarse) < _ABSENT) & (np.abs(fine) < _ABSENT)
-    return float(np.abs(coarse[finite] - fine[finite]).max(initial=0.0))
+    """Return the greatest difference, NaN where only one has a number; absent vehicles are left out."""
+    absent = (np.abs(coarse) >= _ABSENT) | (np.abs(fine) >= _ABSENT) | (np.isnan(coarse) & np.isnan(fine))
+    return float(np.abs(coarse[~absent] - fine[~absent]).max(initial=0.0))

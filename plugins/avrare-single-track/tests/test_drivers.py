@@ -180,10 +180,8 @@ def test_a_driver_brakes_for_a_standing_car_beyond_the_one_ahead():
 def test_a_cool_driver_brakes_calmly_for_a_cut_in_and_hard_for_who_stands():
     for ahead, least, most in ((25.0, -2.0, -1.5), (0.0, -8.0, -8.0)):
         lead = {"name": "lead", "x": 14.0, "y": 1.75, "speed": ahead}
-        cool, hasty = (
-            drive(simulator(lead, car("one", 0.0, speed=25.0, coolness=share)), 1)[1].others.acceleration[0, 1]
-            for share in (1.0, 0.0)
-        )
+        cars = [car("one", 0.0, speed=25.0, coolness=share) for share in (1.0, 0.0)]
+        cool, hasty = (drive(simulator(lead, each), 1)[1].others.acceleration[0, 1] for each in cars)
         assert least - 1e-9 <= cool <= most + 1e-9
         assert hasty == pytest.approx(-8.0)
 

@@ -1,5 +1,6 @@
 """Integration in parts of a step: noise, schedules and actions keep the step, motions converge."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -53,6 +54,21 @@ def test_schedules_and_accelerations_are_those_of_whole_steps():
     assert (braking[5:15] <= -2.999).all()
     assert (braking[15:20] > -2.9).all()
     np.testing.assert_array_equal(place(worlds, "x")[:, :, 2], place(drive(1), "x")[:, :, 2])
+
+
+def test_a_heading_turns_the_short_way_within_a_step(monkeypatch):
+    sim = SingleTrack(SingleTrackConfig.model_validate({"ego": EGO, "vehicles": CROWD, "substeps": 2}))
+    start, seen, move = sim.reset(np.zeros((1, sim.noise_size))), [], sim.reactive.move
+    before, after = (replace(start.others, heading=np.full((1, 4), heading)) for heading in (3.1, -3.1))
+
+    def move_and_note(memory, step, ego, others):
+        seen.append(others.heading[0, 2])
+        return move(memory, step, ego, others)
+
+    monkeypatch.setattr(sim.reactive, "move", move_and_note)
+    monkeypatch.setattr(sim, "_others", lambda step, plans: after)
+    sim.step(replace(start, others=before), Action(np.zeros(1), np.zeros(1)), np.zeros((1, sim.noise_size)))
+    assert seen == pytest.approx([3.1, np.pi])
 
 
 @pytest.mark.parametrize("substeps", [0, -1, 1.5])

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 import avrare
 from avrare.analysis.check import refinement
 from avrare.rollout.loaded_scenario import load
@@ -28,6 +30,15 @@ def test_finer_steps_change_less():
     coarse, fine = (compare("merging_traffic", "steps=12", f"simulator.substeps={n}")[1] for n in (1, 8))
     change = [float(text.partition("others_x ")[2].partition(",")[0]) for text in (coarse, fine)]
     assert change[1] < 0.5 * change[0]
+
+
+def test_a_number_that_half_the_step_loses_is_told(monkeypatch):
+    def drive(stack, tapes):
+        substeps = stack.loop.simulator.config.substeps
+        return refinement.Drives({"gap": np.array([[2.0, np.inf, np.nan if substeps > 1 else 1.0]])}, {}, {})
+
+    monkeypatch.setattr(refinement, "_drive", drive)
+    assert compare("merging_traffic", "steps=2")[1:] == ["  gap nan"]
 
 
 def test_a_simulator_without_the_option_cannot_tell():

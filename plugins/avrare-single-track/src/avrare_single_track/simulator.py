@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Lane, Road, Scene, Vehicles, World
+from avrare.driving.contact import interpolate
 from avrare.driving.frames import to_plane, to_road
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.driving.lanes import ENDLESS
@@ -183,7 +184,8 @@ class SingleTrack(Simulator):
                 drivers, found = self.reactive.move(drivers, substep, ego, others)
             ego, steering, slipping = self._drive(ego, steering, action, world.friction)
             slips |= slipping
-            others = _between(world.others, scripted, (part + 1) / self._substeps)
+            share = (part + 1) / self._substeps
+            others = scripted if share == 1.0 else interpolate(world.others, scripted, share)
             others = others if found is None else self.reactive.placed(others, found)
         if drivers is not None:
             drivers = self.reactive.change_moods(drivers, noise)
@@ -248,13 +250,6 @@ class SingleTrack(Simulator):
         """Tell (N,) which rows have an ego state that is not finite."""
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
-
-
-def _between(before: Vehicles, after: Vehicles, share: float) -> Vehicles:
-    if share == 1.0:
-        return after
-    places = (x + share * (y - x) for x, y in zip(vars(before).values(), vars(after).values(), strict=True))
-    return Vehicles(*places)
 
 
 class ScriptedTraffic:
