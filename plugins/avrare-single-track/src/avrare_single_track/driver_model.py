@@ -8,12 +8,12 @@ with the gap s and the speed u of the vehicle ahead; of several ahead in its lan
 hardest braking counts, as who leaves the lane may have hidden one that stands. A cool driver brakes calmly
 for a gap that closes slowly, as after a cut-in (Kesting, Treiber and Helbing, Philosophical Transactions A
 368, 2010; the vehicle ahead is taken to keep its speed). A lane is changed by MOBIL (Kesting, Treiber and
-Helbing, Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and the gain
-of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks for the safe
-gaps alone, at every step. Who changes lanes signals: it is seen in both from the first step on. What the
-model demands may take effect late, after a reaction time: all that it sees is of that time ago (Treiber,
-Kesting and Helbing, Physica A 360, 2006). All functions stand in this file, since numba's cache looks at no
-other.
+Helbing, Transportation Research Record 1999, 2007): where nobody behind must brake harder than is safe, and
+the gain of the driver and, weighed by politeness, of the two followers is above a threshold. A merge asks
+for the safe gaps alone, at every step. Who changes lanes signals: it is seen in both from the first step on.
+What the model demands may take effect late, after a reaction time: all that it sees is of that time ago
+(Treiber, Kesting and Helbing, Physica A 360, 2006). All functions stand in this file, since numba's cache
+looks at no other.
 """
 
 from __future__ import annotations
