@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from avrare_openscenario.motions import Drive, Motions
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import move_all, move_along_body, place_all, speed_all
-from avrare_openscenario.story import Assignment, Route, Trigger
+from avrare_openscenario.story import Assignment, Edge, Route, Trigger
 from avrare_openscenario.ways import Ways
 
 Integers = NDArray[np.int64]
@@ -80,6 +81,16 @@ class ActedTraffic:
         self.count = len(file.bodies) - file.ego
         self.motions = Motions(file, dt)
         self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
+        self.edges = np.array([get_args(Edge).index(one.edge) for one in self.story.conditions], np.int64)
+        self.owners = self._find_owners()
+
+    def _find_owners(self) -> Integers:
+        # What each condition starts or stops: an act, the stop of an act, or an event, in one row of them.
+        events = [event.trigger if event.whole < 0 else () for event in self.story.events]
+        owners = np.zeros(len(self.story.conditions), np.int64)
+        for index, trigger in enumerate((*self.story.acts, *self.story.stops, *events)):
+            owners[[number for group in trigger or () for number in group]] = index
+        return owners
 
     def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
         """Return the ego (N,), the others (N, V) and the memory at t = 0, with drawn parameters (N,)."""
@@ -188,19 +199,20 @@ class ActedTraffic:
             memory.still,
             memory.variables,
         )
-        memory, met = self._conditions(memory, traffic)
+        held = self._listen(memory, traffic)
+        _, met = self._meet(memory, held)
         acts, stopped = np.array(memory.acts), np.array(memory.stopped)
         for index, trigger in enumerate(self.story.acts):
             acts[:, index] |= _meets(trigger, met)
             if (stop := self.story.stops[index]) is not None:
                 stopped[:, index] |= acts[:, index] & _meets(stop, met)
         memory = self._stop_events(replace(memory, acts=acts, stopped=stopped), step)
+        memory, met = self._meet(memory, held)
         for index, event in enumerate(self.story.events):
             if event.whole >= 0:
                 continue
             rows = acts[:, event.act] & ~stopped[:, event.act] & _meets(event.trigger, met)
-            rows &= (memory.begun[:, index] < 0) | (memory.ended[:, index] >= 0)
-            rows &= memory.runs[:, index] < event.count
+            rows &= self._wait(memory)[:, index]
             if event.waits:
                 peers = [k for k, peer in enumerate(self.story.events) if peer.maneuver == event.maneuver]
                 rows &= ~((memory.begun[:, peers] >= 0) & (memory.ended[:, peers] < 0)).any(axis=1)
@@ -218,26 +230,29 @@ class ActedTraffic:
                 memory = _drop(memory, event.actions, running)
         return replace(memory, ended=ended)
 
-    def _conditions(self, memory: StoryMemory, traffic: Traffic) -> tuple[StoryMemory, Bools]:
-        conditions = self.story.conditions
-        if not conditions:
-            return memory, np.zeros((len(memory.table), 0), np.bool_)
-        raw = np.stack(
-            [
-                holds(one, traffic, self.maps, memory.table, memory.acts, memory.begun, memory.ended)
-                for one in conditions
-            ],
-            axis=1,
-        )
-        edges = np.array(raw)
-        for index, one in enumerate(conditions):
-            was = memory.before[:, index]
-            if one.edge in ("rising", "falling", "risingOrFalling"):
-                rises, falls = raw[:, index] & (was == 0), ~raw[:, index] & (was == 1)
-                edges[:, index] = {"rising": rises, "falling": falls}.get(one.edge, rises | falls)
-        late = np.concatenate([edges[:, :, None], memory.late[:, :, :-1]], axis=2)
-        met = late[:, np.arange(len(conditions)), self.delays]
-        return replace(memory, before=raw.astype(np.int64), late=late), met
+    def _listen(self, memory: StoryMemory, traffic: Traffic) -> Bools:
+        # (N, C) which conditions hold, edges and delays aside.
+        held = [
+            holds(one, traffic, self.maps, memory.table, memory.acts, memory.begun, memory.ended)
+            for one in self.story.conditions
+        ]
+        return np.stack(held, axis=1) if held else np.zeros((len(memory.table), 0), np.bool_)
+
+    def _meet(self, memory: StoryMemory, held: Bools) -> tuple[StoryMemory, Bools]:
+        # (N, C) which conditions are met. One is looked at while what it starts, or stops, waits for it.
+        running = memory.acts & ~memory.stopped
+        waiting = self._wait(memory) & running[:, [event.act for event in self.story.events]]
+        awake = np.concatenate([~memory.acts, running, waiting], axis=1)[:, self.owners]
+        rises, falls = held & (memory.before == 0), ~held & (memory.before == 1)
+        edges = np.select([self.edges == k for k in range(3)], [held, rises, falls], rises | falls)
+        late = np.concatenate([edges[:, :, None], memory.late[:, :, :-1]], axis=2) & awake[:, :, None]
+        met = late[:, np.arange(len(self.delays)), self.delays]
+        return replace(memory, before=np.where(awake, held, -1), late=late), met
+
+    def _wait(self, memory: StoryMemory) -> Bools:
+        # (N, E) which events may begin.
+        counts = np.array([event.count for event in self.story.events], dtype=np.int64)
+        return ((memory.begun < 0) | (memory.ended >= 0)) & (memory.runs < counts)
 
     def _begin_event(
         self,

@@ -206,6 +206,10 @@ class Motions:
                 span = 2.0 * value / np.abs(now + target)
         else:
             span = transition_span(transition, target - now, value)
+        if transition.form != "step":
+            fastest = np.where(target >= now, *self.bodies[action.actor].rates)
+            limit = replace(transition, dimension="rate")
+            span = np.maximum(span, transition_span(limit, target - now, fastest))
         form = Course.form_index(transition)
         return course.begin(
             number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False

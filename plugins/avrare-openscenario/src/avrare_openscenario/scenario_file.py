@@ -46,6 +46,7 @@ class Body:
         ahead: Distance of its middle ahead of the middle of the rear axle, its point of reference [m].
         wheelbase: Distance of the axles [m]; None where there are no axles.
         speed_max: Top speed [m/s].
+        rates: Highest acceleration and deceleration of a change of speed [m/s^2].
         kind: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
     """
 
@@ -55,6 +56,7 @@ class Body:
     ahead: float
     wheelbase: float | None
     speed_max: float | None
+    rates: tuple[float, float]
     kind: str
 
 
@@ -222,10 +224,11 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
         kind.get(name)
 
     read = parameters.fixed
-    top_speed, performance = None, kind.find("Performance")
+    top_speed, rates, performance = None, (np.inf, np.inf), kind.find("Performance")
     if performance is not None:
         performance.skip()
         top_speed = read(performance, "maxSpeed")
+        rates = read(performance, "maxAcceleration"), read(performance, "maxDeceleration")
     wheelbase, axles = None, kind.find("Axles")
     if axles is not None:
         axles.skip()
@@ -237,9 +240,8 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     length, width = read(size, "length"), read(size, "width")
     if min(length, width) <= 0.0:
         raise size.error("length and width should be above 0")
-    return Body(
-        parameters.text(entity, "name"), length, width, read(centre, "x"), wheelbase, top_speed, kind.tag
-    )
+    name = parameters.text(entity, "name")
+    return Body(name, length, width, read(centre, "x"), wheelbase, top_speed, rates, kind.tag)
 
 
 def _read_starts(init: Element, reader: ActionReader, acting: set[str]) -> Starts:

@@ -12,21 +12,19 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from avrare.base.errors import ExitCode, UsageError
 from avrare_openscenario.acted_traffic import ActedTraffic
 from avrare_openscenario.picture import draw_scene
 from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
-from avrare_openscenario.trace import list_departures, write_trace
+from avrare_openscenario.trace import write_trace
 from avrare_openscenario.xml_tree import Element, read_xml
 
 _PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)
 _FEATURE = re.compile(
     r"\w+(Action|Condition|Position|Target|TargetSpeed)|Polyline|Clothoid\w*|Nurbs|ConstraintGroup"
 )
-_STEP, _UNTIL = 0.1, 20.0
-"""Step and end of the drive that tells whether vehicles stay on their roads [s]."""
+_STEP = 0.1
+"""Step with which files are read [s]."""
 _EPILOG = """\
 A file is read, read with notes on what changes nothing, or refused at the first thing that is not read.
 Of a folder, all files .xosc with a storyboard are taken. All entities obey the file, the ego too.
@@ -110,14 +108,13 @@ def judge_scene(path: str) -> Finding:
         top = read_xml(path, "OpenSCENARIO")
         features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
         file = read_acted(path, _STEP)
-        notes = (*file.notes, *list_ends(file))
     except UsageError as error:
         place = _PLACE.fullmatch(error.message)
         if place is None:
             return Finding(path, "refused", error.message, None, features)
         other = "" if place["path"] == path else f"{os.path.basename(place['path'])}: "
         return Finding(path, "refused", other + place["reason"], int(place["line"]), features)
-    return Finding(path, "notes" if notes else "read", "; ".join(_shorten(notes)), None, features)
+    return Finding(path, "notes" if file.notes else "read", "; ".join(_shorten(file.notes)), None, features)
 
 
 def read_acted(path: str, dt: float) -> ScenarioFile:
@@ -129,26 +126,6 @@ def read_acted(path: str, dt: float) -> ScenarioFile:
     file = read_scenario(path, None, dt, {})
     ActedTraffic(file, dt).check_start()
     return file
-
-
-def list_ends(file: ScenarioFile) -> list[str]:
-    """Return notes on the vehicles that come to the end of their roads within 20 s.
-
-    Raises:
-        UsageError: A vehicle is lost: its state is no number.
-    """
-    if not any(True in roads.linked for roads in file.network.maps):
-        return []
-    notes = []
-    with np.errstate(all="ignore"):
-        times, beyond = list_departures(file, _STEP, _UNTIL)
-    for body, way in zip(file.bodies, beyond.T, strict=True):
-        if np.isnan(way).any():
-            raise UsageError(f"{file.path}: {body.name!r} is lost at {times[np.isnan(way).argmax()]:g} s")
-        if (way > 0.0).any():
-            end = f"comes to the end of its road at {times[(way > 0.0).argmax()]:g} s"
-            notes.append(f"{file.path}: {body.name!r} {end}, and goes straight on")
-    return notes
 
 
 def _act_out(args: argparse.Namespace) -> int:

@@ -28,16 +28,6 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
     return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
 
 
-def list_departures(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
-    """Return times (T,) and how far (T, V) vehicles are beyond an end of their roads, NaN: lost."""
-    traffic = ActedTraffic(file, dt)
-    ways = []
-    for points in _drive(traffic, until):
-        ends = np.array([np.inf if roads.closed else roads.line.length for roads in traffic.maps])
-        ways.append(np.maximum(points.x[0] - ends, np.where(np.isinf(ends), -1.0, -points.x[0])))
-    return np.arange(len(ways), dtype=np.float64) * dt, np.stack(ways)
-
-
 def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
     _, others, memory = traffic.start(1, {})
     yield memory.points
