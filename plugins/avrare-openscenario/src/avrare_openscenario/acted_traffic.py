@@ -83,6 +83,9 @@ class ActedTraffic:
         self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
         self.edges = np.array([get_args(Edge).index(one.edge) for one in self.story.conditions], np.int64)
         self.owners = self._find_owners()
+        self.acts = np.array([event.act for event in self.story.events], np.int64)
+        counts = [event.count if event.whole < 0 else 0 for event in self.story.events]
+        self.counts = np.array(counts, np.int64)
 
     def _find_owners(self) -> Integers:
         # What each condition starts or stops: an act, the stop of an act, or an event, in one row of them.
@@ -173,6 +176,7 @@ class ActedTraffic:
             memory = replace(memory, drive=replace(memory.drive, across=across, heading=turned))
         drive, points = self.motions.move(memory.table, memory.drive, step, every)
         if self.ways is not None:
+            points = self.ways.stop(every, points, follows)
             self.ways.changed.update(np.flatnonzero((changes >= 0) & (drive.across.action[0] < 0)).tolist())
         memory = replace(memory, drive=drive, points=points)
         found = move_all(self.maps, points, self.ahead)
@@ -232,16 +236,15 @@ class ActedTraffic:
 
     def _listen(self, memory: StoryMemory, traffic: Traffic) -> Bools:
         # (N, C) which conditions hold, edges and delays aside.
-        held = [
-            holds(one, traffic, self.maps, memory.table, memory.acts, memory.begun, memory.ended)
-            for one in self.story.conditions
-        ]
+        complete = (memory.ended >= 0) & ~self._wait(memory) | memory.stopped[:, self.acts]
+        states = memory.acts, memory.begun, memory.ended, complete
+        held = [holds(one, traffic, self.maps, memory.table, *states) for one in self.story.conditions]
         return np.stack(held, axis=1) if held else np.zeros((len(memory.table), 0), np.bool_)
 
     def _meet(self, memory: StoryMemory, held: Bools) -> tuple[StoryMemory, Bools]:
         # (N, C) which conditions are met. One is looked at while what it starts, or stops, waits for it.
         running = memory.acts & ~memory.stopped
-        waiting = self._wait(memory) & running[:, [event.act for event in self.story.events]]
+        waiting = self._wait(memory) & running[:, self.acts]
         awake = np.concatenate([~memory.acts, running, waiting], axis=1)[:, self.owners]
         rises, falls = held & (memory.before == 0), ~held & (memory.before == 1)
         edges = np.select([self.edges == k for k in range(3)], [held, rises, falls], rises | falls)
@@ -251,8 +254,7 @@ class ActedTraffic:
 
     def _wait(self, memory: StoryMemory) -> Bools:
         # (N, E) which events may begin.
-        counts = np.array([event.count for event in self.story.events], dtype=np.int64)
-        return ((memory.begun < 0) | (memory.ended >= 0)) & (memory.runs < counts)
+        return ((memory.begun < 0) | (memory.ended >= 0)) & (memory.runs < self.counts)
 
     def _begin_event(
         self,

@@ -54,6 +54,7 @@ def holds(
     acts: Bools,
     begun: NDArray[np.int64],
     ended: NDArray[np.int64],
+    complete: Bools,
 ) -> Bools:
     """Tell (N,) where a condition holds, edges and delays aside.
 
@@ -65,12 +66,14 @@ def holds(
         acts: (N, A) which acts have begun.
         begun: (N, E) step at which each event began, -1 before.
         ended: (N, E) step at which it ended, -1 before.
+        complete: (N, E) which events have begun as often as they may, and ended.
     """
     value = table[:, condition.value]
     if condition.kind == "time":
         return compare(condition.rule, traffic.time, value)
     if condition.kind == "state":
-        return _state_holds(condition, acts, begun, ended)
+        over = ended >= 0 if (condition.begin, condition.state) == ("event", "endTransition") else complete
+        return _state_holds(condition, acts, begun, over)
     if condition.kind == "variable":
         return compare(condition.rule, traffic.variables[:, condition.variable], value)
     found = np.stack(
@@ -99,16 +102,14 @@ def compare(rule: str, left: Floats, right: Floats) -> Bools:
     return np.asarray(np.abs(left - right) > slack)
 
 
-def _state_holds(
-    condition: Condition, acts: Bools, begun: NDArray[np.int64], ended: NDArray[np.int64]
-) -> Bools:
+def _state_holds(condition: Condition, acts: Bools, begun: NDArray[np.int64], over: Bools) -> Bools:
     events = list(condition.events)
     some = (begun[:, events] >= 0).any(axis=1)
     if condition.begin == "act":
         some = acts[:, condition.act]
     elif condition.begin == "story":
         some = np.ones(len(begun), np.bool_)
-    all_ended = some & (ended[:, events] >= 0).all(axis=1)
+    all_ended = some & over[:, events].all(axis=1)
     match condition.state:
         case "standbyState":
             return np.asarray(~some)
@@ -145,8 +146,9 @@ def _measure(
         case "clearance":
             return _is_clear(condition, entity, traffic, maps, table)
         case "road_end":
-            station = traffic.vehicles.x[:, entity]
-            return np.asarray((station <= 0.0) | (station >= roads.line.length), dtype=np.float64)
+            station = _reference(roads, _pick(traffic.vehicles, entity), traffic.ahead[entity]).x
+            slack = _TOLERANCE * (1.0 + roads.line.length)
+            return np.asarray((station <= slack) | (station >= roads.line.length - slack), dtype=np.float64)
         case "off_road":
             return _off_road(_pick(traffic.vehicles, entity), roads)
     if condition.place is not None:

@@ -167,10 +167,11 @@ class Motions:
         active = speed.action >= 0
         begun = speed
         speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))
-        velocity = np.where(active, wanted, others.speed)
+        over = self.free & (across.action < 0) & np.isinf(across.span)  # nobody drives on without a lane
+        velocity = np.where(active, wanted, np.where(over, 0.0, others.speed))
         speed, velocity = self._steer(table, begun, speed, drive, velocity, every)
-        start = np.where(active & (begun.span <= 0.0), velocity, others.speed)  # a step has no way
-        way = 0.5 * (start + velocity) * self.dt
+        whole = active & (begun.span <= 0.0) if self.ways is None else True  # the whole step, as players do
+        way = 0.5 * (np.where(whole, velocity, others.speed) + velocity) * self.dt
         changing = across.action >= 0
         gone = np.where(np.isin(across.action, self.trajectories), across.start * way, np.abs(way))
         across, aside, slope = across.advance(self.dt, gone)
@@ -358,18 +359,17 @@ class Motions:
             clock, velocity = across.clock[:, actor], found.speed[:, actor]
             begin = 0.0 if action.begin is None else table[:, action.begin]
             way = clock + begin
-            over = (way >= path.ways[:, -1]) | (way < 0.0)
+            backwards = across.start[:, actor] * velocity < 0.0
+            over = np.where(backwards, way <= 1e-9, way >= path.ways[:, -1] - 1e-9)
             if action.times:
                 time = (step + 1) * self.dt if action.absolute else clock
                 times = table[:, list(action.times)]
                 way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
-                over = time >= times[:, -1]
+                over = time >= times[:, -1] - 1e-9
                 velocity = velocity * path.gear(way)
             x, y, turn = path.at(way)
             turn = turn + across.target[:, actor]
             roads = self.maps[actor]
-            if self.free[actor]:  # without a lane nobody drives on
-                velocity = np.where(over, 0.0, velocity)
             s, d = roads.line.to_road(x, y)
             pose = s, d, turn - roads.line.heading(s)
             parts = {name: np.array(part) for name, part in vars(found).items()}

@@ -197,7 +197,8 @@ def _place_on(
         else:
             lane = nearest_lane(roads, their_d, their_s) + (along * place.lane).astype(np.int64)
             s = their_s + (along if place.by_lane else 1.0) * x
-            d = lane_middle(roads, lane, s) + y
+            inside = np.clip(lane, 0, len(roads.road.lane_centres) - 1)  # others are as wide as its lanes
+            d = lane_middle(roads, inside, s) + (lane - inside) * roads.road.lane_width + y
     if place.absolute:
         return s, d, heading - roads.line.heading(s)
     if place.turned and place.kind != "lane":

@@ -55,8 +55,9 @@ class Path:
         return np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
 
     def at(self, way: Floats) -> Pose:
-        """Return the pose (N,) at a way (N,) along each."""
+        """Return the pose (N,) at a way (N,) along each, or straight on from its ends."""
         rows, begin, share = _locate(self.ways, way)
+        beyond = way - np.clip(way, 0.0, self.ways[:, -1])
         x0, y0 = self.x[rows, begin], self.y[rows, begin]
         dx, dy = self.x[rows, begin + 1] - x0, self.y[rows, begin + 1] - y0
         if self.heading is None or self.corners:
@@ -64,7 +65,8 @@ class Path:
         else:
             before, after = self.heading[rows, begin], self.heading[rows, begin + 1]
             heading = before + share * (after - before)
-        return x0 + share * dx, y0 + share * dy, heading
+        straight = beyond / np.maximum(np.hypot(dx, dy), 1e-12)
+        return x0 + (share + straight) * dx, y0 + (share + straight) * dy, heading
 
     @cached_property
     def _directions(self) -> Floats:
@@ -93,8 +95,8 @@ class Path:
         rows, begin, share = _locate(times, time)
         way, step = self.ways[rows, begin], self.ways[rows, begin + 1] - self.ways[rows, begin]
         lasting = np.maximum(times[rows, begin + 1] - times[rows, begin], 1e-9)
-        waits = (time < times[:, 0]) | (time > times[:, -1])
-        return way + share * step, np.where(waits, 0.0, step / lasting)
+        speed = np.where(time < times[:, 0], 0.0, step / lasting)
+        return way + share * step + speed * np.maximum(time - times[:, -1], 0.0), speed
 
     def gear(self, way: Floats) -> Floats:
         """Return 1 (N,) where the heading at a way points along the line, -1 where against it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,6 +71,28 @@ class Ways:
                 points = self._renew(k, points)
                 course = course.shift(k, float(points.y[0, k] - before))
         return points, course
+
+    def stop(self, before: Vehicles, points: Vehicles, follows: Sequence[bool]) -> Vehicles:
+        """Return points of reference (1, V) of which those that came to the end of a road stand there.
+
+        Args:
+            before: States (1, V) one step ago.
+            points: States now.
+            follows: Whether each vehicle follows a trajectory, and so keeps no road.
+        """
+        ends = np.array([roads.line.length for roads in self.maps])
+        free = [follows[k] or roads.closed or not roads.lanes for k, roads in enumerate(self.maps)]
+        x, was = points.x[0], before.x[0]
+        stops = ~np.array(free) & (was >= 0.0) & (was <= ends) & ((x < 0.0) | (x > ends))
+        for k in np.flatnonzero(stops):
+            leg = self.maps[k].find_leg(was[k]) if self.maps[k].legs else None
+            stops[k] = leg is None or not self.network.find_ways(leg.roads, leg.direction)
+        stood = stops & ((was <= 0.0) | (was >= ends))
+        return replace(
+            points,
+            x=np.where(stops, np.clip(x, 0.0, ends), points.x),
+            speed=np.where(stood, 0.0, points.speed),
+        )
 
     def _leaves(self, k: int, roads: RoadMap, station: float, points: Vehicles) -> bool:
         # Whether the way ends, or goes on from another lane than the one in which the vehicle is.
