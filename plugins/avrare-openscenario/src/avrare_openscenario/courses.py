@@ -65,11 +65,19 @@ class Course:
         stopped = np.isin(self.action, list(actions)) & rows[:, None]
         return replace(self, action=np.where(stopped, -1, self.action))
 
-    def shift(self, vehicle: int, by: float) -> Course:
-        """Return the courses with the values of one vehicle counted from elsewhere."""
-        moved = np.zeros_like(self.start)
-        moved[:, vehicle] = by
-        return replace(self, start=self.start + moved, target=self.target + moved)
+    def carry_over(self, vehicle: int, before: float, after: float, side: float) -> Course:
+        """Return the courses of which one vehicle's values are counted along another line.
+
+        Args:
+            vehicle: Its index.
+            before: One of its values.
+            after: The same along the new line.
+            side: 1 where the new line has the direction of the old one, -1 where it is opposite.
+        """
+        start, target = np.array(self.start), np.array(self.target)
+        for values in (start, target):
+            values[:, vehicle] = after + side * (values[:, vehicle] - before)
+        return replace(self, start=start, target=target)
 
     def finish(self, vehicle: int, rows: Bools) -> Course:
         """Return the courses without those of one vehicle in some rows."""

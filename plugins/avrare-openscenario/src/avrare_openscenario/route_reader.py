@@ -33,13 +33,14 @@ def read_route_place(reader: ActionReader, position: Element) -> Place:
     names = {index: lane for lane, index in first.roads.lanes.items()}
     wanted = [place.roads for place in others if place.roads is not None]
     line = follow_lane(reader.roads, first.roads, names[first.lane], wanted)
-    own = line.lanes[names[first.lane]]
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
     station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
     heading, absolute = read_orientation(position, reader.parameters)
     if where.tag == "FromLaneCoordinates":
-        where.get("laneId")
-        offset = reader.parameters.number(where, "laneOffset", 0.0)
+        lane = reader.parameters.whole(where, "laneId")
+        if lane not in line.lanes:
+            raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")
+        offset, own = reader.parameters.number(where, "laneOffset", 0.0), line.lanes[lane]
         return Place("lane", station, offset, heading, own, absolute=absolute, roads=line)
     middle = -abs(first.roads.centres[names[first.lane]])
     across = reader.parameters.shifted(reader.parameters.number(where, "t"), -middle)

@@ -67,9 +67,10 @@ class Ways:
                 self.changed.add(k)
             if k in self.changed and not follows[k]:
                 self.changed.remove(k)
-                before = points.y[0, k]
+                before, y = points, points.y[0, k]
                 points = self._renew(k, points)
-                course = course.shift(k, float(points.y[0, k] - before))
+                side = np.sign(np.cos(points.heading[0, k] - before.heading[0, k]))
+                course = course.carry_over(k, y, points.y[0, k], side)
         return points, course
 
     def stop(self, before: Vehicles, points: Vehicles, follows: Sequence[bool]) -> Vehicles:
