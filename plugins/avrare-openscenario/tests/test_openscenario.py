@@ -75,7 +75,6 @@ def test_a_step_changes_the_speed_at_once(build):
     ("action", "end", "target"),
     [
         (change_lane(), 30, -5.25),
-        (change_lane("sinusoidal", "distance", 40.0), 30, -5.25),
         (change_lane("linear", "rate", 1.75), 30, -5.25),
         (change_lane(target='<RelativeTargetLane entityRef="Car" value="1"/>'), 30, -5.25),
         (
@@ -98,6 +97,13 @@ def test_lane_changes(build, action, end, target):
     slopes = np.diff(y) / 2.0  # 2 m a step
     aside = np.sin(heading[12:end]) - 0.5 * (slopes[12:end] + slopes[11 : end - 1])
     assert np.abs(aside).max() < 0.002
+
+
+def test_the_distance_of_a_lane_change_is_one_along_the_road(build):
+    found = drive(build(document(event(change_lane("sinusoidal", "distance", 40.0)))), 4.0)
+    x, y = found["x"][:, 0, 0], found["y"][:, 0, 0]
+    share = np.clip((x - x[10]) / 40.0, 0.0, 1.0)
+    np.testing.assert_allclose(y, -8.75 + 3.5 * (0.5 - 0.5 * np.cos(np.pi * share)), atol=0.01)
 
 
 @pytest.mark.parametrize(

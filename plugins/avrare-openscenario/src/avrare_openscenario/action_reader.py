@@ -43,6 +43,10 @@ _IDLE = {
 """Actions that are passed over, with their notes."""
 
 
+_ENDLESS = 1e9
+"""Limit that is not given."""
+
+
 class ActionReader:
     """Reader of the actions of one file.
 
@@ -181,27 +185,27 @@ class ActionReader:
         return TargetSpeed(value, self._find_entity(target), kind == "factor")
 
     def _read_profile(self, action: Element, actor: int) -> SpeedProfile:
-        check_following(action, "followingMode")
-        if limits := action.find("DynamicConstraints"):
-            limits.pass_over("limits of a speed profile are left out: its times count")
-        entries = action.list("SpeedProfileEntry")
-        if not entries:
-            raise action.error("has no SpeedProfileEntry")
-        if any(entry.get("time") is None for entry in entries):
-            return self._read_untimed_profile(entries, limits, actor)
+        follows, limits = action.get("followingMode") == "follow", action.find("DynamicConstraints")
+        entries, endless = action.list("SpeedProfileEntry"), self.parameters.constant(_ENDLESS)
         if action.get("entityRef") is not None:
             raise action.error("speeds relative to another entity are not read")
-        durations = tuple(self.parameters.number(entry, "time", low=0.0) for entry in entries)
-        return SpeedProfile(actor, durations, tuple(self._number(entry, "speed") for entry in entries))
-
-    def _read_untimed_profile(
-        self, entries: Sequence[Element], limits: Element | None, actor: int
-    ) -> SpeedProfile:
-        # Speeds that are taken one after another with the highest acceleration.
-        if limits is None:
+        if follows and entries and entries[0].attributes.get("time") in ("0", "0.0"):
+            entries[0].skip()  # it begins with the own speed
+            entries = entries[1:]
+        if not entries:
+            raise action.error("has no SpeedProfileEntry")
+        names = [f"max{kind}{rate}" for rate in ("", "Rate") for kind in ("Acceleration", "Deceleration")]
+        most = [
+            endless if limit is None else limit for limit in (self._limit(limits, name) for name in names)
+        ]
+        most = most if follows else [*most[:2], endless, endless]
+        if limits is not None:
+            limits.get("maxSpeed")
+        elif any(entry.get("time") is None for entry in entries):
             raise entries[0].error("has no time", "give it one, or the action DynamicConstraints")
-        rates = tuple(self._number(limits, f"max{name}") for name in ("Acceleration", "Deceleration"))
-        return SpeedProfile(actor, (), tuple(self._number(entry, "speed") for entry in entries), rates)
+        durations = tuple(self.parameters.number(entry, "time", 0.0, low=0.0) for entry in entries)
+        speeds = tuple(self._number(entry, "speed") for entry in entries)
+        return SpeedProfile(actor, durations, speeds, tuple(most))
 
     def _read_gap(self, action: Element, actor: int) -> Gap:
         across = action.tag == "LateralDistanceAction"

@@ -19,6 +19,8 @@ from avrare_openscenario.trajectories import list_places
 
 _TOLERANCE = 1e-9
 """Relative difference below which numbers are equal: 3 x 0.1 s is no more than 0.3 s."""
+_TURNED = 0.05
+"""Most difference of the headings where one is given for a place that is reached [rad]."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,10 @@ def _distance_to_place(
         return np.asarray(np.maximum(np.abs(here.y - d) - reach, 0.0))
     if not condition.free:
         here = _reference(roads, here, traffic.ahead[entity])
-        return _apart(condition.along, here, goal, roads)
+        distance = _apart(condition.along, here, goal, roads)
+        turned = condition.kind == "reach" and condition.place.turned and condition.place.kind != "plane"
+        aside = np.abs(np.remainder(here.heading - heading + np.pi, 2.0 * np.pi) - np.pi) > _TURNED
+        return np.where(turned & aside, np.inf, distance)
     if condition.along:
         return np.asarray(np.maximum(np.abs(here.x - s) - 0.5 * traffic.lengths[entity], 0.0))
     point = to_plane(roads.road, goal)

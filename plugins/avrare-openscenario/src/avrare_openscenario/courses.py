@@ -116,12 +116,3 @@ def _transition(form: Integers, share: Floats) -> tuple[Floats, Floats]:
     wave = 0.5 - 0.5 * np.cos(angle), 0.5 * np.pi * np.sin(angle)
     done = np.select([form == 1, form == 2, form == 3], [share, smooth[0], wave[0]], 1.0)
     return done, np.select([form == 1, form == 2, form == 3], [np.ones_like(share), smooth[1], wave[1]], 0.0)
-
-
-def interpolate(at: Floats, stations: Floats, values: Floats) -> Floats:
-    """Return values (N,) at stations (N,), given those (N, M) of points."""
-    rows = np.arange(len(at))
-    begin = np.clip((stations <= at[:, None]).sum(axis=1) - 1, 0, stations.shape[1] - 2)
-    low, high = stations[rows, begin], stations[rows, begin + 1]
-    share = np.clip((at - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-    return np.asarray(values[rows, begin] + share * (values[rows, begin + 1] - values[rows, begin]))

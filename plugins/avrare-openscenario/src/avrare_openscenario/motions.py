@@ -9,9 +9,10 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.courses import Course, Integers, interpolate, transition_span
+from avrare_openscenario.courses import Course, Integers, transition_span
 from avrare_openscenario.gaps import close_gap, place_gap
 from avrare_openscenario.network import RoadMap
+from avrare_openscenario.profiles import follow_profile
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import (
     build_path,
@@ -127,6 +128,8 @@ class Motions:
                 return replace(drive, across=across), every
             case Gap() | SpeedProfile() | Synchronize():
                 speed = self._begin_endless(drive.speed, number, rows, every.speed[:, actor])
+                if isinstance(action, SpeedProfile):  # which begins with the own acceleration
+                    speed.target[rows, actor] = every.acceleration[rows, actor]
                 return replace(drive, speed=speed), every
         raise AssertionError(action)
 
@@ -173,12 +176,16 @@ class Motions:
         whole = active & (begun.span <= 0.0) if self.ways is None else True  # the whole step, as players do
         way = 0.5 * (np.where(whole, velocity, others.speed) + velocity) * self.dt
         changing = across.action >= 0
-        gone = np.where(np.isin(across.action, self.trajectories), across.start * way, np.abs(way))
+        ahead = np.abs(
+            way * np.cos(others.heading - heading)
+        )  # the way of a lane change is that along the road
+        gone = np.where(np.isin(across.action, self.trajectories), across.start * way, ahead)
         across, aside, slope = across.advance(self.dt, gone)
         y = np.where(changing, aside, others.y + np.where(self.free, way * np.sin(heading), 0.0))
         direction = np.where(np.cos(heading) < 0.0, -1.0, 1.0)
         moving = changing & (np.abs(velocity) > _CRAWL)
         drift = np.where(across.by_way, slope, slope / np.where(moving, velocity, 1.0))
+        drift = np.where(across.by_way, drift / np.hypot(1.0, drift), drift)
         angle = np.arcsin(np.clip(np.where(moving, drift, 0.0), -1.0, 1.0))
         along = np.where(self.free, np.cos(heading), direction * np.cos(angle))
         x = self._advance(others.x, 0.5 * (others.y + y), along * way)
@@ -288,15 +295,8 @@ class Motions:
                     target[:, actor] = np.where(rows, wanted, target[:, actor])
                     course = replace(course, action=keep, target=target)
                 case SpeedProfile():
-                    speeds = np.column_stack([begun.start[:, actor], table[:, list(action.speeds)]])
-                    durations = table[:, list(action.durations)]
-                    if action.rates:
-                        change = np.diff(speeds, axis=1)
-                        up, down = (table[:, [rate]] for rate in action.rates)
-                        durations = np.abs(change) / np.where(change >= 0.0, up, down)
-                    times = np.cumsum(durations, axis=1)
-                    value = interpolate(clock, np.column_stack([np.zeros(len(times)), times]), speeds)
-                    over = clock >= times[:, -1] - 1e-9
+                    begin = begun.start[:, actor], begun.target[:, actor]
+                    value, over = follow_profile(action, table, *begin, clock)
                 case Gap():
                     value = close_gap(action, self.bodies, table, every, self.dt)
                 case Synchronize():

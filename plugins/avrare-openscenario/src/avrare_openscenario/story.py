@@ -103,15 +103,15 @@ class SpeedProfile:
 
     Attributes:
         actor: Index of the vehicle.
-        durations: Time for each, empty: as fast as the rates allow [s].
+        durations: Least time for each [s].
         speeds: The speeds [m/s].
-        rates: Highest acceleration and deceleration, where there are no times [m/s^2].
+        limits: Highest acceleration and deceleration [m/s^2], and highest rates of both [m/s^3].
     """
 
     actor: int
     durations: tuple[Number, ...]
     speeds: tuple[Number, ...]
-    rates: tuple[Number, ...] = ()
+    limits: tuple[Number, ...]
 
 
 @dataclass(frozen=True)
