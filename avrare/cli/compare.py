@@ -60,10 +60,10 @@ def _report(
 
 def _check(args: argparse.Namespace) -> None:
     if args.against is not None:
-        for option in ("estimators", "truth", "repeat"):
+        for option in ("truth", "repeat"):
             if getattr(args, option) is not None:
                 text = f"--{option} cannot be combined with --against"
-                raise UsageError(text, "--against runs Monte Carlo on both versions")
+                raise UsageError(text, "both versions are estimated once")
         return
     for option, example in (("estimators", "mc,ams"), ("budget", "steps=1e6")):
         if getattr(args, option) is None:
@@ -92,6 +92,7 @@ def _compare_versions(args: argparse.Namespace) -> PairedComparison:
             args.scenario,
             args.against,
             args.specification,
+            estimator=args.estimators,
             budget=args.budget,
             overrides=args.set,
             seed=args.seed,

@@ -19,7 +19,8 @@ from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.analysis.compare.case import ComparisonCase, GroundTruth
 from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import parse_arms
-from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
+from avrare.analysis.compare.paired_comparison import PairedComparison
+from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.errors import UsageError

@@ -6,23 +6,26 @@ change, so far fewer rollouts distinguish the versions than two estimates with i
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from avrare.analysis.compare.study import StudyWatch, parse_cost
+from avrare.analysis.compare.version_changes import EstimatedChange, PairedCounts, VersionChange
 from avrare.base.errors import UsageError, require_path
 from avrare.base.number_format import format_difference, format_signed_interval
 from avrare.base.records import Answer, Records
-from avrare.base.special_functions import bisect, normal_factor
+from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.estimate_scenario import estimate_scenario
+from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Info
-from avrare.estimation.result.intervals import Interval
-from avrare.protocols import Bools
+from avrare.protocols import Floats
 from avrare.rollout.executors.work import Executor, Work, build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
@@ -33,113 +36,13 @@ from avrare.scenario.load import load
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
+from avrare.stack.noise_names import find_noise_names
 
 _ROLLOUTS = 1000
 """Default number of rollouts of each version."""
-_FEW_DIFFERENCES = 10
-"""Rollouts with different outcomes below which a note asks for more."""
 
 PairedWatch = Callable[[int], Callable[[Info], None]]
 """Called with 0 and 1 as the first and the second version begin; gives the progress display."""
-
-
-@dataclass(frozen=True)
-class PairedCounts:
-    """Rollouts by the versions under which they failed, for one specification."""
-
-    specification: str
-    both: int
-    only_first: int
-    only_second: int
-    neither: int
-    errors: int = 0  # rollouts with an error under one version or both; not in the other counts
-
-    @staticmethod
-    def from_outcomes(specification: str, first: Bools, second: Bools, error: Bools) -> PairedCounts:
-        """Count (n,) failures under both versions."""
-        first, second = first[~error], second[~error]
-        return PairedCounts(
-            specification,
-            int((first & second).sum()),
-            int((first & ~second).sum()),
-            int((~first & second).sum()),
-            int((~first & ~second).sum()),
-            int(error.sum()),
-        )
-
-    @property
-    def count(self) -> int:
-        """Rollouts without errors."""
-        return self.both + self.only_first + self.only_second + self.neither
-
-    @property
-    def different(self) -> int:
-        """Rollouts with different outcomes."""
-        return self.only_first + self.only_second
-
-    @property
-    def first(self) -> float:
-        """Failure probability of the first version."""
-        return self._share(self.both + self.only_first)
-
-    @property
-    def second(self) -> float:
-        """Failure probability of the second version."""
-        return self._share(self.both + self.only_second)
-
-    @property
-    def difference(self) -> float:
-        """Failure probability of the second version minus that of the first."""
-        return self._share(self.only_second - self.only_first)
-
-    def _share(self, rollouts: int) -> float:
-        return rollouts / self.count if self.count else math.nan
-
-    def interval(self, confidence: float) -> Interval:
-        """Return Tango's score interval of the difference (Statistics in Medicine 17, 1998).
-
-        It holds whatever the outcome of rollouts with errors: they count against either end.
-        """
-        total, factor = self.count + self.errors, normal_factor(confidence)
-        better, worse = self.only_first, self.only_second
-
-        def end(better: int, worse: int, target: float) -> float:
-            return bisect(lambda change: -_score(better, worse, total, change), target, -1.0, 1.0)
-
-        return end(better + self.errors, worse, -factor), end(better, worse + self.errors, factor)
-
-    def verdict(self, confidence: float) -> str:
-        """Return "worse", "better", "same" (no outcome differs) or "not known"."""
-        low, high = self.interval(confidence)
-        if low > 0.0:
-            return "worse"
-        if high < 0.0:
-            return "better"
-        return "not known" if self.different + self.errors else "same"
-
-    @property
-    def p_value(self) -> float:
-        """Two-sided p-value of the score test of no change (McNemar's), which the interval inverts.
-
-        It is below 1 - confidence exactly where the interval excludes 0.
-        """
-        lead = abs(self.only_first - self.only_second) - self.errors
-        return math.erfc(lead / math.sqrt(2.0 * (self.different + self.errors))) if lead > 0 else 1.0
-
-
-def _score(better: int, worse: int, total: int, change: float) -> float:
-    """Return Tango's statistic of "the difference is ``change``": standard normal if it is."""
-    # 1. The likeliest share of ``better`` for this difference, from its quadratic equation.
-    b = 2.0 * total * change - (worse + better) + (better - worse) * change
-    c = -better * change * (1.0 - change)
-    root = math.sqrt(max(b * b - 8.0 * total * c, 0.0))
-    share = -2.0 * c / (root + b) if b > 0.0 else (root - b) / (4.0 * total)
-    # 2. The distance from it in standard errors.
-    distance = worse - better - total * change
-    variance = total * (2.0 * share + change * (1.0 - change))
-    if variance <= 0.0:
-        return math.copysign(math.inf, distance) if distance else 0.0
-    return distance / math.sqrt(variance)
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,16 +50,16 @@ class PairedComparison(Answer):
     """Result of a paired comparison.
 
     Attributes:
-        names: The files.
+        names: The files, or the controller that takes the stack's place.
         scenarios: The resolved scenarios.
-        counts: Counts of each specification.
-        rollouts: Rollouts of each version.
+        changes: Change of each specification.
+        rollouts: Rollouts of each version on the same noise; 0: an estimator chose its own.
         seed: Seed of the noise.
     """
 
     names: tuple[str, str]
     scenarios: tuple[Scenario, Scenario]
-    counts: tuple[PairedCounts, ...]
+    changes: tuple[VersionChange, ...]
     rollouts: int
     seed: int
 
@@ -168,40 +71,35 @@ class PairedComparison(Answer):
     @property
     def has_too_many_errors(self) -> bool:
         """True if more rollouts ended in an error than the first scenario allows."""
-        return max(counts.errors for counts in self.counts) > self.scenarios[0].max_error_rate * self.rollouts
+        return any(change.exceeds(self.scenarios[0].max_error_rate) for change in self.changes)
 
     def headline(self) -> list[str]:
         """Return what was compared."""
         first, second = self.names
         other = second if second != first else f"{second} with other settings"
-        return [f"{first} against {other}: {self.rollouts:,} rollouts each, on the same noise"]
+        how = f"{self.rollouts:,} rollouts each, on the same noise"
+        return [f"{first} against {other}: {how if self.rollouts else self.scenarios[0].estimator.plugin}"]
 
     def summary(self) -> list[str]:
-        """Return ``safe_distance: worse, +0.012 (+0.004 .. +0.02)`` for each specification."""
+        """Return the change of each specification and its ratio in a line."""
         lines = []
-        for counts in self.counts:
-            change = format_difference(counts.difference)
-            interval = format_signed_interval(counts.interval(self.confidence))
-            lines.append(f"{counts.specification}: {counts.verdict(self.confidence)}, {change} ({interval})")
+        for change in self.changes:
+            interval = format_signed_interval(change.interval(self.confidence))
+            text = f"{change.specification}: {change.verdict(self.confidence)}"
+            ratio = change.describe_ratio(self.confidence)
+            if change.first or change.second:
+                ratio = f"the first fails {ratio} times as often as the second"
+            lines.append(f"{text}, {format_difference(change.difference)} ({interval}); {ratio}")
         return lines
 
     def notes(self) -> list[str]:
         """Return remarks for the reader of the table."""
-        lines = self._note_other_changes()
-        for counts in self.counts:
-            if 0 < counts.different < _FEW_DIFFERENCES:
-                few = f"{counts.different} rollout{'s' * (counts.different > 1)}"
-                lines.append(f"{counts.specification}: only {few} with different outcomes: use more rollouts")
-        errors = self.counts[0].errors
-        if errors:
-            counts_text = f"{errors} of {self.rollouts} rollouts ended in an error"
-            lines.append(f"{counts_text}: the intervals allow for both outcomes")
-        return lines
+        return [*self._note_other_changes(), *(line for change in self.changes for line in change.notes)]
 
     def _note_other_changes(self) -> list[str]:
         """Return which rules differ, and whether the simulators do: the change is not the stack's alone."""
         first, second = map(comparable, self.scenarios)
-        rules = [counts.specification for counts in self.counts]
+        rules = [change.specification for change in self.changes]
         changed = [name for name in rules if first["specifications"][name] != second["specifications"][name]]
         lines = [f"{', '.join(changed)}: the two versions judge by different rules"] if changed else []
         if first["simulator"] != second["simulator"]:
@@ -210,21 +108,26 @@ class PairedComparison(Answer):
 
     def table(self) -> Records:
         """Return one row for each specification."""
-        return Records(
-            {
-                "specification": counts.specification,
-                "first": counts.first,
-                "second": counts.second,
-                "change": counts.difference,
-                "low": counts.interval(self.confidence)[0],
-                "high": counts.interval(self.confidence)[1],
-                "mended": counts.only_first,
-                "newly_failing": counts.only_second,
-                "p_value": counts.p_value,
-                "verdict": counts.verdict(self.confidence),
-            }
-            for counts in self.counts
-        )
+        rows = []
+        for change in self.changes:
+            low, high = change.interval(self.confidence)
+            ratio_low, ratio_high = change.ratio_interval(self.confidence)
+            rows.append(
+                {
+                    "specification": change.specification,
+                    "first": change.first,
+                    "second": change.second,
+                    "change": change.difference,
+                    "low": low,
+                    "high": high,
+                    "ratio": change.ratio,
+                    "ratio_low": ratio_low,
+                    "ratio_high": ratio_high,
+                    **change.numbers,
+                    "verdict": change.verdict(self.confidence),
+                }
+            )
+        return Records(rows)
 
     def lines(self) -> list[str]:
         """Return what was compared, the change of each specification, and the notes."""
@@ -236,6 +139,7 @@ def compare_versions(
     second: str | os.PathLike[str],
     specification: str | None = None,
     *,
+    estimator: str | None = None,
     budget: Budget | Mapping[str, float] | str | None = None,
     overrides: Sequence[str] = (),
     seed: int | None = None,
@@ -247,9 +151,12 @@ def compare_versions(
 
     Args:
         first: Scenario file.
-        second: The other version of it.
+        second: The other version of it, or ``"CONTROLLER=MODEL"``: the same scenario, driven by a controller
+            such as ``"reference_driver=fsm"`` in place of the stack's and its emergency braking.
         specification: Name; None: all that both estimate.
-        budget: Budget of each version, in steps or rollouts; None: 1000 rollouts.
+        estimator: Estimator of both versions where failures are rare, with options where wanted, such as
+            ``"ams:particles=100"``; None: Monte Carlo on the same noise.
+        budget: Budget of each version, in steps or rollouts; None: 1000 rollouts, or the estimator's own.
         overrides: Settings: ``"scenario.steps=20"`` for both, ``"against.steps=20"`` for the second only.
         seed: Seed of the noise; None: the first scenario's.
         workers: Number of processes; changes no number.
@@ -259,22 +166,47 @@ def compare_versions(
     Raises:
         UsageError: They have no specification in common, or cannot share their noise.
     """
-    names = require_path(first, "a scenario file"), require_path(second, "a scenario file")
     both, second_only = _split_settings(as_settings(overrides))
+    names = require_path(first, "a scenario file"), require_path(second, "a scenario file")
+    driver = read_driver(names[1])
+    plugin, *options = (estimator or "mc").split(":")
+    both += [f"estimator.{option}" for option in options] + ([] if seed is None else [f"seed={seed}"])
     with safe_mode(safe):
-        definitions = load(first, both), load(second, [*both, *second_only])
-    problems = [
-        LoadedScenario(definition).problem(specification or definition.estimated)
-        for definition in definitions
-    ]
-    seed, rollouts = definitions[0].seed if seed is None else seed, _count_rollouts(budget, problems[0].steps)
+        definitions = (
+            load(first, both, estimator and plugin),
+            load(first if driver else second, [*both, *driver, *second_only], estimator and plugin),
+        )
+    scenarios = [LoadedScenario(definition) for definition in definitions]
+    problems = [scenario.problem(specification or scenario.definition.estimated) for scenario in scenarios]
+    common = find_common(*problems)
 
-    def begin(number: int) -> Callable[[Info], None]:
+    def begin(number: int) -> Progress:
         label = f"{names[number]}  {number + 1} of 2"
         return watch(label, problems[number]) if watch is not None else lambda info: None
 
-    counts = compare_pairs(problems[0], problems[1], rollouts, seed, build_executor(workers), begin)
-    return PairedComparison(names, definitions, tuple(counts), rollouts, seed)
+    rollouts, changes = 0, list[VersionChange]()
+    if estimator is None:
+        rollouts = _count_rollouts(budget, problems[0].steps)
+        changes += compare_pairs(
+            problems[0], problems[1], rollouts, definitions[0].seed, build_executor(workers), begin
+        )
+    else:
+        paid = None if budget is None else parse_cost(budget)
+        results = []
+        for number, scenario in enumerate(scenarios):
+            shown = nullcontext(begin(number))
+            execution = Execution(partial(build_executor, workers), lambda *_, shown=shown: shown)
+            results.append(estimate_scenario(scenario, common, paid, execution))
+        changes += map(EstimatedChange, common, zip(*results, strict=True))
+    return PairedComparison(names, definitions, tuple(changes), rollouts, definitions[0].seed)
+
+
+def read_driver(text: str) -> list[str]:
+    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file."""
+    plugin, sign, model = text.partition("=")
+    if not sign or os.path.exists(text):
+        return []
+    return [f"controller={{plugin: {plugin}, model: {model}}}", "aeb=null"]
 
 
 def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -311,24 +243,15 @@ def compare_pairs(
 ) -> list[PairedCounts]:
     """Simulate both problems on the same noise and count the outcomes of each common specification.
 
-    UsageError if they have none in common, or if their noise tapes have different shapes.
+    Noise is matched by its names; what one problem does not read is left unread.
+
+    Raises:
+        UsageError: They have no specification in common, or different numbers of steps.
     """
-    names = [name for name in first.names if name in second.names]
-    if not names:
-        raise UsageError(
-            "the two scenarios have no specification in common",
-            f"{', '.join(first.names)} on one side, {', '.join(second.names)} on the other",
-        )
-    shapes = [(problem.steps, problem.noise_size) for problem in (first, second)]
-    if shapes[0] != shapes[1]:
-        raise UsageError(
-            "the two scenarios cannot share their noise: "
-            + " and ".join(f"{steps} steps of {size} numbers" for steps, size in shapes),
-            "give both as many steps, and parts that read as much noise: the same simulator and perception",
-        )
+    names, shared = find_common(first, second), _share_noise(first, second)
     outcomes = [
-        _simulate(problem, rollouts, seed, executor, watch(number) if watch else lambda info: None)
-        for number, problem in enumerate((first, second))
+        _simulate(problem, rollouts, seed, columns, executor, watch(number) if watch else lambda info: None)
+        for number, (problem, columns) in enumerate(zip((first, second), shared, strict=True))
     ]
     error = outcomes[0].error | outcomes[1].error
     one, other = (
@@ -338,10 +261,58 @@ def compare_pairs(
     return [PairedCounts.from_outcomes(name, one[name], other[name], error) for name in names]
 
 
+def find_common(first: Problem, second: Problem) -> list[str]:
+    """Return the specifications that two problems have in common.
+
+    Raises:
+        UsageError: There are none.
+    """
+    names = [name for name in first.names if name in second.names]
+    if not names:
+        raise UsageError(
+            "the two scenarios have no specification in common",
+            f"{', '.join(first.names)} on one side, {', '.join(second.names)} on the other",
+        )
+    return names
+
+
+def _share_noise(first: Problem, second: Problem) -> tuple[list[int], list[int]]:
+    """Return the numbers of a common tape that each problem reads: those of one name are the same number.
+
+    Raises:
+        UsageError: They have different numbers of steps.
+    """
+    if first.steps != second.steps:
+        text = f"the two scenarios cannot share their noise: {first.steps} and {second.steps} steps"
+        raise UsageError(text, "give both as many steps")
+    places: dict[tuple[str, int], int] = {}
+    columns = []
+    for problem in (first, second):
+        names = find_noise_names(problem.system)
+        labels = [(name, names[:k].count(name)) for k, name in enumerate(names)]
+        columns.append([places.setdefault(label, len(places)) for label in labels])
+    return columns[0], columns[1]
+
+
+class _SharedNoise(NoiseSource):
+    # gives some of the numbers of a wider tape
+    def __init__(self, seed: int, columns: Sequence[int]) -> None:
+        super().__init__(seed, len(columns))
+        self._wide, self._columns = NoiseSource(seed, max(columns, default=-1) + 1), columns
+
+    def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
+        return self._wide.normals(run, stage, particle, step)[..., self._columns]
+
+
 def _simulate(
-    problem: Problem, rollouts: int, seed: int, executor: Executor, progress: Callable[[Info], None]
+    problem: Problem,
+    rollouts: int,
+    seed: int,
+    columns: Sequence[int],
+    executor: Executor,
+    progress: Callable[[Info], None],
 ) -> Rollouts:
-    noise, parts, info = NoiseSource(seed, problem.noise_size), [], Info(goal=rollouts)
+    noise, parts, info = _SharedNoise(seed, columns), [], Info(goal=rollouts)
     rows = (np.arange(at, min(at + problem.chunk, rollouts)) for at in range(0, rollouts, problem.chunk))
     executor.open(Work(problem, noise, scored=False))
     with closing(executor):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from avrare.analysis.compare.comparison import ArmResult, Comparison
-from avrare.analysis.compare.paired_comparison import PairedComparison, PairedCounts
+from avrare.analysis.compare.paired_comparison import PairedComparison
 from avrare.analysis.compare.repetition_statistics import Summary, find_disagreements
+from avrare.analysis.compare.version_changes import VersionChange
 from avrare.base import version
 from avrare.estimation.result.result import finite
 from avrare.scenario.fingerprint import fingerprint
@@ -74,16 +75,20 @@ def paired_document(paired: PairedComparison) -> dict[str, object]:
         "rollouts": paired.rollouts,
         "seed": paired.seed,
         "confidence": paired.confidence,
-        "specifications": [_encode_counts(counts, paired.confidence) for counts in paired.counts],
+        "specifications": [_encode_change(change, paired.confidence) for change in paired.changes],
     }
     return finite(content)
 
 
-def _encode_counts(counts: PairedCounts, confidence: float) -> dict[str, object]:
-    return asdict(counts) | {
-        "probability": [counts.first, counts.second],
-        "difference": counts.difference,
-        "interval": counts.interval(confidence),
-        "p_value": counts.p_value,
-        "verdict": counts.verdict(confidence),
+def _encode_change(change: VersionChange, confidence: float) -> dict[str, object]:
+    return {
+        "specification": change.specification,
+        "probability": [change.first, change.second],
+        "difference": change.difference,
+        "interval": change.interval(confidence),
+        "ratio": change.ratio,
+        "ratio_interval": change.ratio_interval(confidence),
+        "highest": change.highest(confidence),
+        **change.document(),
+        "verdict": change.verdict(confidence),
     }

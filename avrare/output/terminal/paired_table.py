@@ -20,20 +20,19 @@ _COLOURS = {"worse": "red", "better": "green", "same": "green", "not known": "ye
 def paired_table(paired: PairedComparison) -> Table:
     """Return one row per specification."""
     level = f"{format_confidence(paired.confidence)} interval"
-    numbers = ("first", "second", "change", level, "mended", "newly failing", "p-value")
+    numbers = ("first", "second", "change", level, "first / second", *paired.changes[0].numbers)
     table = make_table(None, ["specification"], numbers)
     table.add_column("", no_wrap=True)
-    for counts in paired.counts:
-        verdict = counts.verdict(paired.confidence)
+    for change in paired.changes:
+        verdict = change.verdict(paired.confidence)
         table.add_row(
-            escape(counts.specification),
-            format_probability(counts.first),
-            format_probability(counts.second),
-            format_difference(counts.difference),
-            format_signed_interval(counts.interval(paired.confidence)),
-            str(counts.only_first),
-            str(counts.only_second),
-            f"{counts.p_value:.2g}",
+            escape(change.specification),
+            format_probability(change.first),
+            format_probability(change.second),
+            format_difference(change.difference),
+            format_signed_interval(change.interval(paired.confidence)),
+            change.describe_ratio(paired.confidence),
+            *(f"{value:.2g}" if value < 1.0 else f"{value:,.0f}" for value in change.numbers.values()),
             f"[{_COLOURS[verdict]}]{verdict}[/]",
         )
     return table

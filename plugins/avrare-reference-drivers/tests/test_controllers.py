@@ -192,6 +192,27 @@ def test_a_driver_who_sees_the_truth_needs_no_tracker(tmp_path):
     assert result.probability == 0.0
 
 
+def test_a_stack_is_compared_with_a_driver_by_name(tmp_path):
+    path = tmp_path / "cut_in.yaml"
+    path.write_text(SCENARIO.replace("model: fsm", "model: cc, ttc_reading: waits"))
+    blind = ["against.perception=null", "against.tracker=null"]
+    same = avrare.compare_versions(
+        path, "reference_driver=fsm", budget="rollouts=20", overrides=["scenario.controller.model=fsm"]
+    )
+    assert same.changes[0].verdict(0.95) == "not known"
+    crash = ["scenario.simulator.vehicles.0.x=22"]
+    late = avrare.compare_versions(
+        path, "reference_driver=fsm", budget="rollouts=20", overrides=crash + blind
+    )
+    assert late.changes[0].verdict(0.95) == "worse"
+    assert "0 (at most" in late.changes[0].describe_ratio(0.95)
+    rare = avrare.compare_versions(
+        path, "reference_driver=fsm", estimator="mc:rollouts=30", overrides=[*crash, *blind]
+    )
+    assert [result.rollouts for result in rare.changes[0].results] == [30, 30]
+    assert (rare.changes[0].first, rare.changes[0].second) == (0.0, 1.0)
+
+
 def test_the_shipped_scene_orders_the_drivers_as_the_grids_do():
     collisions = {}
     for model in ("cc", "fsm"):

@@ -11,7 +11,8 @@ import pytest
 from scipy import stats
 
 import avrare
-from avrare.analysis.compare.paired_comparison import PairedCounts, compare_pairs
+from avrare.analysis.compare.paired_comparison import compare_pairs
+from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare.rollout.executors.processes import ProcessExecutor
@@ -158,8 +159,105 @@ def test_scenarios_that_cannot_be_paired_are_refused():
     named = avrare.Problem(Fails(1.0), {"other": avrare.stl("always (gap > 0)")}, 0)
     with pytest.raises(UsageError, match="no specification in common"):
         pairs(problem(1.0), named)
-    with pytest.raises(UsageError, match="1 numbers and 0 steps of 3 numbers"):
-        pairs(problem(1.0), problem(1.0, noise_size=3))
+    longer = avrare.Problem(Fails(1.0), avrare.stl("always (gap > 0)"), 2)
+    with pytest.raises(UsageError, match="0 and 2 steps"):
+        pairs(problem(1.0), longer)
+
+
+@dataclass
+class Named:
+    """System that fails if the noise of one name exceeds 1, and reads others."""
+
+    noise_names: tuple[str, ...]
+
+    @property
+    def noise_size(self):
+        return len(self.noise_names)
+
+    def initial(self, noise):
+        return {"x": noise[:, self.noise_names.index("gust")]}
+
+    def step(self, state, noise):
+        return state
+
+    def signals(self, state):
+        return {"gap": 1.0 - state["x"]}
+
+
+def test_noise_is_matched_by_its_names():
+    named = [
+        avrare.Problem(Named(names), avrare.stl("always (gap > 0)"), 0)
+        for names in (("seen", "gust"), ("gust",), ("seen", "lag", "gust", "gust"), ("gust",))
+    ]
+    for first, second in itertools.permutations(named, 2):
+        pair = pairs(first, second)
+        assert pair.different == 0
+        assert pair.both > 30
+
+
+def test_the_first_version_has_the_rollouts_of_a_run():
+    walk = avrare.Problem(Named(("lag", "gust")), avrare.stl("always (gap > 0)"), 0)
+    pair = pairs(walk, avrare.Problem(Named(("gust", "wind")), avrare.stl("always (gap > 0)"), 0), seed=5)
+    alone = avrare.estimate(walk, "mc", rollouts=400, seed=5)
+    assert pair.both + pair.only_first == alone.failures.count
+
+
+@pytest.mark.parametrize("ratio", [0.6, 1.0, 1.7])
+def test_the_ratio_is_judged_by_the_likeliest_shares(ratio):
+    """Compute the statistic by its definition, with the likelihood maximised on a grid."""
+    both, first, second, total = 5, 9, 4, 100
+    common, alone = np.meshgrid(np.linspace(1e-4, 0.3, 1500), np.linspace(1e-4, 0.3, 1500))
+    other = ratio * alone + (ratio - 1.0) * common
+    rest = 1.0 - common - alone - other
+    with np.errstate(invalid="ignore", divide="ignore"):
+        likely = both * np.log(common) + first * np.log(other) + second * np.log(alone)
+        likely = np.nan_to_num(likely + (total - both - first - second) * np.log(rest), nan=-np.inf)
+    best = np.unravel_index(likely.argmax(), likely.shape)
+    spread = total * (other + ratio**2 * alone + (1.0 - ratio) ** 2 * common)[best]
+    by_hand = ((both + first) - ratio * (both + second)) / math.sqrt(spread)
+    confidence = 1.0 - math.erfc(abs(by_hand) / math.sqrt(2.0))
+    ends = PairedCounts("", both, first, second, total - both - first - second).ratio_interval(confidence)
+    assert min(abs(end - ratio) for end in ends) < 2e-3
+
+
+def test_the_ratio_of_equal_counts_is_symmetric():
+    low, high = PairedCounts("", 3, 2, 2, 90).ratio_interval(0.95)
+    assert low * high == pytest.approx(1.0)
+    assert PairedCounts("", 3, 5, 2, 90).ratio_interval(0.95)[0] == pytest.approx(
+        1.0 / PairedCounts("", 3, 2, 5, 90).ratio_interval(0.95)[1]
+    )
+
+
+@pytest.mark.parametrize(("worse", "better"), [(0.01, 0.004), (0.002, 0.002), (0.02, 0.002)])
+def test_the_interval_of_the_ratio_covers(worse, better):
+    """Sum the coverage over all outcomes in which a version fails."""
+    covered = total = 0.0
+    for pair, chance in outcomes(1000, worse, better):
+        if pair.different:
+            low, high = pair.ratio_interval(0.95)
+            covered += chance * (low <= better / worse <= high)
+            total += chance
+    assert covered / total >= 0.93
+
+
+def test_neither_version_fails():
+    pair = PairedCounts("s", 0, 0, 0, 1000)
+    assert pair.verdict(0.95) == "not known"
+    assert pair.describe_ratio(0.95) == "at most 0.0037 each"
+    assert math.isnan(pair.ratio)
+    assert PairedCounts("s", 3, 0, 0, 997).verdict(0.95) == "same"
+
+
+def test_one_version_never_fails():
+    pair = PairedCounts("s", 0, 8, 0, 992)
+    assert pair.describe_ratio(0.95) == "at least 2.1"
+    assert PairedCounts("s", 0, 0, 8, 992).describe_ratio(0.95) == "0 (at most 0.48)"
+
+
+def test_errors_may_decide_the_ratio_either_way():
+    low, high = PairedCounts("s", 10, 10, 10, 960, errors=10).ratio_interval(0.95)
+    assert low < PairedCounts("s", 10, 10, 20, 960).ratio_interval(0.95)[0] + 1e-9
+    assert high > PairedCounts("s", 10, 20, 10, 960).ratio_interval(0.95)[1] - 1e-9
 
 
 @pytest.mark.slow
@@ -186,6 +284,7 @@ def test_on_the_command_line(tmp_path, capsys):
         (["--budget", "seconds=3"], "is not comparable: its cost differs between machines and runs"),
         (["--budget", "steps=3"], "does not cover one rollout"),
         (["--set", "against.steps=20"], "cannot share their noise"),
+        (["--estimators", "amms"], "amms"),
         (["--workers", "0"], "at least 1"),
     ],
 )

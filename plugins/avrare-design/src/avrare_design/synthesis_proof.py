@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from avrare.analysis.compare.paired_comparison import PairedCounts, compare_pairs
+from avrare.analysis.compare.paired_comparison import compare_pairs
+from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.base.number_format import format_interval, format_probability, format_signed_interval
 from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
