@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, model_validator
 
 Unit = Literal["hour", "km"]
 Positive = Annotated[float, Field(gt=0.0)]
 
 
 class Exposure(BaseModel):
-    """Exposure to a scene: a count over hours or km, or a rate with an interval."""
+    """Exposure to a scene: a count or counts over hours or km, or a rate with an interval."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     count: int | None = Field(default=None, ge=0, description="times that the scene was met")
-    hours: Positive | None = Field(default=None, description="hours of driving in which it was counted")
-    km: Positive | None = Field(default=None, description="km of driving in which it was counted")
+    counts: tuple[NonNegativeInt, ...] | None = Field(
+        default=None, min_length=2, description="times in each of several blocks of driving of equal length"
+    )
+    hours: Positive | None = Field(
+        default=None, description="hours of driving in which it was counted; with counts those of one block"
+    )
+    km: Positive | None = Field(default=None, description="km of driving, in place of hours")
     per_hour: Positive | None = Field(default=None, description="times per hour, in place of a count")
     per_km: Positive | None = Field(default=None, description="times per km, in place of a count")
     interval: tuple[float, float] | None = Field(
@@ -27,11 +32,13 @@ class Exposure(BaseModel):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        given = [name for name in ("count", "per_hour", "per_km") if getattr(self, name) is not None]
+        given = [
+            name for name in ("count", "counts", "per_hour", "per_km") if getattr(self, name) is not None
+        ]
         if len(given) != 1:
-            raise ValueError("give one of count, per_hour and per_km")
+            raise ValueError("give one of count, counts, per_hour and per_km")
         over = [name for name in ("hours", "km") if getattr(self, name) is not None]
-        if len(over) != (given == ["count"]):
+        if len(over) != (given[0] in ("count", "counts")):
             raise ValueError("a count needs either hours or km, and nothing else takes them")
         if self.interval is not None:
             value, (low, high) = self.per_hour or self.per_km, self.interval
@@ -45,3 +52,8 @@ class Exposure(BaseModel):
     def unit(self) -> Unit:
         """Unit that the rate is per."""
         return "hour" if self.hours is not None or self.per_hour is not None else "km"
+
+    @property
+    def total(self) -> int | None:
+        """Times that the scene was met in all; None where no count is given."""
+        return sum(self.counts) if self.counts is not None else self.count

@@ -239,7 +239,7 @@ def _say_rate(unit: str, value: float, interval: Interval) -> str:
 
 
 def _describe_exposure(exposure: Exposure, met: Quantity) -> str:
-    source = f"counted {exposure.count:,} times" if exposure.count is not None else "as the scenario says"
+    source = f"counted {exposure.total:,} times" if exposure.total is not None else "as the scenario says"
     often = f"{met.value:.3g} times per {exposure.unit}"
     often += f" ({met.low:.2g} – {met.high:.2g})" if met.low < met.high else ""
     return f"This scene is met {often}, {source}."

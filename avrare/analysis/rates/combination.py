@@ -16,8 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import variance
 
-from avrare.base.special_functions import normal_factor
+from avrare.base.special_functions import normal_factor, t_factor
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.scenario.exposure import Exposure
 
@@ -107,13 +108,27 @@ def from_rollouts(failures: int, rollouts: int, errors: int, confidence: float, 
     return Quantity(failures / rollouts, low, high)
 
 
-def from_count(count: int, amount: float, confidence: float) -> Quantity:
+def from_count(count: float, amount: float, confidence: float) -> Quantity:
     """Return the rate of events of which ``count`` were seen in ``amount`` hours or km (Jeffreys)."""
     from scipy.special import gammaincinv
 
     tail = (1.0 - confidence) / 2.0
     low = float(gammaincinv(count + 0.5, tail)) if count else 0.0
     return Quantity(count / amount, low / amount, float(gammaincinv(count + 0.5, 1.0 - tail)) / amount)
+
+
+def from_blocks(counts: Sequence[int], amount: float, confidence: float) -> Quantity:
+    """Return the rate of events that were counted in blocks of ``amount`` hours or km each.
+
+    Their variance may exceed Poisson's: events and driving are divided by its ratio to the mean, times the
+    square of Student's t over the normal factor, as that ratio is itself an estimate (Wedderburn 1974).
+    """
+    total, blocks = sum(counts), len(counts)
+    scatter = 1.0
+    if total:
+        widening = t_factor(confidence, blocks - 1) / normal_factor(confidence)
+        scatter = max(variance(counts) * blocks / total, 1.0) * widening**2
+    return from_count(total / scatter, blocks * amount / scatter, confidence)
 
 
 def from_interval(value: float, interval: Interval, given: float, confidence: float) -> Quantity:
@@ -126,8 +141,11 @@ def from_interval(value: float, interval: Interval, given: float, confidence: fl
 
 def from_exposure(exposure: Exposure, confidence: float) -> Quantity:
     """Return how often a scene is met, per hour or per km, with its interval at a level."""
+    amount = exposure.hours or exposure.km or 1.0
     if exposure.count is not None:
-        return from_count(exposure.count, exposure.hours or exposure.km or 1.0, confidence)
+        return from_count(exposure.count, amount, confidence)
+    if exposure.counts is not None:
+        return from_blocks(exposure.counts, amount, confidence)
     value = exposure.per_hour or exposure.per_km or 0.0
     if exposure.interval is None:
         return Quantity(value, value, value)

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from avrare.analysis.rates.allocation import LEAST, allocate
-from avrare.analysis.rates.combination import Quantity, combine, from_count, from_interval, from_rollouts
+from avrare.analysis.rates.combination import (
+    Quantity,
+    combine,
+    from_blocks,
+    from_count,
+    from_exposure,
+    from_interval,
+    from_rollouts,
+)
 from avrare.base.errors import UsageError
+from avrare.scenario.exposure import Exposure
 
 
 def known(value):
@@ -100,3 +109,24 @@ def test_neyman_s_shares_have_the_least_variance():
     others = rng.dirichlet(np.ones(3), 200) * 3000
     assert variance(best) <= min(map(variance, others)) * 1.001
     assert variance(best) < variance([1000] * 3)
+
+
+def test_counts_by_block_have_the_interval_of_their_scatter():
+    rng = np.random.default_rng(1)
+    for scatter, blocks, least in ((1.0, 63, 0.94), (3.6, 63, 0.93), (3.6, 12, 0.92)):
+        covered = 0
+        for _ in range(1000):
+            law = rng.gamma(4.7 / (scatter - 1.0), scatter - 1.0, blocks) if scatter > 1.0 else 4.7
+            rate = from_blocks([int(x) for x in rng.poisson(law, blocks)], 1.0, 0.95)
+            covered += rate.low <= 4.7 <= rate.high
+        assert covered / 1000 > least
+
+
+def test_blocks_without_scatter_count_as_poisson_and_few_blocks_widen():
+    even = from_exposure(Exposure(counts=[5] * 60, km=100.0), 0.95)
+    poisson = from_count(300, 6000.0, 0.95)
+    assert Exposure(counts=[5] * 60, km=100.0).total == 300
+    assert even.value == poisson.value == 0.05
+    assert 1.0 < (even.high - even.low) / (poisson.high - poisson.low) < 1.05
+    assert from_blocks([0, 0, 0], 2.0, 0.95) == from_count(0, 6.0, 0.95)
+    assert from_blocks([5, 5], 1.0, 0.95).low < from_count(10, 2.0, 0.95).low

@@ -80,7 +80,12 @@ def test_scenes_have_seeds_and_settings_of_their_own(catalogue):
     [
         ("count: 30", "count: -1", "6:61", "greater than or equal to 0"),
         ("{count: 30, hours: 10.0}", "{count: 30}", "6:53", "a count needs either hours or km"),
-        ("{per_hour: 2.0}", "{per_hour: 2.0, per_km: 1.0}", "8:50", "give one of count, per_hour and per_km"),
+        (
+            "{per_hour: 2.0}",
+            "{per_hour: 2.0, per_km: 1.0}",
+            "8:50",
+            "give one of count, counts, per_hour and per_km",
+        ),
         ("{per_hour: 2.0}", "{per_hour: 2.0, interval: [3.0, 4.0]}", "8:50", "interval must contain"),
         ("speed: 50\n", "", "1:1", "hours and km are mixed"),
         ("name: known", "name: storm", "1:1", "name of its own"),
