@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 
 from avrare.base.errors import ScenarioError
@@ -12,6 +13,14 @@ from avrare.scenario.yaml import parse_value
 def as_settings(settings: Sequence[str]) -> tuple[str, ...]:
     """Return settings as a tuple; a string is a single one, and not a sequence of its letters."""
     return (settings,) if isinstance(settings, str) else tuple(settings)
+
+
+def read_driver(text: str) -> list[str]:
+    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file."""
+    plugin, sign, model = text.partition("=")
+    if not sign or os.path.exists(text):
+        return []
+    return [f"controller={{plugin: {plugin}, model: {model}}}", "aeb=null"]
 
 
 def override(tree: Node, settings: Sequence[str]) -> Node:

@@ -114,6 +114,8 @@ def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts
     if scenario.aeb is not None:
         with _locate_errors(scenario, "aeb"):
             controller = add_emergency_braking(controller, scenario.aeb, clock.paced(known, clock.planner))
+    if controller is not None and adapt(Controller, controller).sees_truth:
+        perception, tracker = None, None  # nobody reads them
     timing, actuators = scenario.timing or Timing(), scenario.actuators or Actuators()
     with _locate_errors(scenario, "timing"):
         return time_parts(timing, actuators, clock, scene, Parts(perception, tracker, controller))

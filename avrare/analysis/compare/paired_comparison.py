@@ -33,7 +33,7 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare.scenario.fingerprint import comparable
 from avrare.scenario.load import load
-from avrare.scenario.overrides import as_settings
+from avrare.scenario.overrides import as_settings, read_driver
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
 from avrare.stack.noise_names import find_noise_names
@@ -199,14 +199,6 @@ def compare_versions(
             results.append(estimate_scenario(scenario, common, paid, execution))
         changes += map(EstimatedChange, common, zip(*results, strict=True))
     return PairedComparison(names, definitions, tuple(changes), rollouts, definitions[0].seed)
-
-
-def read_driver(text: str) -> list[str]:
-    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file."""
-    plugin, sign, model = text.partition("=")
-    if not sign or os.path.exists(text):
-        return []
-    return [f"controller={{plugin: {plugin}, model: {model}}}", "aeb=null"]
 
 
 def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -214,14 +214,19 @@ def test_a_stack_is_compared_with_a_driver_by_name(tmp_path):
 
 
 def test_the_shipped_scene_orders_the_drivers_as_the_grids_do():
+    path = Path(__file__).parents[3] / "scenarios" / "motorway_cut_in.yaml"
+    fast = ["simulator.draws={}", "simulator.parameters.Closing=7.0"]
     collisions = {}
     for model in ("cc", "fsm"):
-        path = Path(__file__).parents[3] / "scenarios" / "motorway_cut_in.yaml"
-        loop = avrare.load(path, [f"controller={{plugin: reference_driver, model: {model}}}"]).stack.loop
-        noise = np.random.default_rng(1).standard_normal((80, 200, loop.noise_size))
-        state, gap = loop.initial(noise[0]), np.full(200, np.inf)
-        for row in noise[1:]:
-            state = loop.step(state, row)
-            gap = np.minimum(gap, loop.signals(state)["gap"])
-        collisions[model] = int((gap <= 0.0).sum())
-    assert 0 < collisions["fsm"] < collisions["cc"] < 40
+        driver = [f"controller={{plugin: reference_driver, model: {model}}}", "aeb=null"]
+        problem = avrare.load(path, [*fast, *driver]).problem("no_collision")
+        assert problem.noise_size == 3  # those of the scene alone: the driver sees the truth
+        collisions[model] = avrare.estimate(problem, "mc", rollouts=200, seed=1).failures.count
+    assert 0 < collisions["fsm"] < collisions["cc"] < 100
+
+
+def test_cruise_holds_the_speed_of_the_start():
+    controller = build_cruise(CruiseConfig(), scene())
+    _, speed, braked = drive(controller, 23.0, [1e5, 1e5], 30.0, steps=50)
+    np.testing.assert_allclose(speed, 23.0)
+    assert not braked.any()

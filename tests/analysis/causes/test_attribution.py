@@ -180,9 +180,8 @@ def test_a_change_that_multiplies_failures_is_not_told_by_those_that_vanish():
 
 
 def test_other_planners_are_tried_without_being_asked_for():
-    problem = avrare.load("scenarios/motorway_cut_in.yaml", ["controller.braking=1.0"]).problem(
-        "no_collision"
-    )
+    settings = ["controller.braking=1.0", "simulator.draws={}", "simulator.parameters.Closing=6.0"]
+    problem = avrare.load("scenarios/motorway_cut_in.yaml", settings).problem("no_collision")
     sample = sample_failures(problem, 300, 1, 0.95, TapeRunner())
     found = attribute(problem, sample, fresh=0, groups=[])
     vanish = {saving.name: saving.vanish for saving in found.savings}

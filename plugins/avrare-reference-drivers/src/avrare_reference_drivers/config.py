@@ -46,7 +46,9 @@ class ReferenceDriverConfig(_Lateral):
 class CruiseConfig(_Lateral):
     """Options of the controller ``cruise``."""
 
-    set_speed: float = Field(default=25.0, ge=0.0, description="speed on a free road [m/s]")
+    set_speed: float | None = Field(
+        default=None, ge=0.0, description="speed on a free road [m/s]; default: that of the start"
+    )
     acceleration: float = Field(default=1.5, gt=0.0, description="bound of its acceleration [m/s^2]")
     braking: float = Field(default=3.0, gt=0.0, description="bound of its braking behind others [m/s^2]")
     gap_gain: float = Field(default=0.2, gt=0.0, description="acceleration per metre of gap [1/s^2]")

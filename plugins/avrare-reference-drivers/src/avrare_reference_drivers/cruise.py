@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from avrare.driving import Action, Prediction, Scene, Vehicles
-from avrare.protocols import Controller
+from avrare.protocols import Controller, Floats
 from avrare_reference_drivers.config import CruiseConfig, HoldConfig
 from avrare_reference_drivers.drivers import following_distance
 from avrare_reference_drivers.path import Path
@@ -13,16 +13,20 @@ from avrare_reference_drivers.surroundings import find_leader, find_situation, s
 
 
 class Cruise(Controller):
-    """Cruise control that keeps the distance of R157 5.2.3.3 to the vehicle ahead; no memory."""
+    """Cruise control that keeps the distance of R157 5.2.3.3 to the vehicle ahead.
+
+    Its memory is the set speed, NaN before the first step where it is that of the start.
+    """
 
     horizon = 1
 
     def __init__(self, config: CruiseConfig, scene: Scene) -> None:
         self._config, self._scene = config, scene
 
-    def start(self, n: int) -> None:
-        """Return no memory."""
-        return
+    def start(self, n: int) -> Floats:
+        """Return the set speed of ``n`` particles."""
+        speed = self._config.set_speed
+        return np.full(n, np.nan if speed is None else speed)
 
     def alternatives(self) -> dict[str, Controller]:
         """Return one that brakes earlier and harder behind others."""
@@ -30,17 +34,17 @@ class Cruise(Controller):
         change = {"gap_gain": 2.0 * config.gap_gain, "braking": 2.0 * config.braking}
         return {"brakes earlier and harder": Cruise(config.model_copy(update=change), self._scene)}
 
-    def act(self, memory: None, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, None]:
+    def act(self, memory: Floats, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Floats]:
         """Return the lower acceleration of set speed and distance."""
-        config, scene = self._config, self._scene
+        config, scene, set_speed = self._config, self._scene, np.where(np.isnan(memory), ego.speed, memory)
         gap, speed, exists = find_leader(find_situation("cruise", scene, ego, prediction), config.margin)
-        free = config.speed_gain * (config.set_speed - ego.speed)
+        free = config.speed_gain * (set_speed - ego.speed)
         room = gap - following_distance(ego.speed)
         behind = config.gap_gain * room + config.speed_gain * (speed - ego.speed)
         wanted = np.where(exists, np.minimum(free, behind), free)
         wanted = np.clip(wanted, -config.braking, config.acceleration)
         turn = steer_in_lane(scene.road, ego, config.y_goal)
-        return Action(np.maximum(wanted, -ego.speed / scene.dt), turn), None
+        return Action(np.maximum(wanted, -ego.speed / scene.dt), turn), set_speed
 
 
 class Hold(Controller):
