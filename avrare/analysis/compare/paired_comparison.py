@@ -246,11 +246,13 @@ def compare_pairs(
         for number, (problem, columns) in enumerate(zip((first, second), shared, strict=True))
     ]
     error = outcomes[0].error | outcomes[1].error
-    one, other = (
-        {name: found.violated[:, k] for k, name in enumerate(problem.names)}
-        for found, problem in zip(outcomes, (first, second), strict=True)
+    first_failed, second_failed = (
+        {name: outcome.violated[:, k] for k, name in enumerate(problem.names)}
+        for outcome, problem in zip(outcomes, (first, second), strict=True)
     )
-    return [PairedCounts.from_outcomes(name, one[name], other[name], error) for name in names]
+    return [
+        PairedCounts.from_outcomes(name, first_failed[name], second_failed[name], error) for name in names
+    ]
 
 
 def find_common(first: Problem, second: Problem) -> list[str]:
