@@ -72,6 +72,16 @@ def format_amount(value: float, digits: int = 2) -> str:
     return f"{value / 1000.0**thousands:.{decimals}f}{'kM'[thousands - 1] if thousands else ''}"
 
 
+def format_ratio(ratio: float, interval: Sequence[float]) -> str:
+    """Return a ratio with its interval, ``0.4 (0.2 .. 0.7)``."""
+    low, high = interval
+    if high == math.inf:
+        return f"at least {format_amount(low)}"
+    if ratio == 0.0:
+        return f"0 (at most {format_amount(high)})"
+    return f"{format_amount(ratio)} ({format_amount(low)} .. {format_amount(high)})"
+
+
 def format_amount_in_words(value: float) -> str:
     """Return two significant digits for a sentence: ``65``, ``1,900``, ``3.4 million``."""
     rounded = float(f"{value:.1e}")

@@ -34,6 +34,7 @@ def execute(args: argparse.Namespace) -> int:
             **{name: getattr(args, name) for name in ("workers", "executor", "budget", "json")},
             **{name: getattr(args, name) for name in ("quiet", "plain", "out", "resume")},
             catalogue=catalogue.path,
+            against=None,
         ),
         "check",
     )

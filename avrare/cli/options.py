@@ -138,6 +138,8 @@ OPTIONS: dict[str, Options] = {
         "--executor NAME": RUN["--executor NAME"],
         "--budget KIND=N": "budget of all scenes together, the pilot included: steps=N or rollouts=N; "
         "default: the catalogue's",
+        "--against CONTROLLER=MODEL": "another driver of the same scenes, such as reference_driver=fsm: how "
+        "many times as often the stack breaks each rule",
         "--out DIR": "results folder (default: a new one under runs/)",
         **RESUME,
         **SAFE,

@@ -47,6 +47,7 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
                 out,
                 args.resume,
                 lambda scenario, paid, checkpoint: estimate_run(scenario, args, paid, checkpoint, stop),
+                args.against,
             )
     except (Interrupted, KeyboardInterrupt) as error:
         hint = f"resume with {_resume_command(command, args, out)}"
@@ -63,5 +64,6 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
 
 def _resume_command(command: str, args: argparse.Namespace, out: Path) -> str:
     budget = ["--budget", str(args.budget)] if args.budget is not None else []
+    budget += ["--against", args.against] if args.against is not None else []
     safe = ["--safe"] if is_safe() else []
     return shlex.join(["avrare", command, args.catalogue, "--out", str(out), "--resume", *budget, *safe])

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
 from functools import partial
 
-from avrare.base.number_format import format_amount, format_count, format_probability
+from avrare.base.number_format import format_count, format_probability, format_ratio
 from avrare.base.special_functions import bisect, normal_factor
 from avrare.estimation.result.intervals import Interval, clopper_pearson
 from avrare.estimation.result.ratios import divide_estimates, subtract_estimates
@@ -100,16 +100,6 @@ class VersionChange(ABC):
         if not (self.first or self.second):
             return f"at most {format_probability(self.highest(confidence), 2)} each"
         return format_ratio(self.ratio, self.ratio_interval(confidence))
-
-
-def format_ratio(ratio: float, interval: Interval) -> str:
-    """Return a ratio with its interval, ``0.4 (0.2 .. 0.7)``."""
-    low, high = interval
-    if high == math.inf:
-        return f"at least {format_amount(low)}"
-    if ratio == 0.0:
-        return f"0 (at most {format_amount(high)})"
-    return f"{format_amount(ratio)} ({format_amount(low)} .. {format_amount(high)})"
 
 
 @dataclass(frozen=True)

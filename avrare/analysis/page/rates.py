@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 
 from avrare.analysis.page.rates_model import Rate, RatesModel, Table
 from avrare.analysis.rates.combination import Total
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates, RuleRate
 from avrare.analysis.rates.scene_estimates import SceneEstimate
-from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
+from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings, list_scenes
 from avrare.base.chart import Scale, make_log_scale
 from avrare.base.number_format import (
     format_count,
@@ -22,9 +23,9 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
     """Return everything that the page of a catalogue shows."""
     document = rates.catalogue.document
     totals: dict[str, list[Total]] = {}
-    for rate in rates.rates:
-        for unit, total in rate.totals.items():
-            totals.setdefault(unit, []).append(total)
+    rows = list(_list_rates(rates))
+    for _, _, unit, total in rows:
+        totals.setdefault(unit, []).append(total)
     broken = f"{BROKEN[0].upper()}{BROKEN[1:]}: {', '.join(rates.errors)}."
     notices = ((broken,) if rates.errors else (), tuple(describe_warnings(rates)))
     facts = (
@@ -37,11 +38,36 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
         document.name,
         document.description or "",
         facts,
+        tuple(f"{balance.describe(rates.driver)}." for balance in rates.balances),
         tuple(filter(None, notices)),
         {unit: _make_axis(several) for unit, several in totals.items()},
-        tuple(_build_rate(rate, unit, total) for rate in rates.rates for unit, total in rate.totals.items()),
-        (*(_list_scenes(rates, rate) for rate in rates.rates), *_list_own(rates), _list_exposures(rates)),
+        tuple(_build_rate(*row) for row in rows),
+        (
+            *_list_versions(rates),
+            *(_list_scenes(rates, rate) for rate in rates.rates),
+            *_list_own(rates),
+            _list_exposures(rates),
+        ),
     )
+
+
+def _list_rates(rates: CatalogueRates) -> Iterator[tuple[str, RuleRate, str, Total]]:
+    # each rule's rate and below it that of the other driver, with its name
+    others = rates.reference.rates if rates.reference is not None else ()
+    for rate, other in zip_longest(rates.rates, others):
+        for unit, total in rate.totals.items():
+            yield rate.rule, rate, unit, total
+            if other is not None:
+                yield rates.driver, other, unit, other.totals[unit]
+
+
+def _list_versions(rates: CatalogueRates) -> list[Table]:
+    rows = list_scenes(rates)
+    if not rows:
+        return []
+    text = f"Probabilities of the stack and of {rates.driver}, and each scene's share of the stack's rate."
+    heads = ("Rule", "Scene", "Stack", "Interval", "Driver", "Interval", "Stack / driver", "Share")
+    return [Table("Stack and driver", text, heads, tuple(rows), (1,))]
 
 
 def _make_axis(totals: Sequence[Total]) -> Scale:
@@ -49,13 +75,13 @@ def _make_axis(totals: Sequence[Total]) -> Scale:
     return make_log_scale([*ends, *(total.interval[1] / 10.0 for total in totals)])
 
 
-def _build_rate(rate: RuleRate, unit: str, total: Total) -> Rate:
+def _build_rate(name: str, rate: RuleRate, unit: str, total: Total) -> Rate:
     verdicts = [
         (decision.verdict, f"{decision.threshold.text}{decision.explanation}")
         for decision in rate.decisions
         if decision.threshold.unit == unit
     ]
-    return Rate(rate.rule, unit, total.value, total.interval, total.sampling, total.exposure, tuple(verdicts))
+    return Rate(name, unit, total.value, total.interval, total.sampling, total.exposure, tuple(verdicts))
 
 
 def _list_scenes(rates: CatalogueRates, rate: RuleRate) -> Table:

@@ -44,6 +44,7 @@ class RatesModel(StoredModel):
         name: Name of the catalogue.
         description: What it says of itself.
         facts: Facts below the title.
+        answers: Sentences on the risk balance; empty without another driver.
         notices: Scenes with too many errors, and warned estimates: the lines of each.
         axes: Axis of the intervals of each unit.
         rates: Rates of the rules.
@@ -53,6 +54,7 @@ class RatesModel(StoredModel):
     name: str
     description: str
     facts: tuple[str, ...]
+    answers: tuple[str, ...]
     notices: tuple[tuple[str, ...], ...]
     axes: dict[str, Scale]
     rates: tuple[Rate, ...]

@@ -15,6 +15,7 @@ from avrare.base.stored_files import open_regular
 from avrare.estimation.plan.budget import Budget
 from avrare.plugin.registry import default_registry
 from avrare.scenario.load import check_estimator, load
+from avrare.scenario.overrides import read_driver
 from avrare.scenario.safe_mode import TRUST, is_safe, refuse_outside
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import Mistake, check, scenario_error
@@ -37,6 +38,7 @@ class Catalogue:
         rules: Specifications that are estimated.
         own: Of each scene, the rules that an estimator of its own estimates.
         blocks: Of each scene, the estimator as it is written in the catalogue; None: it is not.
+        driver: Settings of all scenes that let another controller drive, in place of the stack's.
     """
 
     path: str
@@ -44,6 +46,19 @@ class Catalogue:
     rules: tuple[str, ...]
     own: tuple[tuple[str, ...], ...]
     blocks: tuple[Node | None, ...] = field(compare=False)
+    driver: tuple[str, ...] = ()
+
+    def drive_by(self, text: str) -> Catalogue:
+        """Return the catalogue with the controller that ``CONTROLLER=MODEL`` names in place of the stack's.
+
+        Raises:
+            UsageError: The text names none.
+        """
+        settings = read_driver(text)
+        if not settings:
+            hint = "write CONTROLLER=MODEL, such as reference_driver=fsm"
+            raise UsageError(f"{text}: is no driver of a catalogue's scenes", hint)
+        return replace(self, driver=tuple(settings))
 
     def shared(self, index: int) -> tuple[str, ...]:
         """Return the rules of a scene that are estimated by a share of the Monte Carlo rollouts."""
@@ -65,7 +80,7 @@ class Catalogue:
         ]
         tags = entry.model_dump(include={"requirements", "odd", "objective"}, exclude_defaults=True)
         common += [f"{key}={json.dumps(value)}" for key, value in tags.items()]
-        named = [f"name={entry.name}", f"seed={seed}"]
+        named = [*self.driver, f"name={entry.name}", f"seed={seed}"]
         if phase == "own":
             return load(_path(self.path, entry), [*entry.set, *named, *common], self.blocks[index])
         plain = [f"estimator.rollouts={rollouts}", "cross_check=false"]

@@ -27,7 +27,7 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
 
-RATES = "rate.json"
+RATES, REFERENCE = "rate.json", "reference"
 _BUDGET = "budget.json"
 
 EstimateScene = Callable[[LoadedScenario, Budget | None, Checkpoint], list[Result]]
@@ -42,6 +42,7 @@ def rate(
     resume: bool = False,
     workers: int = 1,
     executor: str | None = None,
+    against: str | None = None,
     watch: Watch | None = None,
     safe: bool = False,
 ) -> CatalogueRates:
@@ -54,6 +55,8 @@ def rate(
         resume: Continue the interrupted run in ``out``.
         workers: Number of processes; changes no number.
         executor: Executor with its options, as for ``--executor``.
+        against: ``"CONTROLLER=MODEL"``, such as ``"reference_driver=fsm"``: a controller that drives the same
+            scenes in place of the stack's, at the same cost again; the rates are compared with its own.
         watch: Progress display.
         safe: As for ``avrare.load``.
 
@@ -70,9 +73,9 @@ def rate(
     with safe_mode(safe):
         catalogue = load_catalogue(path)
         scenes = load_scenes(catalogue)
-    paid = catalogue.budget(Budget.parse(budget))
-    folder = Path(out) if resume and out is not None else choose_folder(catalogue, out)
-    return rate_catalogue(catalogue, scenes, paid, folder, resume, estimate)
+        paid = catalogue.budget(Budget.parse(budget))
+        folder = Path(out) if resume and out is not None else choose_folder(catalogue, out)
+        return rate_catalogue(catalogue, scenes, paid, folder, resume, estimate, against)
 
 
 def choose_folder(catalogue: Catalogue, out: str | os.PathLike[str] | None) -> Path:
@@ -84,7 +87,7 @@ def choose_folder(catalogue: Catalogue, out: str | os.PathLike[str] | None) -> P
     if out is None:
         return run_folder.make_new_folder([catalogue.document.name])
     folder = Path(out)
-    if any((folder / name).exists() for name in ("own", "pilot", "scenes", RATES, _BUDGET)):
+    if any((folder / name).exists() for name in ("own", "pilot", "scenes", REFERENCE, RATES, _BUDGET)):
         raise UsageError(f"{folder}: contains the run of a catalogue", "resume it, or choose another folder")
     return folder
 
@@ -104,8 +107,11 @@ def rate_catalogue(
     folder: Path,
     resume: bool,
     estimate: EstimateScene,
+    against: str | None = None,
 ) -> CatalogueRates:
     """Run the pilot, divide the budget, run the scenes, and write ``rate.json``; see ``rate``."""
+    driven = catalogue.drive_by(against) if against is not None else None
+    others = load_scenes(driven) if driven is not None else []
     document, count = catalogue.document, len(scenes)
     steps = [scene.steps for scene in scenes]
     if budget is not None:
@@ -128,6 +134,9 @@ def rate_catalogue(
     ]
     ordered = [{rule: scene[rule] for rule in catalogue.rules} for scene in estimates]
     rates = replace(compute(catalogue, ordered, broken), folder=folder)
+    if driven is not None:
+        reference = rate_catalogue(driven, others, budget, folder / REFERENCE, resume, estimate)
+        rates = replace(rates, driver=against or "", reference=reference)
     _write(folder / RATES, json.dumps(rates.to_dict(), indent=2) + "\n")
     return rates
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from avrare.analysis.rates.allocation import allocate
+from avrare.analysis.rates.balance import RiskBalance, weigh
 from avrare.analysis.rates.catalogue import Catalogue
 from avrare.analysis.rates.catalogue_document import RateThreshold
 from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
@@ -16,6 +17,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.result import Result
 from avrare.estimation.result.verdict import (
     decide,
     describe_assumption,
@@ -82,6 +84,8 @@ class CatalogueRates(Answer):
         rates: By rule.
         errors: Scenes with more errors than they allow.
         folder: Folder of the results; None where nothing was written.
+        driver: The controller that drove the same scenes in place of the stack's; empty: none did.
+        reference: Its rates.
     """
 
     catalogue: Catalogue
@@ -91,6 +95,8 @@ class CatalogueRates(Answer):
     rates: tuple[RuleRate, ...]
     errors: tuple[str, ...] = ()
     folder: Path | None = None
+    driver: str = ""
+    reference: CatalogueRates | None = None
 
     def table(self) -> Records:
         """Return one row for each rule and unit."""
@@ -121,7 +127,22 @@ class CatalogueRates(Answer):
             for rate in self.rates
             for decision in rate.decisions
         ]
+        lines += [balance.describe(self.driver) for balance in self.balances]
         return [*lines, *([f"{BROKEN}: {', '.join(self.errors)}"] if self.errors else [])]
+
+    @property
+    def balances(self) -> list[RiskBalance]:
+        """Each rule's rate beside that of the other driver; empty without one."""
+        if self.reference is None:
+            return []
+        return [
+            weigh(rate.rule, self.exposures, self._terms(rate), self.reference._terms(other))
+            for rate, other in zip(self.rates, self.reference.rates, strict=True)
+        ]
+
+    def _terms(self, rate: RuleRate) -> tuple[Total, list[Result]]:
+        total = next(iter(rate.totals.values()))
+        return total, [scene[rate.rule].result for scene in self.estimates]
 
     @property
     def own(self) -> Iterator[tuple[str, str, SceneEstimate]]:
@@ -165,6 +186,12 @@ class CatalogueRates(Answer):
             }
             for entry, exposure, rollouts, estimates in rows
         ]
+        reference = {} if self.reference is None else self.reference.to_dict()
+        compared = {
+            "driver": self.driver,
+            "balances": [balance.to_dict() for balance in self.balances],
+            **{key: reference.get(key) for key in ("scenes", "rules")},
+        }
         return {
             "schema": 1,
             "catalogue": document.name,
@@ -174,6 +201,7 @@ class CatalogueRates(Answer):
             "verdict": self.verdict,
             "scenes": scenes,
             "rules": [_rule_entry(rate) for rate in self.rates],
+            **({"reference": compared} if reference else {}),
         }
 
 

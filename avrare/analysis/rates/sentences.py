@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
-from avrare.base.number_format import format_percent, format_probability
+from avrare.base.number_format import format_interval, format_percent, format_probability, format_ratio
 
 _MOST = 3
 """Scenes that are named for each rule."""
@@ -42,3 +42,26 @@ def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
     largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:_MOST]
     parts = [f"{name} {format_percent(round(share, 2))}" for share, name in largest if share]
     return f"mostly {', '.join(parts)}; {doubt}"
+
+
+def list_scenes(rates: CatalogueRates) -> list[tuple[str, ...]]:
+    """Return rule, scene, both probabilities with intervals, their ratio and the share of the rate."""
+    if rates.reference is None:
+        return []
+    rows = []
+    scenes = list(
+        zip(rates.catalogue.document.scenes, rates.estimates, rates.reference.estimates, strict=True)
+    )
+    for balance, rate in zip(rates.balances, rates.rates, strict=True):
+        shares = next(iter(rate.totals.values())).shares
+        for (entry, *versions), (ratio, interval), share in zip(scenes, balance.scenes, shares, strict=True):
+            results = [version[balance.rule].result for version in versions]
+            cells = [
+                text
+                for result in results
+                for text in (format_probability(result.probability), format_interval(result.interval))
+            ]
+            known = any(result.probability for result in results)
+            quotient = format_ratio(ratio, interval) if known else "not known"
+            rows.append((balance.rule, entry.name, *cells, quotient, format_percent(round(share, 3))))
+    return rows

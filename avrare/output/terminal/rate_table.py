@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates
-from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings
+from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings, list_scenes
 from avrare.base.number_format import format_count, format_interval, format_percent, format_probability
 from avrare.output.terminal.console import colour_verdict, make_table, print_lines, print_table
 
@@ -29,9 +29,11 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
                 table.add_row(escape(rate.rule), f"per {unit}", *cells)
         print_table(console, table)
         print_lines(console, [f"{rate.rule}: {describe_scenes(rates, rate)}" for rate in rates.rates])
+        _print_scenes(console, rates)
         _print_own(console, rates)
         print_lines(console, describe_warnings(rates), "yellow")
         print_lines(console, describe_blind(rates))
+    print_lines(console, [balance.describe(rates.driver) for balance in rates.balances], "bold")
     for rate in rates.rates:
         for decision in rate.decisions:
             verdict = f"{colour_verdict(decision.verdict)}{escape(decision.explanation)}"
@@ -51,4 +53,15 @@ def _print_own(console: Console, rates: CatalogueRates) -> None:
         numbers = [format_probability(result.probability), format_interval(result.interval)]
         cost = [f"{result.rollouts:,}", f"{result.simulated_steps:,}"]
         table.add_row(escape(name), escape(rule), result.estimator, *numbers, *cost)
+    print_table(console, table)
+
+
+def _print_scenes(console: Console, rates: CatalogueRates) -> None:
+    rows = list_scenes(rates)
+    if not rows:
+        return
+    heads = ("stack", "interval", rates.driver, "interval", "stack / driver", "share")
+    table = make_table("probabilities of each scene, and its share of the rate", ("rule", "scene"), heads)
+    for row in rows:
+        table.add_row(*map(escape, row))
     print_table(console, table)

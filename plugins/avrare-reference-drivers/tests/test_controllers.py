@@ -225,6 +225,26 @@ def test_the_shipped_scene_orders_the_drivers_as_the_grids_do():
     assert 0 < collisions["fsm"] < collisions["cc"] < 100
 
 
+def test_rates_of_a_catalogue_beside_another_driver(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SCENARIO.replace("x: 60.0", "x: 22.0"))
+    catalogue = tmp_path / "catalogue.yaml"
+    catalogue.write_text(
+        "name: two\nbudget: {rollouts: 60}\npilot: 10\nscenes:\n"
+        "- {name: near, scenario: scene.yaml, exposure: {per_hour: 2.0, interval: [1.0, 4.0]}}\n"
+    )
+    rates = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out")
+    [balance] = rates.balances
+    assert (rates.driver, balance.ratio, balance.verdict) == ("reference_driver=cc", np.inf, "negative")
+    assert balance.describe("cc") in "\n".join(rates.lines()).replace("reference_driver=cc", "cc")
+    assert rates.reference.estimates[0]["no_collision"].result.probability == 0.0
+    page = avrare.report(rates).read_text()
+    assert "negative risk balance" in page
+    again = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out", resume=True)
+    assert again.to_dict() == rates.to_dict()
+    with pytest.raises(UsageError, match="no driver of a catalogue's scenes"):
+        avrare.rate(catalogue, against="fsm", out=tmp_path / "other")
+
+
 def test_cruise_holds_the_speed_of_the_start():
     controller = build_cruise(CruiseConfig(), scene())
     _, speed, braked = drive(controller, 23.0, [1e5, 1e5], 30.0, steps=50)
