@@ -14,7 +14,7 @@ from avrare.plugin.new_package import check_name, write
 from avrare.plugin.registry import default_registry
 from avrare.rollout.loaded_scenario import load
 from avrare.stack.builder import try_stack
-from avrare.stack.new_scenario import write_scenario
+from avrare.stack.new_scenario import write_python_scenario, write_scenario
 
 
 def execute(args: argparse.Namespace) -> None:
@@ -22,18 +22,20 @@ def execute(args: argparse.Namespace) -> None:
     if args.what == "scenario":
         _write_scenario(args)
         return
-    if args.act:
-        raise UsageError("--act is for scenarios", "avrare new scenario NAME --simulator NAME --act")
-    if args.kind is None:
-        raise UsageError("--kind is required for a plugin", "for example --kind controller")
-    name = check_name(args.name, args.kind, default_registry())
-    folder = write(name, args.kind, Path(args.out), driving=not args.no_driving)
-    say(f"{folder}: {args.kind} {name!r}")
+    if args.act or args.python:
+        option = "--act" if args.act else "--python"
+        raise UsageError(f"{option} is for scenarios", f"avrare new scenario NAME {option}")
+    kinds = list(dict.fromkeys(kind for text in args.kind for kind in text.split(",")))
+    if not kinds:
+        raise UsageError("--kind is required for a plugin", "for example --kind simulator,controller")
+    name = check_name(args.name, kinds, default_registry())
+    folder = write(name, kinds, Path(args.out), driving=not args.no_driving)
+    say(f"{folder}: {' and '.join(kinds)} {name!r}")
     say(f"next: pip install -e '{folder}[test]' && avrare plugins --check {name} && pytest {folder}")
 
 
 def _write_scenario(args: argparse.Namespace) -> None:
-    if args.kind is not None or args.no_driving:
+    if args.kind or args.no_driving:
         raise UsageError(
             "--kind and --no-driving are for plugins", "avrare new scenario NAME --simulator NAME"
         )
@@ -41,8 +43,16 @@ def _write_scenario(args: argparse.Namespace) -> None:
     if not re.fullmatch(r"\w[\w.-]*", name):
         raise UsageError(f"{args.name!r} is no name for a scenario", "for example cut_in")
     path = Path(args.out) / f"{name}.yaml"
-    signals = write_scenario(path, args.simulator, args.set, default_registry(), args.act)
-    say(f"{path}: signals {', '.join(signals)}")
+    if args.python:
+        if args.simulator or args.set or args.act:
+            raise UsageError(
+                "--python writes a simulator of its own", "leave out --simulator, --set and --act"
+            )
+        write_python_scenario(path)
+        say(f"{path}: {path.with_suffix('.py').name} has its Simulator and its Controller")
+    else:
+        signals = write_scenario(path, args.simulator, args.set, default_registry(), args.act)
+        say(f"{path}: signals {', '.join(signals)}")
     if args.act:
         say(f"{path.with_suffix('.py')}: act(observation), the controller")
     file = shlex.quote(str(path))

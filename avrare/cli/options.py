@@ -255,11 +255,15 @@ OPTIONS: dict[str, Options] = {
     "new": {
         "what": ("what to create", {"choices": ["plugin", "scenario"]}),
         "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario",
-        "--kind KIND": f"kind of a plugin's component: one of {', '.join(KINDS)}",
+        "--kind KIND": (
+            f"kind of a plugin's component: {', '.join(KINDS)}; several with commas, or repeated",
+            REPEATABLE,
+        ),
         "--no-driving": "write a perception model, tracker or controller for simulators without vehicles",
         "--simulator NAME": "simulator of the scenario (default: the only one that is installed)",
         "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", REPEATABLE),
         "--act": "also write a controller for the scenario: a function in a Python file",
+        "--python": "write a scenario with a Python file of its own: simulator and controller",
         "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
     },
 }

@@ -19,15 +19,8 @@ def check_components(args: argparse.Namespace) -> int:
     """Print one line per check; return exit code 1 if any failed."""
     if not __debug__:
         raise UsageError("the checks are assertions, which python -O disables", "run Python without -O")
-    chosen = [
-        subject
-        for subject in subjects(default_registry(), args.check, _options(args.set))
-        if args.kind in (None, subject.kind)
-    ]
-    if not chosen:
-        raise UsageError(f"{args.check!r} has no component of kind {args.kind!r}")
     outcomes = []
-    for subject in chosen:
+    for subject in subjects(default_registry(), args.check, _options(args.set), args.kind):
         if not args.json:
             say(f"{subject.kind} {subject.name} ({subject.row.origin})")
         for outcome in examine(subject):

@@ -10,6 +10,20 @@ def avrare_components() -> list[Component]:
     """Return the components that need no further package."""
     return [
         Component(
+            kind="simulator",
+            name="python",
+            config="avrare.stack.python_file:SimulatorConfig",
+            factory="avrare.stack.python_file:build_simulator",
+            summary="a class in a Python file",
+        ),
+        Component(
+            kind="controller",
+            name="python",
+            config="avrare.stack.python_file:ControllerConfig",
+            factory="avrare.stack.python_file:build_controller",
+            summary="a class in a Python file",
+        ),
+        Component(
             kind="controller",
             name="function",
             config="avrare.stack.function_controller:FunctionConfig",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 
@@ -33,10 +33,11 @@ _HEADERS = {"estimator": "from typing import ClassVar\n\n", "executor": ""}
 _SUITE = "from avrare.testing.estimators import EstimatorConformance\n"
 
 
-def check_name(name: str, kind: str, registry: Registry) -> str:
-    """Check the kind and the name of a new component; return the name without a leading ``avrare-``."""
-    if kind not in KINDS:
-        raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
+def check_name(name: str, kinds: Sequence[str], registry: Registry) -> str:
+    """Check the kinds and the name of new components; return the name without a leading ``avrare-``."""
+    for kind in kinds:
+        if kind not in KINDS:
+            raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
     short = name.removeprefix("avrare-")
     if keyword.iskeyword(short):
         raise UsageError(f"{name!r} is a Python keyword", "choose another name; for example wind_gusts")
@@ -47,34 +48,35 @@ def check_name(name: str, kind: str, registry: Registry) -> str:
             "for example wind_gusts",
         )
     component = short.replace("-", "_")
-    owner = FIRST_PARTY.get((kind, component)) or next(
-        (row.distribution for row in registry.rows() if (row.kind, row.name) == (kind, component)), None
-    )
-    if owner is not None:
-        raise UsageError(f"the {kind} {component!r} already exists in {owner}", "choose another name")
+    for kind in kinds:
+        owner = FIRST_PARTY.get((kind, component)) or next(
+            (row.distribution for row in registry.rows() if (row.kind, row.name) == (kind, component)), None
+        )
+        if owner is not None:
+            raise UsageError(f"the {kind} {component!r} already exists in {owner}", "choose another name")
     return component
 
 
-def write(name: str, kind: str, folder: Path, driving: bool = True) -> Path:
+def write(name: str, kinds: Sequence[str], folder: Path, driving: bool = True) -> Path:
     """Write the package ``avrare-NAME`` into a new subfolder, and return that; ``name`` has been checked.
 
-    Without ``driving`` a controller is written for simulators without vehicles.
+    Without ``driving``, and beside a simulator, a controller is written for simulators without vehicles.
     """
-    if not driving and kind != "controller":
+    if not driving and "controller" not in kinds:
         text = (
             "perception error models and trackers are about vehicles"
-            if kind in _DRIVING
-            else f"no {kind} needs it"
+            if set(kinds) & set(_DRIVING)
+            else f"no {kinds[0]} needs it"
         )
         raise UsageError("--no-driving is for controllers", text)
-    words = _placeholders(name, kind, driving)
-    target = folder / words["distribution"]
+    driving = driving and "simulator" not in kinds
+    target = folder / f"avrare-{name.replace('_', '-')}"
     try:
         if target.exists():
             raise UsageError(f"{target}: already exists", "choose another name or --out")
         unfinished = target.with_name(f".{target.name}.new")  # of a killed command, perhaps
         shutil.rmtree(unfinished, ignore_errors=True)
-        for path, text in _files(words).items():
+        for path, text in _files(name, kinds, driving).items():
             (unfinished / path).parent.mkdir(parents=True, exist_ok=True)
             (unfinished / path).write_text(text, encoding="utf-8")
         unfinished.rename(target)
@@ -84,38 +86,41 @@ def write(name: str, kind: str, folder: Path, driving: bool = True) -> Path:
     return target
 
 
+def _files(name: str, kinds: Sequence[str], driving: bool) -> dict[str, str]:
+    package, title = f"avrare_{name}", ", ".join(kinds).capitalize()
+    words = {"name": name, "distribution": package.replace("_", "-"), "package": package, "title": title}
+    files, components, sections = {}, "", ""
+    for kind in kinds:
+        own = {**words, **_placeholders(name, kind, driving)}
+        variant = own["variant"]
+        own |= {
+            part: _fill(f"{part}_{variant}.txt", own).rstrip("\n") for part in ("test", "example", "config")
+        }
+        files[f"src/{package}/{kind}_config.py"] = _fill("config.py.txt", own)
+        files[f"src/{package}/{kind}.py"] = _fill(f"part_{variant}.txt", own)
+        files[f"tests/test_{package}_{kind}.py"] = _fill("test.py.txt", own)
+        components += _fill("component.txt", own)
+        sections += "\n" + _fill("section.md.txt", own)
+    return {
+        "pyproject.toml": _fill("pyproject.toml.txt", words),
+        "README.md": _fill("README.md.txt", words) + sections,
+        f"src/{package}/__init__.py": _fill("init.py.txt", {**words, "components": components.rstrip("\n")}),
+        f"src/{package}/py.typed": "",
+        **files,
+    }
+
+
 def _placeholders(name: str, kind: str, driving: bool) -> dict[str, str]:
-    variant = kind if driving else f"{kind}_plain"
-    words = {
-        "name": name,
-        "Name": "".join(part.capitalize() for part in name.split("_")),
+    variant = "controller_plain" if kind == "controller" and not driving else kind
+    return {
+        "Name": "".join(word.capitalize() for word in name.split("_")),
         "kind": kind,
-        "Article": "An" if kind[0] in "aeiou" else "A",
-        "distribution": "avrare-" + name.replace("_", "-"),
-        "package": f"avrare_{name}",
-        "module": kind,
         "summary": _SUMMARIES[variant],
-        "extras": "\n            driving=True," if driving and kind in _DRIVING else "",
+        "extras": "\n            driving=True," if kind in _DRIVING and variant == kind else "",
         "variant": variant,
         "test_header": _HEADERS.get(kind, "import numpy as np\n"),
         "test_footer": _SUITE if kind == "estimator" else "",
     }
-    for part in ("test", "example"):
-        words[part] = _fill(f"{part}_{variant}.txt", words).rstrip("\n")
-    return {**words, "options": _fill(f"config_{variant}.txt", words).rstrip("\n")}
-
-
-def _files(words: Mapping[str, str]) -> dict[str, str]:
-    source, kind = f"src/{words['package']}", words["kind"]
-    templates = {
-        "pyproject.toml": "pyproject.toml.txt",
-        "README.md": "README.md.txt",
-        f"{source}/__init__.py": "init.py.txt",
-        f"{source}/config.py": "config.py.txt",
-        f"{source}/{kind}.py": f"part_{words['variant']}.txt",
-        f"tests/test_{words['package']}.py": "test.py.txt",
-    }
-    return {**{path: _fill(file, words) for path, file in templates.items()}, f"{source}/py.typed": ""}
 
 
 def _fill(file: str, words: Mapping[str, str]) -> str:

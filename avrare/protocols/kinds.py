@@ -109,7 +109,8 @@ class System(_Dynamics):
 class Simulator(_Dynamics):
     """Simulator: the world without the stack under test.
 
-    A driving simulator has a scene, and worlds with ``ego`` and ``others`` (``avrare.driving.Vehicles``).
+    A driving simulator has a scene, and worlds with ``ego`` and ``others`` (``avrare.driving.Vehicles``). A
+    controller sees ``ego`` of any world; of one without it the signals (N, d), in order.
 
     Attributes:
         dt: Time of a step [s].
@@ -237,25 +238,24 @@ class Controller(ABC):
     """Planner under test.
 
     Attributes:
-        horizon: Number of steps that it wants predicted.
+        horizon: Number of steps that it wants predicted. Default: 0.
         sees_truth: True where its predictions are of the true vehicles, not the tracker's. Default: False.
         arrays: Arrays by name that the option ``arrays`` replaces, such as a network's. Default: none.
     """
 
-    horizon: int
+    horizon: int = 0
     sees_truth: bool = False
     arrays: Mapping[str, Any] = {}
 
-    @abstractmethod
-    def start(self, n: int) -> Any:
-        """Return the memory (warm start, counters) of ``n`` particles before the first step."""
+    def start(self, n: int) -> Any:  # noqa: B027 (its default)
+        """Return the memory (warm start, counters) of ``n`` particles before a step. Default: None."""
 
     @abstractmethod
     def act(self, memory: Any, ego: Any, prediction: Prediction | None) -> tuple[Any, Any]:
         """Return the action for the next step and the memory after it; called before each step.
 
-        ``ego`` is that of the world: in driving ``avrare.driving.Vehicles``, and the answer an ``Action``;
-        a simulator without vehicles says what it gives and takes. ``prediction`` is None without tracker.
+        ``ego`` is what the simulator shows: in driving ``avrare.driving.Vehicles``, and the answer an
+        ``Action``. ``prediction`` is None without tracker.
         """
 
     def alternatives(self) -> Mapping[str, Controller]:

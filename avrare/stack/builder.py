@@ -42,6 +42,7 @@ from avrare.stack.clock import Clock
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.drawn_start import DrawnStart
 from avrare.stack.emergency_braking import add_emergency_braking
+from avrare.stack.misfits import explain_misfits
 from avrare.stack.noise_names import check_declarations, check_dynamics
 from avrare.stack.timed_parts import Parts, time_parts
 from avrare.stack.unlabelled import check_labels
@@ -195,7 +196,8 @@ def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[st
     monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}
     for step in range(min(steps, scenario.steps) + 1):
         if step:
-            states.append(stack.loop.step(states[-1], noise))
+            with explain_misfits(scenario.path, stack.loop, states[-1]):
+                states.append(stack.loop.step(states[-1], noise))
         signals = stack.loop.signals(states[-1])
         if unknown := [name for name, values in signals.items() if _has_nan(values)]:
             names = ", ".join(unknown[:3]) + (f" and {len(unknown) - 3} more" if len(unknown) > 3 else "")
@@ -224,7 +226,7 @@ def _reports_nan(seen: Observation | None) -> bool:
 def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] | None:
     """Return what the first part with a NaN gives, and when, before the last state; None: the simulator."""
     for sample, state in enumerate(states[:-1]):
-        if loop.controller is not None and _has_nan(state.world.ego):
+        if loop.controller is not None and _has_nan(loop.show(state.world)):
             return None
         if _reports_nan(state.observation):
             return "perception: its observation is", sample

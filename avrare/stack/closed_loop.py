@@ -156,11 +156,15 @@ class ClosedLoop(System):
             return None
         return self.tracker.predict(state.track, self.controller.horizon)
 
+    def show(self, world: Any) -> Any:
+        """Return what a controller sees of a world: its ``ego``, else its signals (N, d)."""
+        return world.ego if hasattr(world, "ego") else flattened(self.simulator.signals(world))
+
     def act(self, state: LoopState, noise: Floats | None = None) -> tuple[object, object]:
         """Return the action of the next step and the controller's memory after it, None without one."""
         if self.controller is None:
             return None, None
-        ego = state.world.ego
+        ego = self.show(state.world)
         if self.perception is not None:
             ego = self.perception.locate(ego, state.latent)
         if self._timed is not None and noise is not None:

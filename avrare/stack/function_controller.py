@@ -5,47 +5,34 @@ A plugin is the lasting form: it has a version, options, tests, and a memory fro
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field
 
 from avrare.base import batch
-from avrare.base.errors import UsageError, did_you_mean
+from avrare.base.errors import UsageError
 from avrare.driving import Action, ObservingEgo, Prediction, Scene, Vehicles
-from avrare.plugin import Options
 from avrare.protocols import Controller
-from avrare.scenario.safe_mode import TRUST, is_safe
+from avrare.stack.python_file import FileOptions, find_member
 
 EXAMPLE = Path(__file__).with_name("templates") / "act.py.txt"
 """Function for simulators without vehicles, as `avrare new scenario --act` writes it."""
 _WANTED = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
 
 
-class FunctionConfig(Options):
+class FunctionConfig(FileOptions):
     """File and name of the function, and the form of its call."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"file": str(EXAMPLE)}]})
 
-    file: str = Field(
-        min_length=1, description="Python file with the function; it is run", json_schema_extra={"file": True}
-    )
     function: str = Field("act", pattern=r"[A-Za-z_]\w*", description="name of the function in the file")
     batched: bool = Field(
         False, description="call it once for all rollouts, with arrays (N, ...), instead of once for each"
     )
-
-    @field_validator("file")
-    @classmethod
-    def _trusted(cls, file: str) -> str:
-        if is_safe():
-            raise ValueError(f"safe mode: a function in a file is code of no installed plugin; {TRUST}")
-        return file
 
 
 class Neighbour(NamedTuple):
@@ -164,26 +151,5 @@ def build(config: FunctionConfig, scene: Scene | None) -> FunctionController:
     Raises:
         UsageError: The file cannot be run, or has no such function.
     """
-    module = _run(Path(config.file))
-    function = vars(module).get(config.function)
-    if not callable(function):
-        names = [name for name, value in vars(module).items() if callable(value) and name[:1] != "_"]
-        hint = did_you_mean(config.function, names) or f"def {config.function}(observation): ..."
-        raise UsageError(f"{config.file}: has no function {config.function!r}", hint)
+    function = find_member(config.file, config.function, "def {}(observation): ...")
     return FunctionController(function, config.batched, scene)
-
-
-def _run(path: Path) -> object:
-    if not path.is_file():
-        raise UsageError(f"{path}: no such file", "its path is relative to the current folder")
-    module = ModuleType(path.stem)
-    module.__file__ = str(path)
-    before = list(sys.path)
-    sys.path.insert(0, str(path.resolve().parent))  # it may import files beside it
-    try:
-        exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
-    except (Exception, SystemExit) as error:
-        raise UsageError(f"{path}: cannot be run: {type(error).__name__}: {error}") from error
-    finally:
-        sys.path[:] = before
-    return module

@@ -76,15 +76,31 @@ def write_scenario(
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
     plain = "\n".join([*head, _NO_CONTROLLER, *tail]) + "\n"
     texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain
+    _write_new(texts, plain)
+    return tuple(signals)
+
+
+def write_python_scenario(path: Path) -> None:
+    """Write a Python file with a simulator and a controller, and a scenario of them that runs as it is.
+
+    Raises:
+        UsageError: One of the files exists.
+    """
+    file = path.with_suffix(".py")
+    texts = {name: (_TEMPLATES / f"stack.{name}.txt").read_text(encoding="utf-8") for name in ("py", "yaml")}
+    scenario = texts["yaml"].replace("$name", path.stem).replace("$file", json.dumps(file.name))
+    _write_new({file: texts["py"], path: scenario})
+
+
+def _write_new(texts: Mapping[Path, str], earlier: str = "") -> None:
     for file, text in texts.items():
         # What this command itself has left, killed or without --act, is no work of the user's.
-        if file.exists() and file.read_bytes() not in (text.encode(), plain.encode()):
+        if file.exists() and file.read_bytes() not in (text.encode(), earlier.encode()):
             raise UsageError(f"{file}: already exists", "choose another name or --out")
-    with explain_file_errors(f"{path}: cannot write", "choose another --out"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for file, text in texts.items():
+    for file, text in texts.items():
+        with explain_file_errors(f"{file}: cannot write", "choose another --out"):
+            file.parent.mkdir(parents=True, exist_ok=True)
             write_text(file, text)
-    return tuple(signals)
 
 
 def _list_controller(path: Path) -> list[str]:

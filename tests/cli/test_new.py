@@ -37,6 +37,7 @@ def packages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("packages")
     sources = {kind: make(kind, folder, f"q{kind}") for kind in KINDS}
     sources["plain"] = make("controller --no-driving", folder, "qplain")
+    sources["pair"] = make("simulator,controller", folder, "qpair")
     for kind, source in sources.items():
         info = source / f"avrare_q{kind}-0.1.0.dist-info"
         info.mkdir()
@@ -68,12 +69,12 @@ def test_strict_mypy_passes(packages, path):
     modules = [source / f"avrare_q{kind}" for kind, source in packages.items()]
     cache = ["--cache-dir", ROOT / ".mypy_cache"]
     done = run([TOOLS / "mypy", "--strict", *cache, *modules], MYPYPATH=path)
-    assert "Success: no issues found in 24 source files" in done.stdout, done.stdout
+    assert "Success: no issues found in 29 source files" in done.stdout, done.stdout
 
 
 @pytest.mark.parametrize("name", ["q", "{}_and_18_letters_more"])
 def test_ruff_passes(name, tmp_path):
-    for kind in [*KINDS, "controller --no-driving"]:
+    for kind in [*KINDS, "controller --no-driving", ",".join(KINDS)]:
         make(kind, tmp_path / kind, name.format(kind[:4]))
     for command in (["check", "--no-cache"], ["format", "--check", "--no-cache"]):
         done = run([TOOLS / "ruff", *command, tmp_path])
@@ -87,6 +88,24 @@ def test_the_next_commands_are_printed(tmp_path, capsys):
     assert "avrare plugins --check alpha_beta" in out
 
 
+@pytest.mark.slow
+def test_a_template_with_more_noise_passes_its_tests(tmp_path):
+    source = make("simulator --kind controller", tmp_path, "more")
+    file = source / "avrare_more" / "simulator.py"
+    text = (
+        file.read_text().replace("noise_size = 1", "noise_size = 2").replace('("gust",)', '("gust", "rain")')
+    )
+    file.write_text(text.replace("noise[:, 0]", "(noise[:, 0] + noise[:, 1])"))
+    info = source / "avrare_more-0.1.0.dist-info"
+    info.mkdir()
+    (info / "entry_points.txt").write_text("[avrare]\nmore = avrare_more\n")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: avrare-more\nVersion: 0.1.0\n")
+    path = os.pathsep.join(map(str, [source, ROOT]))
+    done = run([sys.executable, "-m", "pytest", "-q", source.parent], PYTHONPATH=path)
+    assert done.returncode == 0, done.stdout
+    assert "skipped" not in done.stdout.splitlines()[-1]
+
+
 def test_nothing_is_overwritten(tmp_path, capsys):
     source = make("tracker", tmp_path, "mine")
     (source.parent / "README.md").write_text("mine")
@@ -94,7 +113,7 @@ def test_nothing_is_overwritten(tmp_path, capsys):
     assert f"{tmp_path}/avrare-mine: already exists" in capsys.readouterr().err
     assert (source.parent / "README.md").read_text() == "mine"
     assert sorted(path.name for path in (source / "avrare_mine").iterdir()) == [
-        "__init__.py", "config.py", "py.typed", "tracker.py",
+        "__init__.py", "py.typed", "tracker.py", "tracker_config.py",
     ]  # fmt: skip
 
 
@@ -234,6 +253,21 @@ def test_a_new_scenario_that_cannot_be_written(words, message, tmp_path, monkeyp
     assert main(["new", "scenario", "spill", *words]) in (4, 5)
     assert message in capsys.readouterr().err
     assert not Path("spill.yaml").exists()
+
+
+def test_a_new_python_scenario_runs_and_its_file_passes_the_checks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "acc", "--python"]) == 0
+    assert "next: avrare validate --build acc.yaml && avrare run acc.yaml\n" in capsys.readouterr().out
+    assert main(["run", "acc.yaml", "--set", "estimator={plugin: mc, rollouts: 50}", "--out", "run"]) == 0
+    for kind in ("simulator", "controller"):
+        words = ["plugins", "--check", "python", "--kind", kind, "--set", "file=acc.py", "--set"]
+        assert main([*words, f"class={kind.capitalize()}"]) == 0
+        assert "0 failed, 0 skipped" in capsys.readouterr().out
+    assert main(["new", "scenario", "acc", "--python", "--simulator", "tank"]) == 4
+    Path("acc.py").write_text("mine")
+    assert main(["new", "scenario", "acc", "--python"]) == 4
+    assert "acc.py: already exists" in capsys.readouterr().err
 
 
 def test_a_new_scenario_overwrites_nothing(tmp_path, monkeypatch, capsys):

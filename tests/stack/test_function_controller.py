@@ -91,7 +91,7 @@ def test_other_simulators_give_their_observations(controller):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("def drive(o): ...\n", {}, "has no function 'act'"),
+        ("def drive(o): ...\n", {}, "has no 'act'"),
         ("def drive(o): ...\n", {"function": "drve"}, "did you mean 'drive'"),
         ("import nothing_here\n", {}, "cannot be run: ModuleNotFoundError"),
         ("def act(o):\n", {}, "cannot be run: IndentationError"),
@@ -172,7 +172,7 @@ def test_what_a_function_raises_is_told_by_validate_and_no_run_passes(scenario, 
     Path("cart.py").write_text(f"def act(o):\n    return {body}\n")
     assert main(["validate", "--build", str(scenario)]) == 5
     err = capsys.readouterr().err
-    assert f"cart.yaml: the stack breaks down in its first steps: {told}" in err
+    assert f"cart.yaml: the controller breaks down in its first steps: {told}" in err
     assert "cart.py:2 in act" in err or told == "SystemExit: 0"
     assert "bug" not in err
     settings = ["--set", "steps=2", "--set", "estimator={plugin: mc, rollouts: 4}"]

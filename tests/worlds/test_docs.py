@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,34 +17,25 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", PAGE, flags=re.DOTALL)
 
 
-HOVER, ESTIMATE, PLUGIN = blocks("python")
-(PROJECT,) = blocks("toml")
+HOVER, ESTIMATE = blocks("python")
 SCENARIO, CART = blocks("yaml")
-COMMANDS, _ = blocks("sh")
+COMMANDS, NEW, _ = blocks("sh")
 FEW = ("--set", "estimator.runs=2", "--set", "estimator.particles=20", "--set", "estimator.discard=4")
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Return the plugin as pip would have installed it."""
+    """Return a folder with the files of the page."""
     (tmp_path / "hover.py").write_text(HOVER)
-    (tmp_path / "hover_plugin.py").write_text(PLUGIN)
     (tmp_path / "hover.yaml").write_text(SCENARIO)
     (tmp_path / "cart.yaml").write_text(CART)
-    project = tomllib.loads(PROJECT)["project"]
-    info = tmp_path / "avrare_hover-0.1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0.1.0\n")
-    points = project["entry-points"]["avrare"]
-    lines = ["[avrare]", *(f"{name} = {module}" for name, module in points.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines))
     return tmp_path
 
 
 def run(folder, *words):
     environment = {
         **os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)]), "OMP_NUM_THREADS": "1",
-        "AVRARE_PLUGINS": "hover,estimators,gymnasium",
+        "AVRARE_PLUGINS": "avrare,estimators,gymnasium",
     }  # fmt: skip
     return subprocess.run(
         [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
@@ -74,6 +64,16 @@ def test_as_a_scenario(folder):
     (estimate,) = json.loads(done.stdout)["estimates"]
     assert 1e-6 < estimate["probability"] < 5e-2
     assert estimate["errors"] == 0
+
+
+@pytest.mark.slow
+def test_all_worlds_at_once(folder):
+    new, estimate = (line.split()[1:] for line in NEW.splitlines())
+    assert run(folder, "-m", "avrare", *new).returncode == 0
+    done = run(folder, "-m", "avrare", *estimate, "--json")
+    (estimate,) = json.loads(done.stdout)["estimates"]
+    low, high = estimate["interval"]
+    assert low < 3.4e-4 < high
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.base.errors import AvrareError
 from avrare.driving import Action, Observation, Prediction
+from avrare.plugin.registry import default_registry
 from avrare.protocols import (
     Controller,
     Floats,
@@ -26,6 +28,7 @@ from avrare.protocols import (
     Tracker,
     overrides,
 )
+from avrare.stack.closed_loop import ClosedLoop
 from avrare.testing.conformance import sample_traffic as road
 from avrare.testing.conformance.suite import Skipped, Subject
 
@@ -38,15 +41,22 @@ Between = Callable[[Any], Any]
 Play = Callable[[Any, Floats, Between], Iterator[Outputs]]
 
 
-def _simulator(part: Simulator, tape: Floats, between: Between) -> Iterator[Outputs]:
-    world = part.reset(tape[:, 0])
+def _simulator(
+    controller: Controller | None, misfit: str, part: Simulator, tape: Floats, between: Between
+) -> Iterator[Outputs]:
+    loop, world = ClosedLoop(part, controller=controller), part.reset(tape[:, 0])
+    memory = controller.start(len(tape)) if controller is not None else None
     for step in range(STEPS + 1):
-        if step:
-            world = _step_world(part, between(world), tape[:, step])
+        if step and controller is not None:
+            world = between(world)
+            action, memory = controller.act(memory, loop.show(world), None)
+            world = part.step(world, action, tape[:, step])
+        elif step:
+            world = _step_world(part, between(world), tape[:, step], misfit)
         yield _name_values(step, part.signals(world)) | _features(part, world, step)
 
 
-def _step_world(part: Simulator, world: object, noise: Floats) -> object:
+def _step_world(part: Simulator, world: object, noise: Floats, misfit: str) -> object:
     # straight on if there is an ego, without an action in other simulators
     action = Action(np.zeros(len(noise)), np.zeros(len(noise))) if part.scene else None
     try:
@@ -60,7 +70,7 @@ def _step_world(part: Simulator, world: object, noise: Floats) -> object:
         reason = str(error)
         if action is not None or not _reads_its_action(part, world, noise):
             raise
-    raise Skipped(f"it needs an action, which only its own controller knows: {reason}")
+    raise Skipped(f"it needs an action, which only its own controller knows: {reason}{misfit}")
 
 
 class _ActionRead(Exception):
@@ -196,13 +206,31 @@ def _name_values(step: int, values: Mapping[str, object]) -> Outputs:
 
 
 _EXERCISES: dict[str, tuple[Play, Callable[[Any], int]]] = {
-    "simulator": (_simulator, lambda part: int(part.noise_size)),
+    "simulator": (partial(_simulator, None, ""), lambda part: int(part.noise_size)),
     "perception": (_perception, lambda part: _ROAD + int(part.noise_size)),
     "tracker": (_tracker, lambda part: _ROAD + _OTHERS),
     "controller": (_controller, lambda part: _ROAD),
     "specification": (_specification, lambda part: _ROAD),
 }
 """Exercise of each kind, and the count of numbers that a part reads at a step."""
+
+
+def _find_controller(subject: Subject, simulator: Simulator) -> tuple[Controller | None, str]:
+    """Return the first controller of a simulator's package that can steer it, else None and why it cannot."""
+    reason, noise = "", np.zeros((2, simulator.noise_size))
+    rows = [row for row in default_registry().rows() if row.distribution == subject.row.distribution]
+    for row in sorted(rows, key=lambda row: row.name != subject.name):
+        if row.kind != "controller":
+            continue
+        try:
+            controller: Controller = Subject(row).build()
+            loop = ClosedLoop(simulator, controller=controller)
+            loop.step(loop.initial(noise), noise)
+        except Exception as error:
+            reason = f"; its package's controller {row.name!r} does not fit: {type(error).__name__}: {error}"
+            continue
+        return controller, ""
+    return None, reason
 
 
 class Exercise:
@@ -221,6 +249,8 @@ class Exercise:
         if subject.kind == "controller" and not subject.component.driving:
             self._play, size = _plain_controller, _observation_size
         self._part = subject.build()
+        if subject.kind == "simulator" and self._part.scene is None:
+            self._play = partial(_simulator, *_find_controller(subject, self._part))
         self.tape = np.random.default_rng(1).standard_normal((self.rows, STEPS + 1, size(self._part)))
         self.outputs = self.play(self.tape)
 

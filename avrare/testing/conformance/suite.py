@@ -192,18 +192,25 @@ def checks_of(kind: str) -> list[Check]:
     return [Check(function) for module in modules for function in module.CHECKS]
 
 
-def subjects(registry: Registry, name: str, options: Mapping[str, object]) -> list[Subject]:
+def subjects(
+    registry: Registry, name: str, options: Mapping[str, object], kind: str | None = None
+) -> list[Subject]:
     """Return the components of a distribution, or those of this name; all must have been loaded."""
     rows = [row for row in registry.rows() if name in (row.name, row.distribution)]
     if not rows:
         names = {word for row in registry.rows() for word in (row.name, row.distribution) if word}
         raise PluginError(f"no component or distribution {name!r} is installed", did_you_mean(name, names))
+    rows = [row for row in rows if kind in (None, row.kind)]
+    if not rows:
+        raise UsageError(f"{name!r} has no component of kind {kind!r}")
     for row in rows:
         if row.component is None or row.status not in ("ok", "missing dependency"):
             status = f"{row.status}: {row.detail}" if row.detail else row.status
             raise PluginError(f"component {row.name} of {row.origin} cannot be checked: {status}")
     if options and len(rows) > 1:
-        raise UsageError(f"{name!r} has {len(rows)} components: options are for one", "name the component")
+        raise UsageError(
+            f"{name!r} has {len(rows)} components: options are for one", "name the component or its --kind"
+        )
     selected = [Subject(row, dict(options)) for row in rows]
     if options:
         check_options(selected[0].model, selected[0].name, dict(options), selected[0].kind)

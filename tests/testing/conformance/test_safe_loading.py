@@ -21,8 +21,8 @@ UNPICKLERS = {
 ITSELF = {"avrare/testing/conformance/description_checks.py"}
 """Unpickles what it has pickled in the line before."""
 
-RUNNER = "avrare/stack/function_controller.py"
-"""Runs the file of a controller ``function``, which safe mode refuses (test_function_controller.py)."""
+RUNNER = "avrare/stack/python_file.py"
+"""Runs the Python file of a part, which safe mode refuses (test_python_file.py)."""
 
 FORBIDDEN = {
     "eval", "exec", "compile", "__import__", "pickle.load", "pickle.Unpickler", "yaml.load",
