@@ -86,7 +86,10 @@ def test_the_first_part_with_a_nan_is_named(seen, predicted, told):
     x = np.array([seen])
     state = LoopState(SimpleNamespace(ego=0.0), Observation(np.array([[True, False]]), x, x, x), None, None)
     loop = SimpleNamespace(
-        controller=True, predict=lambda state: np.full(1, predicted), act=lambda state: (math.nan, None)
+        controller=True,
+        show=lambda world: world.ego,
+        predict=lambda state: np.full(1, predicted),
+        act=lambda state: (math.nan, None),
     )
     assert _find_nan(loop, [state, state]) == (told, 0)
     assert _find_nan(loop, [state]) is None
