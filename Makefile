@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 PROJECTS := $(wildcard pyproject.toml plugins/*/pyproject.toml)
 PLUGINS := $(patsubst %/pyproject.toml,%,$(wildcard plugins/*/pyproject.toml))
 
-.PHONY: help install run test slow attack lint format docs dist clean
+.PHONY: help install run test slow lint format docs dist clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -26,9 +26,6 @@ test: .venv/test.stamp  ## run the tests of the core and of every plugin, but fo
 
 slow: .venv/test.stamp  ## run the slow tests: statistics over many seeds, fits, whole commands
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m slow
-
-attack: .venv/test.stamp  ## attack everything that is read, kill runs; ATTACK='--inputs 100 --seconds 600' for less
-	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python -m attack $(ATTACK)
 
 lint: .venv/test.stamp  ## style, types and layers
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Damage to files that a disk or a stranger may have done: seeded mutations of JSON and npz files."""
+"""Seeded damage to untrusted files: values of trees, pieces of texts, cells of tables, arrays and bytes."""
 
 import copy
 import io
@@ -15,6 +15,17 @@ JSON_VALUES = [
     None, {}, [], "", "x", -1, 0, 3, 1e308, -0.5, True, float("nan"), float("inf"), 10**400, "[bold red]",
     "\x1b[31mred\x1b[0m", "<script>alert(1)</script>", "\ud800", "../../up", [[]],
     {"a": 1}, "2026-99-99", DEEP,
+]  # fmt: skip
+WORDS = [
+    "", " ", "é", "near", "a b", "../up", "/dev/null", "/etc/passwd", "a\nb", "\x07", "\x9b31m", "\u202ex",
+    "[/]", "=1+1", "@x", "x" * 3000, "((", "%s", "{0}", "$HOME", "~",
+    "0x1f", "٣", "evil:build", "file:///etc/passwd",
+]  # fmt: skip
+PIECES = [
+    "\t", "\n", "  ", ": ", "- ", "{", "}", "[", "]", "&a ", "*a", "!!int ", "|", "'", '"', "#", "<<: ", "? ",
+    "---\n", "1e999", ".nan", "9" * 30, "\0", "\x85", "\u2028", "\ufeff", '"\\ud800"', "\r", ",", "-", "<",
+    "&k;", "</", "]]>", "%", "(", "\x1b[2J", "extends: s.yaml\n",
+    '<!DOCTYPE a [<!ENTITY k SYSTEM "file:///etc/passwd">]>',
 ]  # fmt: skip
 
 
@@ -38,8 +49,12 @@ def damage_json(content, random, sealed=True):
     return text.replace('"deep"', "[" * 900 + "]" * 900 if random.random() < 0.5 else "[" * 99_999).encode()
 
 
+def _keys(tree):
+    return list(tree) if isinstance(tree, dict) else range(len(tree))
+
+
 def _places(tree):
-    for key in list(tree) if isinstance(tree, dict) else range(len(tree)):
+    for key in _keys(tree):
         yield tree, key
         if isinstance(tree[key], (dict, list)):
             yield from _places(tree[key])
@@ -130,6 +145,68 @@ def _nudged(array):
     changed = array.copy()
     changed.reshape(-1)[0] += 1
     return changed
+
+
+def damage_tree(tree, random):
+    """Return plain data with one to three changes; in half of the cases of numbers only, to be accepted."""
+    tree, gentle = copy.deepcopy(tree), random.random() < 0.5
+    for _ in range(random.integers(1, 4)):
+        places = [place for place in _places(tree) if not gentle or _is_number(place)]
+        if not places:
+            return tree
+        parent, key = pick(random, places)
+        value, what = parent[key], 3 if gentle else random.integers(6)
+        if what == 0:
+            del parent[key]
+        elif what == 1 and isinstance(parent, dict):
+            parent[f"{key}{pick(random, ['s', '_', ' ', '.x', 'é'])}"] = parent.pop(key)
+        elif what == 2:
+            container, name = pick(random, places)
+            parent[key] = copy.deepcopy(container[name]) if name in _keys(container) else [value]
+        elif what == 3 and _is_number((parent, key)):
+            parent[key] = pick(random, [value + 1, value - 1, value * 2, value / 2, -value, value * 1e3])
+        else:
+            parent[key] = copy.deepcopy(pick(random, [*JSON_VALUES, *WORDS, {"plugin": value}, [value] * 3]))
+    return tree
+
+
+def _is_number(place):
+    parent, key = place
+    return type(parent[key]) in (int, float)
+
+
+def damage_text(text, random, pieces=()):
+    """Return a text with one to four pieces replaced, inserted or repeated."""
+    for _ in range(random.integers(1, 5)):
+        place = int(random.integers(len(text) + 1))
+        end = place + pick(random, [0, 0, 1, 3, 20])
+        copied = text[place : place + int(random.integers(1, 60))]
+        text = text[:place] + pick(random, [*PIECES, *pieces, "", copied]) + text[end:]
+    return text
+
+
+def damage_table(text, random):
+    """Return a CSV text with a cell, row or column changed."""
+    rows = [line.split(",") for line in text.splitlines()]
+    i, j = int(random.integers(len(rows))), int(random.integers(len(rows[0])))
+    word = str(pick(random, [*WORDS, 0, -1, 1e308, 10**40, "nan", "inf", '"', "1.5.2"]))
+    match random.integers(5):
+        case 0:
+            rows[i] = [word] * len(rows[i])
+        case 1:
+            rows.insert(i, list(rows[-1]))
+        case 2:
+            rows = [row[:j] + row[j + 1 :] for row in rows]
+        case 3:
+            rows[i] = rows[i][:j]
+        case _:
+            rows[i][j] = word
+    return "\n".join(map(",".join, rows))
+
+
+def pick(random, options):
+    """Return one of several."""
+    return options[int(random.integers(len(options)))]
 
 
 def damage_bytes(content, random):
