@@ -1,14 +1,13 @@
 """The robustness of sub-formulas, and what decides a formula."""
 
 import math
-import pickle
 import warnings
 
 import numpy as np
 import pytest
 
 from avrare.base.errors import FormulaError
-from avrare.logic import FormulaMonitor, FormulaWarning, stl
+from avrare.logic import FormulaWarning, stl
 
 INF = math.inf
 
@@ -161,24 +160,8 @@ def test_interval_verdicts_come_as_early_as_they_can():
     assert verdicts("always ((x < 4) iff (x < 5))", [4]) == [(-INF, -1, True, True)]
 
 
-def test_interval_monitors_refuse_more_samples_than_there_are():
-    with pytest.raises(FormulaError, match="length is 1"):
-        verdicts("always (x < 4)", [1, 1], length=1)
-    with pytest.raises(FormulaError, match="length must be at least 1, not 0"):
-        stl("x").interval_monitor(0)
-
-
 def test_nan_rows_are_never_decided():
     monitor = stl("always ((x > 0) and not (x > 9 xor x > 8))", warn=False).interval_monitor(2)
     state, verdict = monitor.update(monitor.start(2), {"x": np.array([math.nan, 1.0])})
     _, verdict = monitor.update(state, {"x": np.array([1.0, 1.0])})
     assert list(verdict.decided) == [False, True]
-
-
-@pytest.mark.parametrize("make", [FormulaMonitor, lambda formula: formula.interval_monitor(9)])
-def test_monitors_can_be_sent_to_other_processes(make):
-    monitor = make(stl("always (x > 0 -> eventually x < 0)"))
-    copied = pickle.loads(pickle.dumps(monitor))
-    sample = {"x": np.array([1.0, -1.0])}
-    first, second = (m.update(m.start(2), sample)[1] for m in (monitor, copied))
-    assert all(np.array_equal(getattr(first, name), value) for name, value in vars(second).items())

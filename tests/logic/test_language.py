@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from avrare.base.errors import FormulaError
 from avrare.logic import stl
@@ -179,38 +177,24 @@ def test_a_text_with_definitions_evaluates_like_one_without():
         ("a = p > 1\n-q > 0", (2, 1), "may continue", ""),
         ("a = p b = q", (1, 7), "'b'", "new line"),
         ("always = p", (1, 8), "'='", "another name"),
-        ("min(o) = p", (1, 8), "'='", "another name"),
-        ("float x = 3\nx", (1, 7), "'x'", "const float"),
         ("p => q", (1, 4), "'>'", "->"),
         ("F[0,c] p", (1, 5), "c is not defined", "const"),
         ("const float c = -1\nF[0,c] p", (2, 5), "not a number of zero or above", ""),
         ("const float c = 0.5\nF[0,c] p", (2, 5), "not a whole multiple", ""),
         ("at_least 2.5 o in others: x(o)", (1, 10), "whole number above 0", ""),
-        ("at_least o in others: x(o)", (1, 15), "'in' is expected", ""),
         ("near(o, 3)", (1, 9), "not numbers", ""),
-        ("near(o, -o2)", (1, 9), "not numbers", ""),
         ("near(ego, x > 3)", (1, 11), "not formulas", ""),
         ("sqr(x) > 1", (1, 4), "not an operator", "'sqrt'"),
-        ("Always (x < 4)", (1, 8), "not an operator", "'always'"),
-        ("floor(x / 2) > 1", (1, 6), "not an operator", "relations"),
         ("forall other in others: x(othr)", (1, 27), "othr is not bound", "'other'"),
         ("forall o in others: x(O)", (1, 23), "O is not bound", "'o'"),
         ("forall o in cars: x(o, cars)", (1, 24), "a group", "forall"),
         ("exists[2] o in others: x(o)", (1, 7), "'['", "at_least"),
         ("(p > 0}", (1, 7), "does not close", ""),
-        ("p > 0}", (1, 6), "'}'", ""),
-        ("p ∧ q", (1, 3), "'∧'", "and"),
-        ("p > ٣", (1, 5), "'٣'", ""),
         ("p $ q", (1, 3), "'$'", ""),
-        ("p and /* q", (1, 7), "unterminated comment", "*/"),
         ("p /* q", (1, 4), "unterminated comment", "*/"),
-        ("# only\n// comments", (1, 1), "ends early", ""),
         ("p and # q\n", (1, 6), "ends early", ""),
-        (" ; \n ;", (1, 1), "ends early", ""),
-        ("always[0,3", (1, 11), "closing bracket", ""),
         ("p until[0 q", (1, 11), "'q'", "[0,3]"),
         ("forall o in others p", (1, 20), "a colon", ""),
-        ("F[0," + "1" * 5000 + "] p", (1, 5), "out of range", ""),
     ],
 )  # fmt: skip
 def test_errors_point_at_the_place(text, place, message, hint):
@@ -268,88 +252,6 @@ def test_warnings(text, columns):
         assert isinstance(warning, LintWarning)
         assert warning.message.split("\n")[1:] == ["  " + text, "  " + " " * (column - 1) + "^"]
         assert warning.hint
-
-
-# --- printing -----------------------------------------------------------------------------------------------
-
-NAMES = ("p", "q.r", "G", "U", "ev", "min", "s", "in", "float")
-STEPS = ["next", "prev", "s_next", "s_prev", "rise", "fall"]
-WINDOWS = st.sampled_from(["always", "eventually", "historically", "once"])
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False).map(f.Number)
-
-
-def terms(bound):
-    """Return random terms; ``bound``: the quantified vehicles, outermost first, and their groups."""
-    vehicles = st.lists(st.sampled_from(["ego", "bus", *(name for name, _ in bound)]), min_size=1, max_size=3)
-    leaves = (
-        NUMBERS | st.sampled_from(NAMES).map(f.Signal) | vehicles.map(lambda words: relation(words, bound))
-    )
-    return st.recursive(
-        leaves,
-        lambda inner: st.one_of(
-            inner.map(f.Negative),
-            st.builds(f.Arithmetic, st.sampled_from("+-*/"), inner, inner),
-            st.tuples(inner).map(lambda x: f.Call("sqrt", x)),
-            st.tuples(inner, inner).map(lambda x: f.Call("max", x)),
-        ),
-        max_leaves=4,
-    )  # fmt: skip
-
-
-def relation(words, bound):
-    depth = {name: i for i, (name, _) in enumerate(bound)}
-    groups = [bound[depth[word]][1] if word in depth else word for word in words]
-    axes = tuple(depth[word] for word in words if word in depth)
-    return f.Signal(f"near({', '.join(groups)})", tuple(words), axes)
-
-
-@st.composite
-def formulas(draw, bound=(), size=4):
-    kind = draw(st.integers(0, 8)) if size else draw(st.integers(0, 2))
-    below = formulas(bound, size - 1)
-    match kind:
-        case 0:
-            return f.Predicate(draw(terms(bound)))
-        case 1:
-            return f.Comparison(
-                draw(st.sampled_from(["<", "<=", ">", ">=", "==", "!="])),
-                draw(terms(bound)),
-                draw(terms(bound)),
-            )
-        case 2:
-            return f.Constant(draw(st.booleans()))
-        case 3:
-            return f.Not(draw(below))
-        case 4:
-            return f.Connective(
-                draw(st.sampled_from(["and", "or", "implies", "iff", "xor"])), draw(below), draw(below)
-            )
-        case 5:
-            return f.Step(draw(st.sampled_from(STEPS)), draw(below))
-        case 6:
-            return f.Window(draw(WINDOWS), *draw(spans()), draw(below))
-        case 7:
-            op = draw(st.sampled_from(["until", "since", "unless"]))
-            return f.Until(op, *draw(spans()), draw(below), draw(below))
-        case _:
-            depth, count = len(bound), draw(st.integers(1, 3))
-            op = "at_least" if count > 1 else draw(st.sampled_from(["forall", "exists", "at_least"]))
-            new = (f"o{depth}", draw(st.sampled_from(["others", "cars"])))
-            used = f.Predicate(relation([new[0], "ego"], (*bound, new)))
-            child = f.Connective("and", draw(formulas((*bound, new), size - 1)), used)
-            return f.Quantifier(op, *new, child, depth, count)
-
-
-def spans():
-    return st.tuples(st.integers(0, 9), st.integers(9, 20) | st.just(float("inf")))
-
-
-@pytest.mark.slow
-@settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(formulas())
-def test_printed_formulas_parse_to_the_same(node):
-    node = parse(printed(node))  # the tree may say -3 as Number(-3) or as Negative(Number(3))
-    assert parse(printed(node), dt=0.1) == node
 
 
 @pytest.mark.parametrize("text", ["p = q", "p = q + 1", "p = -q", "p = abs(q)"])
