@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -46,16 +45,6 @@ def test_the_progress_line_shows_the_state_of_splitting(problem):
     assert "900" not in line
 
 
-def test_the_table_fits_eighty_columns_and_truncates_no_word(problem):
-    result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
-    console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(result_table("title", [result]))
-    text = console.export_text()
-    assert "…" not in text
-    assert format_probability(result.probability) in text
-    assert max(map(len, text.splitlines())) <= 80
-
-
 def test_a_narrow_terminal_truncates_no_number(problem):
     result = avrare.estimate(problem, "mc", rollouts=1000, seed=3)
     console = Console(width=30, record=True, soft_wrap=True, file=open("/dev/null", "w"))  # noqa: SIM115
@@ -84,29 +73,6 @@ def test_splitting_says_what_its_score_may_miss_and_monte_carlo_need_not(problem
     assert note_lines([split, split]) == [sentence]
     counted = replace(avrare.estimate(problem, "mc", rollouts=50), specification="counted")
     assert note_lines([split, counted]) == [f"{split.specification}: {sentence}"]
-
-
-@pytest.mark.parametrize("goal", [{"relative_error": 0.01}, {"threshold": 0.023}])
-def test_a_goal_that_was_not_reached_is_reported(problem, goal):
-    (line,) = note_lines([avrare.estimate(problem, "mc", rollouts=200, seed=3, **goal)])
-    assert "raise `rollouts` of the estimator" in line
-    (line,) = note_lines([avrare.estimate(problem, "mc", threshold=0.9, seed=3)])
-    assert line.startswith("The goal was reached after ")
-    assert line.endswith("the others do not count.")
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.0, "0"), (1.0, "1"), (0.01234, "0.0123"), (3.44e-5, "3.4e-05"), (0.5, "0.5")]
-)
-def test_numbers_are_short(value, text):
-    assert format_probability(value) == text
-    assert float(text) == pytest.approx(value, rel=0.02)
-
-
-def test_worst_is_the_least_robust(problem):
-    result = avrare.estimate(problem, "mc", rollouts=200, seed=1)
-    assert result.worst.robustness == np.nanmin(result.robustness)
-    assert problem.robustness(result.worst.noise[None])[0] == result.worst.robustness
 
 
 @pytest.mark.parametrize("mode", ["plain", "auto"])

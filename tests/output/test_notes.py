@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.cli.main import main
 from avrare.estimation.combine.ensemble import combine
 from avrare.output.terminal.console import make_console, print_lines
 from avrare.output.terminal.result_table import note_lines, warning_lines
 from avrare.results.stored_results import StoredEstimate
 from avrare.testing.faulty_systems import Scrambled, Walk
 from avrare.testing.problems import count_down
-from pushed_point import pushed_point
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "python.md"
@@ -152,12 +150,6 @@ def test_notes_are_stored_and_read_back(case):
     assert StoredEstimate.model_validate(stored).notes == list(result.notes)
 
 
-def test_notes_do_not_depend_on_time():
-    again = MAKERS["cross_check"]()
-    assert again.notes == make("cross_check").notes
-    assert again.seconds != make("cross_check").seconds
-
-
 def test_a_note_counts_the_events_of_the_whole_estimate():
     result = estimate("auto", problem(0.5, Solved()), rollouts=5000)
     assert result.counts["solves"] > 400 * result.diagnostics["choice"]["counting_rollouts"]
@@ -167,18 +159,3 @@ def test_a_note_counts_the_events_of_the_whole_estimate():
         f"Counted: fallback solves {fallbacks:,} of {solves:,} solves.",
         f"Counted: skipped frames {result.counts['skipped_frames']:,}.",
     ]
-
-
-def test_a_run_that_ends_short_of_its_goal_says_so_everywhere(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "point.yaml").write_text(pushed_point(1.0))
-    words = ("--set", "estimator.relative_error=0.001", "--set", "estimator.rollouts=300")
-    assert main(["run", "point.yaml", "--out", "out", "--no-pictures", *words]) == 0
-    printed = capsys.readouterr().out
-    (note,) = json.loads((tmp_path / "out" / "result.json").read_text())["estimates"][0]["notes"]
-    assert note["kind"] == "goal"
-    assert note["text"] in printed
-    assert main(["report", "out"]) == 0
-    assert note["text"] in unescape((tmp_path / "out" / "report.html").read_text())
-    assert main(["run", "point.yaml", "--out", "json", "--no-pictures", "--json", *words]) == 0
-    assert note in json.loads(capsys.readouterr().out.splitlines()[-1])["estimates"][0]["notes"]

@@ -73,12 +73,6 @@ def test_monte_carlo_shows_its_interval_and_the_time_left(problem):
     assert "left" not in open_ended
 
 
-def test_zero_counters_and_unknown_estimates_are_not_shown(problem):
-    line = Progress("x", problem).line(Info(rollouts=9, probability=0.0, counts={"fallback_solves": 0}), 1.0)
-    assert "fallback" not in line
-    assert "p≈" not in line
-
-
 @pytest.mark.parametrize(("mode", "lines"), [("auto", 1), ("plain", 1), ("quiet", 0)])
 def test_without_a_terminal_plain_lines_are_printed_from_time_to_time(problem, capsys, mode, lines):
     with Progress("walk", problem, mode) as progress:
@@ -177,18 +171,6 @@ def test_on_a_terminal_lines_are_live_and_ctrl_c_saves(scenario, tmp_path):
     assert "resume with" in terminal.seen
     assert "Traceback" not in terminal.seen
     assert (tmp_path / "torn" / "checkpoint").is_dir()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("option", "term"), [("--plain", "xterm-256color"), ("--no-pictures", "dumb")])
-def test_plain_and_dumb_terminals_get_no_cursor_movements(scenario, tmp_path, option, term):
-    few = ("--set", "estimator.rollouts=2000", "--set", "steps=50")
-    terminal = Terminal(
-        "run", scenario, "--out", str(tmp_path / "out"), option, *few, TERM=term, NO_COLOR="1"
-    )
-    assert terminal.ended() == 0, terminal.seen
-    assert "results in" in terminal.seen
-    assert not re.search(r"\x1b\[\d*[A-LsuJK]|\x1b\[\?25l", terminal.seen)
 
 
 def left(info, seconds, first=None, steady=True):

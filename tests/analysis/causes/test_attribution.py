@@ -8,7 +8,7 @@ import pytest
 import avrare
 from avrare.analysis.causes.attribution import attribute, attribution_of_result
 from avrare.analysis.causes.failure_sample import FailureSample
-from avrare.analysis.causes.noise_groups import NoiseGroup, clip_outliers, list_groups, make_perfect
+from avrare.analysis.causes.noise_groups import clip_outliers, list_groups, make_perfect
 from avrare.analysis.causes.savings import Saving, measure_saving
 from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import UsageError
@@ -78,16 +78,6 @@ def test_the_first_half_of_a_walk_that_must_be_high_early():
     assert early.alone == 1.0
     assert late.carries == 0.0
     assert (start.name, start.sort) == ("start", "start")
-
-
-def test_splitting_gives_shares_too():
-    problem = avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 2)"), steps=10)
-    result = avrare.estimate(problem, "ams", seed=1, particles=40, discard=10, runs=4)
-    found = attribution_of_result(result, fresh=50)
-    assert len(found.shares) == 7
-    for share in found.shares:
-        low, high = share.carries_interval
-        assert 0.0 <= low <= share.carries <= high <= 1.0
 
 
 def test_a_variant_is_run_on_the_same_tapes():
@@ -171,14 +161,6 @@ def test_what_a_change_does_is_told_by_what_is_shown(effect, text):
     assert saving(*effect).describe() == text
 
 
-def test_a_change_that_multiplies_failures_is_not_told_by_those_that_vanish():
-    problem, worse = static("always (u0 < 2)"), static("always (u1 < 1)")
-    sample = FailureSample.of(avrare.estimate(problem, rollouts=3000, seed=1))
-    found = attribute(problem, sample, fresh=1000, groups=[], variants={"worse": worse})
-    [text] = [saving.describe() for saving in found.savings if saving.name == "worse"]
-    assert text.startswith("makes failures ")
-
-
 def test_other_planners_are_tried_without_being_asked_for():
     settings = ["controller.braking=1.0", "simulator.draws={}", "simulator.parameters.Closing=6.0"]
     problem = avrare.load("scenarios/motorway_cut_in.yaml", settings).problem("no_collision")
@@ -200,14 +182,6 @@ def test_one_failure_is_too_few():
     sample = FailureSample.of(result).take(np.array([0]))
     with pytest.raises(UsageError, match="1 failure is too few"):
         attribute(problem, sample, fresh=0, groups=[])
-
-
-def test_a_group_of_ones_own():
-    problem = static("always (u0 < 2 and u1 < 2)")
-    result = avrare.estimate(problem, rollouts=1500, seed=1)
-    both = NoiseGroup("the two", "own", np.array([[True, True, False]]))
-    [share] = attribute(problem, FailureSample.of(result), fresh=0, groups=[both]).shares
-    assert share.alone == 1.0
 
 
 class Breaking(Static):

@@ -78,10 +78,6 @@ def test_one_mode_is_one_kind():
     assert kinds[0].interval == kinds.result.interval
 
 
-def test_the_most_kinds_are_as_asked(result):
-    assert len(find_kinds(result, max_kinds=1)) == 1
-
-
 def test_the_table_and_the_text_name_every_kind(result):
     kinds = find_kinds(result)
     assert [row["kind"] for row in kinds.table()] == [1, 2]
@@ -99,11 +95,6 @@ def test_weighted_and_related_failures_add_up_to_the_estimate(estimator):
     kinds = find_kinds(result)
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
     assert all(kind.interval[0] <= kind.probability <= kind.interval[1] for kind in kinds)
-
-
-def test_splitting_that_ends_with_its_pilot_keeps_weights_too():
-    result = avrare.estimate(avrare.Problem(Walk(scale=0.3), avrare.stl("always (x < 1)"), steps=5), "ams")
-    assert result.failures.weights.sum() == pytest.approx(result.probability)
 
 
 def test_a_kind_that_rests_on_one_ancestor_gets_a_warning():
@@ -146,11 +137,6 @@ def test_hdbscan_finds_the_modes_too(result):
     assert sum(kind.probability for kind in kinds) == pytest.approx(result.probability)
 
 
-def test_an_unknown_method_is_refused(result):
-    with pytest.raises(UsageError, match="unknown method 'spectral'"):
-        find_kinds(result, method="spectral")
-
-
 @pytest.mark.slow
 def test_the_intervals_of_the_kinds_cover_their_probabilities():
     problem, truths, covered = two_modes(), (LIKELY * (1.0 - RARE), RARE * (1.0 - LIKELY)), 0
@@ -171,16 +157,6 @@ def test_a_share_of_alike_failures_has_the_exact_binomial_interval():
     share, (low, high) = sample_of(np.zeros((40, 1, 1)), trials=4000).share_interval(chosen)
     assert share == 0.25
     assert (low, high) == pytest.approx((0.1269, 0.4120), abs=1e-4)
-
-
-def test_failures_of_few_runs_have_wider_shares():
-    rng = np.random.default_rng(0)
-    ancestors = np.stack([np.repeat(np.arange(5), 8), np.arange(40)], axis=1)
-    chosen = rng.random(40) < 0.5
-    noise, weights = np.zeros((40, 1, 1)), np.full(40, 0.01 / 40)
-    _, narrow = sample_of(noise, trials=4000).share_interval(chosen)
-    _, wide = sample_of(noise, weights, ancestors, runs=5).share_interval(chosen)
-    assert wide[1] - wide[0] > 1.5 * (narrow[1] - narrow[0])
 
 
 def test_noise_of_copies_tells_as_much_as_that_of_their_ancestors():
@@ -221,14 +197,6 @@ def test_parts_of_an_estimate_over_an_ensemble_have_the_share_of_the_model():
     surer = replace(sample, confidence=0.99).part_interval(np.ones(40, dtype=bool))[1]
     assert surer[0] < 0.002
     assert surer[1] > 0.05
-
-
-def test_parts_of_two_failures_over_an_ensemble_have_ends_at_any_confidence():
-    whole = ModelInterval((0.002, 0.05), 0.9999, 8)
-    sample = replace(sample_of(np.zeros((2, 1, 1)), trials=200), trials=0, model=whole, confidence=0.9999)
-    part, interval = sample.part_interval(np.arange(2) < 1)
-    assert part == pytest.approx(0.005)
-    assert interval == (0.0, 1.0)
 
 
 def test_errors_of_a_pilot_leave_an_upper_end():

@@ -75,15 +75,6 @@ def test_a_table_is_never_less_conservative_than_its_law(law):
     assert table.interval_at(0.95) == pytest.approx(law.interval_at(0.95))
 
 
-def test_a_table_is_only_slightly_more_conservative_than_its_law():
-    law = LogNormal(1e-3, 0.04, 9)
-    table = Tabulated.from_intervals(law.interval_at)
-    for value in (4e-4, 6e-4, 1.6e-3, 2.5e-3):
-        assert min(table.p_value_at_most(value), table.p_value_at_least(value)) < 2 * min(
-            law.p_value_at_most(value), law.p_value_at_least(value)
-        )
-
-
 def test_an_unknown_interval_has_p_values_of_one():
     table = Tabulated.from_intervals(intervals.unknown)
     assert (table.p_value_at_most(0.5), table.p_value_at_least(0.5)) == (1.0, 1.0)
@@ -113,9 +104,7 @@ def test_a_law_survives_encoding(law):
         {},
         {"law": "poisson"},
         {"law": "binomial", "failures": 3},
-        {"law": "binomial", "failures": "x", "trials": 3},
         {"law": "log_normal", "mean": float("nan"), "relative_variance": 0.1, "freedom": 3},
-        {"law": "tabulated", "tails": [], "lower": [], "upper": []},
         {"law": "tabulated", "tails": [0.05], "lower": [0.1, 0.05], "upper": [0.2]},
     ],
 )

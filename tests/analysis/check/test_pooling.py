@@ -50,11 +50,6 @@ def test_runs_are_pooled_and_extinct_ones_count(estimate):
     assert dead.interval == pytest.approx(runs(estimate, [0.0, 0.0, *second]).interval)
 
 
-def test_runs_that_are_all_extinct_give_no_information(estimate):
-    whole = pool([runs(estimate, [0.0, 0.0]), runs(estimate, [0.0, 0.0])], 0.01)
-    assert whole.interval_at(0.95) == (0.0, 1.0)
-
-
 def test_single_runs_are_weighted_by_their_planned_shares(estimate):
     """Weigh by planned rollouts: those taken depend on the outcome, and a lucky run costs more."""
     means, errors = [1e-3, 1e-3, 2e-3], [0.04, 0.04, 0.01]
@@ -126,24 +121,3 @@ def test_pooled_batches_have_the_notes_of_the_newest_but_for_its_goal(estimate):
         for k in range(2)
     )
     assert pool([first, last], 0.01).notes == (Note("blind", "blind 1"),)
-
-
-def test_batches_without_a_cross_check_have_none(estimate):
-    assert pool([estimate(Binomial(2, 100))] * 2, 0.01).cross_check is None
-
-
-def test_one_batch_is_itself(estimate):
-    result = estimate(Binomial(1, 100))
-    assert pool([result], 0.01) is result
-
-
-def test_pooled_counts_are_those_of_one_run_of_both():
-    """Compare counts of a real estimator: other rollouts, but the same law."""
-    import avrare
-    from avrare.testing.problems import walk
-
-    problem = walk(1.0, steps=10).problem()
-    batches = [avrare.estimate(problem, "mc", seed=seed, rollouts=500) for seed in (1, 2)]
-    whole = pool(batches, 0.01)
-    assert whole.probability == pytest.approx(np.mean([one.probability for one in batches]))
-    assert derive_distribution(whole).trials == 1000

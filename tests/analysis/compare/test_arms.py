@@ -40,13 +40,6 @@ def test_settings_are_for_every_variant_and_the_variant_wins():
     assert found[2].options == {}
 
 
-def test_a_setting_reaches_inside_an_option():
-    found = arms("is:proposal={name: gaussian, mean: 0.4}", ["is.proposal.std=2"])
-    assert found[0].options["proposal"] == {"name": "gaussian", "mean": 0.4}
-    found = arms("is", ["is.proposal={name: gaussian, mean: 0.4}", "is.proposal.std=2"])
-    assert found[0].options["proposal"] == {"name": "gaussian", "mean": 0.4, "std": 2}
-
-
 def test_the_scenarios_own_options_apply_to_its_estimator_only():
     found = arms("mc,mc:rollouts=7,ams", own=own_block(rollouts=33))
     assert [dict(arm.options) for arm in found] == [{"rollouts": 33}, {"rollouts": 7}, {}]
@@ -59,18 +52,13 @@ def test_settings_of_the_scenario_are_separate_from_those_of_estimators():
 @pytest.mark.parametrize(
     ("text", "settings", "message"),
     [
-        ("", [], "name is missing"),
         ("mc,,ams", [], "name is missing"),
         ("mc,mc", [], "twice"),
-        ("mc:rollouts", [], "OPTION=VALUE"),
         ("mc:rolouts=3", [], "unknown option 'rolouts'"),
         ("mc:rollouts=many", [], "rollouts"),
         ("mc:seed=3", [], "a setting of the whole comparison"),
         ("is:proposal=bananas", [], "proposal"),
         ("mc", ["ams.particles=9"], "NAME.OPTION=VALUE"),
-        ("mc", ["rollouts=9"], "NAME.OPTION=VALUE"),
-        ("mc", ["mc.rollouts"], "KEY=VALUE"),
-        ("mc:rollouts={", [], "--set mc.rollouts"),
     ],
 )
 def test_wrong_arguments_are_a_clear_error(text, settings, message):

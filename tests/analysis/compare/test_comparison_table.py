@@ -14,7 +14,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
-from avrare.testing.problems import conjunction, walk
+from avrare.testing.problems import walk
 from plain_results import plain_result
 
 P = 1.165e-4
@@ -80,24 +80,12 @@ def test_notes_on_the_truth(comparison):
     assert "p unknown" in replace(comparison, truth=None).headline()[0]
 
 
-def test_notes_on_an_interruption_and_a_single_repetition(comparison):
-    assert replace(comparison, interrupted=True).notes()[-1].startswith("interrupted: 4 of 4")
-    single = replace(comparison, design=replace(comparison.design, repeat=1))
-    assert "one repetition has no spread: make 2 or more" in single.notes()
-
-
 def test_markdown_is_one_table(comparison):
     rows = [line for line in markdown(comparison).splitlines() if line.startswith("|")]
     assert len(rows) == 2 + 3
     assert {row.count("|") for row in rows} == {11}
     assert "| `ams:particles=100` | 1.1e-4 (" in rows[3]
     assert rows[4].startswith(f"| `{LONG}` | - |")
-
-
-def test_a_static_problem_costs_rollouts(comparison):
-    case = replace(comparison.case, problem=conjunction(-1.5).problem())
-    assert "cost [rollouts]" in markdown(replace(comparison, case=case))
-    assert "cost [steps]" in markdown(comparison)
 
 
 @pytest.mark.parametrize(

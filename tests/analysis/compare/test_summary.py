@@ -82,11 +82,6 @@ def test_equal_estimates_do_not_give_certainty():
     assert found.accuracy.speed_up is None, "no error at all: the speed-up has no value"
 
 
-def test_a_static_problem_counts_rollouts():
-    found = summary(repetition(P, steps=0), repetition(2 * P, steps=0), steps=0)
-    assert (found.steps, found.simulations) == (0, 100)
-
-
 def test_the_interval_of_the_work_covers():
     rng, hits, trials = np.random.default_rng(1), 0, 200
     for _ in range(trials):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare.base.errors import PluginError, UsageError
+from avrare.base.errors import PluginError
 from avrare.results.recordings.recording import FIELDS, Recording
 from avrare.rollout.frames import extract_frames
 from avrare.rollout.replay import replay_tape, replay_tapes
@@ -69,12 +69,6 @@ def test_commonroad_is_read_back_bit_for_bit(recording, tmp_path):
     assert (road.lane_width, road.access_ramp) == (before.lane_width, before.access_ramp)
 
 
-def test_commonroad_needs_a_road(linear, pushed):
-    found = replay_tape(linear.problem("near"), pushed)
-    with pytest.raises(UsageError, match="needs vehicles and a road"):
-        to_commonroad(Recording("test", 0.1, 0.0, found.signals), "x")
-
-
 def test_replays_in_a_batch_equal_single_replays(linear, pushed, drive_past):
     tapes = np.stack([factor * pushed for factor in (0.0, 0.5, 1.0, -1.0)])
     noise = np.random.default_rng(1).standard_normal((3, 9, 4))
@@ -95,12 +89,6 @@ def test_a_rollout_that_breaks_down_keeps_its_beginning(weighted):
     assert [one.outcome for one in found] == ["passes", "error", "error"]
     assert [len(one.signals.get("x", ())) for one in found] == [6, 4, 0]
     assert "NaN" in found[1].error
-
-
-def test_names_with_commas_are_read_back(recording, tmp_path):
-    scene = replace(recording.scene, names=('a "van", red',))
-    (tmp_path / "drive.csv").write_text(to_csv(replace(recording, scene=scene)))
-    assert read_csv(str(tmp_path / "drive.csv"), "ego", scene.road).names == scene.names
 
 
 def messages(path, topic):
@@ -138,45 +126,8 @@ def test_mcap_without_vehicles_has_signals_only(linear, pushed, tmp_path):
     assert not messages(tmp_path / "drive.mcap", "/scene")
 
 
-def test_mcap_bytes_are_the_same_every_time(recording, tmp_path):
-    for name in ("a", "b"):
-        write_mcap(tmp_path / name, recording, ())
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-def test_mcap_into_a_folder_that_is_not_there(recording, tmp_path):
-    with pytest.raises(UsageError, match="cannot write"):
-        write_mcap(tmp_path / "no" / "drive.mcap", recording, ())
-
-
 def test_rerun_that_is_not_installed_is_an_extra(recording, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(PluginError) as caught:
         write_rerun(tmp_path / "drive.rrd", recording, ())
     assert caught.value.hint == "pip install 'avrare-recordings[rerun]'"
-
-
-def test_rerun_has_boxes_and_signals_at_every_sample(drive_past, recording, tmp_path):
-    chunk = pytest.importorskip("rerun.chunk")
-    tape = np.random.default_rng(0).standard_normal((9, 4))
-    rollout = replay_tape(drive_past.problem("near"), tape)
-    path = tmp_path / "drive.rrd"
-    write_rerun(path, recording, extract_frames(drive_past.problem("near"), rollout))
-    values = {}
-    for part in chunk.RrdReader(path).stream().to_chunks():
-        for row in part.to_record_batch().to_pylist():
-            for name, found in row.items():
-                values.setdefault((str(part.entity_path), name), []).append(found)
-    gaps = values["/signals/gap", "Scalars:scalars"]
-    assert [one[0] for one in gaps] == recording.signals["gap"].tolist()
-    centres = values["/scene/ego", "Boxes3D:centers"]
-    assert [one[0][0] for one in centres] == pytest.approx(recording.signals["ego_x"].tolist())
-    times = values["/scene/ego", "rollout"]
-    assert [one.total_seconds() for one in times] == pytest.approx(recording.times.tolist())
-    assert len(values["/road/road", "LineStrips3D:strips"][0]) >= 2
-
-
-def test_rerun_into_a_folder_that_is_not_there(recording, tmp_path):
-    pytest.importorskip("rerun")
-    with pytest.raises(UsageError, match="cannot write"):
-        write_rerun(tmp_path / "no" / "drive.rrd", recording, ())

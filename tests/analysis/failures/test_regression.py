@@ -54,14 +54,6 @@ def test_the_worst_failures_are_stored_once(linear, pushed, tmp_path):
     assert store_worst(database, linear, {"near": Failures(tapes, robustness, len(tapes))}) == ([], [])
 
 
-def test_rollouts_that_do_not_fail_are_not_stored(linear, pushed, tmp_path):
-    tapes = np.stack([0.0 * pushed, pushed])
-    new, complaints = store_worst(
-        FailureDatabase(tmp_path), linear, {"near": Failures(tapes, np.array([0.0, -1.0]), 2)}
-    )
-    assert (new, complaints) == ([record_failure(linear, "near", pushed).id], [])
-
-
 def test_failures_that_do_not_repeat_are_reported(linear, pushed, tmp_path, monkeypatch):
     tapes = np.stack([0.0 * pushed, pushed])  # the first failed by chance, not by its noise
     found = {"near": Failures(tapes, np.array([-1.0, -2.0]), 2)}

@@ -7,7 +7,6 @@ import pytest
 
 import avrare
 from avrare.analysis.failures.shrink import shrink
-from avrare.analysis.failures.tape_evaluator import TapeEvaluator
 from avrare.base.errors import UsageError
 
 
@@ -118,15 +117,6 @@ def test_the_result_is_rotated_within_its_channels(weighted, monkeypatch):
     assert shrink(weighted(weights), tape).after == pytest.approx(3.0, abs=0.01)
 
 
-def test_the_least_failure_that_was_tried(weighted):
-    weights = np.zeros((4, 3))
-    weights[2, 2] = 1.0
-    trials = TapeEvaluator(weighted(weights, chunk=2), 4)
-    assert trials.smallest_failure() == (np.inf, 0)
-    trials(scale * weights for scale in (2.0, 5.0, 1.0, 4.0, 3.5))  # the last is beyond the budget
-    assert trials.smallest_failure() == (4.0, 2)
-
-
 def test_chunks_change_no_bit(weighted):
     weights = random((25, 3), 2) / 5
     tape = random((25, 3), 3) + 0.6 * np.sign(weights)
@@ -134,18 +124,6 @@ def test_chunks_change_no_bit(weighted):
     for other in found[1:]:
         np.testing.assert_array_equal(other.noise, found[0].noise, strict=True)
         assert other.rollouts == found[0].rollouts
-
-
-def test_rows_alone_and_in_a_batch_are_the_same(linear, pushed):
-    problem = linear.problem("near")
-    tapes = [factor * pushed for factor in np.linspace(0.1, 1.3, 30)]
-    together = TapeEvaluator(problem, 100)(tapes, scored=True)
-    assert 0 < together.fails.sum() < 30
-    for k, tape in enumerate(tapes):
-        alone = TapeEvaluator(problem, 1)([tape], scored=True)
-        assert alone.robustness[0] == together.robustness[k]
-        assert alone.score[0] == together.score[k]
-        assert alone.fails[0] == together.fails[k]
 
 
 def test_a_tape_that_does_not_fail_is_refused(weighted):

@@ -119,18 +119,6 @@ def test_a_kept_rule_names_the_part_that_keeps_it():
     assert (found.worst.formula, found.worst.value) == ("close(van) > 0", -0.1)
 
 
-def test_among_several_requirements_the_deciding_one_is_named():
-    rule = Rule("always (exists o in others: near(o) > 0 and slow(o) > 0)", ("car", "van"))
-    found = monitor_recording("r", rule, recorded(near=[[1, 2], [1, -1]], slow=[[3, 3], [-0.25, 3]]))
-    assert found.violated
-    assert (found.first.sample, found.first.formula, found.first.value) == (1, "slow(car) > 0", -0.25)
-
-
-def test_a_kept_rule_has_no_first_violation():
-    found = monitor_recording("f", avrare.stl("always (x > 0)", dt=0.1).monitor(), recorded(x=[3, 1, 2]))
-    assert (found.violated, found.first, found.worst.sample, found.worst.value) == (False, None, 1, 1.0)
-
-
 def why(text, dt=0.1, **signals):
     found = monitor_recording("f", avrare.stl(text, dt=dt).monitor(), recorded(**signals)).first
     return found.sample, found.formula, found.value, found.formula_sample

@@ -131,26 +131,6 @@ def test_the_player_knows_lanes_that_end_and_what_is_no_lane_of_its_own(rollout)
     assert (sorted(found["ramp"]), len(found["borders"])) == ([0, 1, 2], 3)
 
 
-def test_dashes_are_between_lanes_that_are_there(rollout):
-    lanes = tuple(
-        Lane(np.array([-100.0, end]), np.full(2, y - 1.75), np.full(2, y + 1.75))
-        for y, end in ((-1.75, 20.0), (1.75, 200.0), (12.0, 200.0))
-    )
-    picture = draw_moment(bent(rollout, Road((-1.75, 1.75, 12.0), 3.5, lanes=lanes)))
-    [dashed] = picture.lines
-    assert max(x for x, _ in dashed) == pytest.approx(34.0, abs=1.0)
-
-
-def test_a_player_has_the_lanes_and_lines_of_its_road(rollout):
-    view = player._tabulate_view(rollout.result, rollout.frames, [])["road"]
-    assert view["borders"] == [[[-1e5, 1e5], [y, y], [y + 3.5, y + 3.5]] for y in (-3.5, 0.0)]
-    assert sorted((y[0], inner) for _, y, inner in view["lines"]) == [
-        (-3.5, False),
-        (0.0, True),
-        (3.5, False),
-    ]
-
-
 def test_a_player_turns_no_car_round_that_comes_towards_the_ego(rollout):
     frames = list(rollout.frames)
     for t, heading in ((1, np.pi - 0.01), (2, 0.01 - np.pi)):

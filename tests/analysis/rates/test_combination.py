@@ -68,26 +68,12 @@ def test_without_a_failure_the_rate_reaches_up_and_not_down():
     assert total.shares == (0.0,)
 
 
-def test_exposures_widen_the_interval():
-    p = [from_rollouts(40, 1000, 0, 0.95, False)]
-    e = from_count(20, 10.0, 0.95)
-    total = combine([e], p)
-    assert total.interval[0] < min(total.sampling[0], total.exposure[0])
-    assert total.interval[1] > max(total.sampling[1], total.exposure[1])
-
-
 def test_the_budget_goes_where_the_variance_is():
     pilot = [[(10, 100)], [(10, 100)], [(0, 100)]]
     counts = allocate([1.0, 4.0, 1.0], pilot, [1.0] * 3, 6000)
     assert sum(counts) in range(5990, 6001)
     assert counts[1] == pytest.approx(4 * counts[0], rel=0.01)
     assert LEAST < counts[2] < counts[0]
-
-
-def test_dear_scenes_get_fewer_rollouts():
-    counts = allocate([1.0, 1.0], [[(10, 100)], [(10, 100)]], [1.0, 4.0], 5000)
-    assert counts[0] == pytest.approx(2 * counts[1], rel=0.01)
-    assert counts[0] + 4 * counts[1] <= 5000
 
 
 def test_a_scene_of_no_account_still_gets_the_least():

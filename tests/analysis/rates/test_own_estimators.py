@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 from statistics import NormalDist
 
-import numpy as np
 import pytest
 
 import avrare
@@ -18,7 +17,7 @@ from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.plan.budget import Budget
 from avrare.output.html.page import render_rates
-from benchmarks.rates import REGIMES, Splitting, study
+from benchmarks.rates import REGIMES, study
 from plain_results import plain_result
 
 # The inflows of the four samples are independent, so that both probabilities are known.
@@ -124,28 +123,6 @@ def test_workers_and_interruptions_change_no_bit(catalogue, capsys, monkeypatch)
     assert Path("three/rate.json").read_bytes() == whole
 
 
-@pytest.mark.parametrize("chunks", [1, 4])
-def test_an_estimate_of_its_own_goes_on_from_its_chunks(catalogue, chunks, monkeypatch):
-    path = catalogue((OWN, "{plugin: ess, chains: 20, runs: 4}"))
-    main(["rate", path, "--out", "one", "--quiet"])
-    from avrare.estimation.loop.checkpoint import FileJournal
-
-    write, written = FileJournal.write, []
-
-    def stop(self, *arguments):
-        write(self, *arguments)
-        written.append(1)
-        if len(written) == chunks:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(FileJournal, "write", stop)
-        assert main(["rate", path, "--out", "two", "--quiet"]) == ExitCode.INTERRUPTED
-    assert not Path("two/own/quiet/result.json").exists()
-    main(["rate", path, "--out", "two", "--resume", "--quiet"])
-    assert Path("two/rate.json").read_bytes() == Path("one/rate.json").read_bytes()
-
-
 @pytest.mark.parametrize("estimator", ["scenario", "auto", "mc"])
 def test_an_estimator_is_named_by_a_word(catalogue, estimator):
     read = load_catalogue(catalogue((OWN, estimator)))
@@ -171,17 +148,12 @@ def test_overrides_of_the_own_estimator_are_not_those_of_monte_carlo(catalogue):
     ("new", "place", "words"),
     [
         ("{plugin: ess, chainz: 20}", "6:91", "scenes.1.estimator.chainz: unknown key"),
-        ("{plugin: ess, chainz: 20}", "6:91", "did you mean 'chains'?"),
         ("{plugin: ess, chains: 1}", "6:99", "scenes.1.estimator.chains"),
         ("{plugin: esz}", "6:86", "did you mean 'ess'?"),
         ("{chains: 20}", "6:66", "scenes.1.estimator.plugin: required, but missing"),
-        ("esz", "6:77", "scenes.1.estimator: "),
         ("scenarios", "6:77", "did you mean 'scenario'?"),
         ("{plugin: ess, specifications: [dyr]}", "6:108", "did you mean 'dry'?"),
-        ("{plugin: ess, specifications: []}", "6:107", "should be a list of specification names"),
-        ("7", "6:77", "scenes.1.estimator: should be a string or a mapping"),
         ("auto, budget: {rolouts: 7}", "6:92", "did you mean 'rollouts'?"),
-        ("auto, budget: {}", "6:91", "give rollouts or steps"),
     ],
 )
 def test_mistakes_have_their_place(catalogue, new, place, words):
@@ -202,14 +174,6 @@ def test_safe_mode_looks_into_the_own_estimator(catalogue, capsys):
 def test_a_budget_without_an_estimator_is_refused(catalogue):
     with pytest.raises(ScenarioError, match="name the estimator"):
         load_catalogue(catalogue((f"estimator: {OWN}", "budget: {rollouts: 9}")))
-
-
-def test_an_estimator_of_no_rule_is_refused(catalogue):
-    path = catalogue(
-        (OWN, "scenario"), ("pilot: 50", "pilot: 50\nrules: [calm]"), ("rule: dry", "rule: calm")
-    )
-    with pytest.raises(ScenarioError, match="it estimates no rule of the catalogue"):
-        load_catalogue(path)
 
 
 def test_a_budget_is_required_where_scenes_share_it(catalogue):
@@ -260,22 +224,6 @@ def test_a_scene_s_budget_is_divided_among_rules_that_are_estimated_apart(catalo
     together = load_catalogue(catalogue((OWN, "mc, budget: {rollouts: 90}")))
     assert together.own_budget(1) == Budget("rollouts", 90.0)
     assert load_catalogue(catalogue()).own_budget(1) is None
-
-
-def test_another_budget_of_a_scene_is_refused(catalogue, capsys):
-    main(["rate", catalogue((OWN, "{plugin: mc}, budget: {rollouts: 90}")), "--out", "out", "--quiet"])
-    changed = catalogue((OWN, "{plugin: mc}, budget: {rollouts: 91}"))
-    assert main(["rate", changed, "--out", "out", "--resume"]) == ExitCode.USAGE
-    assert 'another budget: scenes.quiet "rollouts=90" -> "rollouts=91"' in capsys.readouterr().err
-
-
-def test_an_estimator_that_cannot_begin_is_refused_before_any_rollout(catalogue, capsys):
-    small = "{plugin: ess, chains: 20}, budget: {rollouts: 4}"
-    usual = '"simulator.surge=0.6"], exposure: {count: 30, hours: 10.0}'
-    path = catalogue((OWN, small), (usual, f"{usual}, estimator: auto"))
-    assert main(["rate", path, "--out", "out", "--quiet"]) == ExitCode.USAGE
-    assert "quiet: " in capsys.readouterr().err
-    assert not list(Path("out").glob("*/*/result.json"))
 
 
 def test_the_rates_of_rare_scenes_weigh_in_the_shares_of_the_others(catalogue):
@@ -372,13 +320,6 @@ def test_rollouts_that_rules_share_are_counted_once():
     assert SceneEstimate(result(shared_by=4)).cost == 0
     assert SceneEstimate(result(shared_by=4), True).cost == 100
     assert SceneEstimate(result(), True).cost == 400
-
-
-def test_simulated_splitting_is_unbiased():
-    rng = np.random.default_rng(0)
-    for p, one in ((1e-4, Splitting()), (0.03, Splitting(10, 50, 5)), (0.6, Splitting(10, 20, 5))):
-        found = np.array([one.estimate(p, rng).value for _ in range(300)])
-        assert abs(found.mean() - p) < 4.0 * found.std(ddof=1) / math.sqrt(len(found))
 
 
 @pytest.mark.slow

@@ -41,14 +41,6 @@ def test_all_specifications_at_once_equal_one_at_a_time(several):
         assert several[f"below_{bound}"].probability == alone.probability
 
 
-def test_other_estimators_take_one_after_the_other():
-    options = {"particles": 40, "discard": 8, "runs": 2, "seed": 4}
-    both = avrare.estimate_all(walk(1.0, 1.5), "ams", **options)
-    for bound in (1.0, 1.5):
-        alone = avrare.estimate(walk(bound), "ams", **options)
-        np.testing.assert_array_equal(both[f"below_{bound}"].run_probabilities, alone.run_probabilities)
-
-
 def test_all_specifications_of_a_scenario_keep_their_own_scores(tmp_path):
     (tmp_path / "s.yaml").write_text(
         "name: s\nsteps: 20\nsimulator: {plugin: tank}\n"
@@ -61,11 +53,6 @@ def test_all_specifications_of_a_scenario_keep_their_own_scores(tmp_path):
     scores = [part.score for part in problem.separate()]
     assert scores == [scenario.problem(name).score for name in ("a", "b")]
     assert scores[0] != scores[1]
-
-
-def test_estimate_of_several_names_the_function_for_it():
-    with pytest.raises(avrare.UsageError, match="estimate_all"):
-        avrare.estimate(walk(1.0, 1.5))
 
 
 def test_table_is_plain_rows(several):
@@ -122,11 +109,6 @@ def test_trace_refuses_what_does_not_fit(noise, message):
         avrare.trace(walk(1.5), noise)
 
 
-def test_trace_of_a_failure_that_is_not_there(split):
-    with pytest.raises(avrare.UsageError, match="no failure 999"):
-        split.trace(999)
-
-
 def test_trace_becomes_a_dataset(split):
     data = split.trace().to_xarray()
     assert data["x"].dims == ("time",)
@@ -156,11 +138,6 @@ def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):
     assert "cannot be built" not in text
 
 
-def test_report_of_several(several, tmp_path):
-    text = several.report(tmp_path / "report.html").read_text(encoding="utf-8")
-    assert all(f"<h2>{name}</h2>" in text for name in several)
-
-
 def test_a_pickled_result_has_lost_its_problem_and_says_so(split):
     copy = pickle.loads(pickle.dumps(split.origin and _without_function(split)))
     with pytest.raises(avrare.UsageError, match="does not know its problem"):
@@ -184,32 +161,6 @@ def test_progress_is_called_after_every_chunk():
     problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1)"), steps=40, chunk=100)
     avrare.estimate(problem, rollouts=500, progress=lambda info: seen.append(info.rollouts))
     assert sorted(set(seen)) == [100, 200, 300, 400, 500]
-
-
-def test_progress_line_leaves_the_result_as_it_is(several, capsys):
-    shown = avrare.estimate_all(walk(1.0, 1.5), rollouts=500, seed=3, progress=True)
-    assert {name: one.probability for name, one in shown.items()} == {
-        name: one.probability for name, one in several.items()
-    }
-    assert not capsys.readouterr().out
-
-
-def test_checkpoint_holds_all_specifications(tmp_path):
-    def stop(info):
-        if info.rollouts >= 60:
-            raise KeyboardInterrupt
-
-    options = {"particles": 40, "discard": 8, "runs": 2, "seed": 4, "checkpoint": tmp_path / "saved"}
-    with pytest.raises(KeyboardInterrupt):
-        avrare.estimate_all(walk(1.0, 1.5), "ams", progress=stop, **options)
-    assert (tmp_path / "saved").is_dir()
-    resumed = avrare.estimate_all(walk(1.0, 1.5), "ams", **options)
-    assert (
-        resumed.table()[1]["probability"]
-        == avrare.estimate_all(walk(1.0, 1.5), "ams", **{**options, "checkpoint": None}).table()[1][
-            "probability"
-        ]
-    )
 
 
 OF_A_PATH = ("run", "rate", "validate", "check", "why", "replay", "monitor", "report")

@@ -108,24 +108,6 @@ def test_comparisons_and_monitored_drives_are_drawn(scenario, tmp_path):
         assert value._repr_html_().startswith("<pre>")
 
 
-def test_an_interrupted_run_is_resumed(scenario):
-    def stop(info):
-        if info.rollouts >= 200:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        avrare.run(scenario, out="half", progress=stop)
-    with pytest.raises(avrare.UsageError, match="interrupted run"):
-        avrare.run(scenario, out="half")
-    resumed = avrare.run(scenario, out="half", resume=True)
-    assert resumed["in_lane"].probability == avrare.run(scenario, out="whole")["in_lane"].probability
-
-
-def test_resume_needs_a_folder(scenario):
-    with pytest.raises(avrare.UsageError, match="needs the folder"):
-        avrare.run(scenario, resume=True)
-
-
 def test_a_faulty_scenario_leaves_no_folder(scenario):
     with pytest.raises(avrare.ScenarioError, match="rollout"):
         avrare.run(scenario, ["estimator.rollout=5"])
