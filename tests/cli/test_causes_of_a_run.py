@@ -77,24 +77,6 @@ def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):
     assert "rollouts with huge broke down" in capsys.readouterr().err
 
 
-def test_settings_of_one_variant_act_together(run, tmp_path):
-    quiet = "simulator.process_noise=[0.0, 1e-9]", "simulator.initial.covariance=[1e-9, 1e-9]"
-    words = ["why", str(run), "--out", str(tmp_path), "--fresh", "0"]
-    words += [
-        "--variant",
-        f"both:{quiet[0]}",
-        "--variant",
-        f"both:{quiet[1]}",
-        "--variant",
-        f"one:{quiet[0]}",
-    ]
-    assert main(words) == 0
-    rows = json.loads((tmp_path / "why.json").read_text())["attribution"]["left"]["perfect"]
-    vanish = {row["perfect"]: row["vanish"] for row in rows}
-    assert vanish["both"] == 1.0
-    assert vanish["one"] < 1.0
-
-
 def test_command_and_function_draw_the_same_fresh_noise(run, tmp_path):
     scenario, folder = str(run.parent / "plane.yaml"), tmp_path / "seeded"
     assert main(["run", scenario, "--seed", "5", "--out", str(folder), "--quiet"]) == 0

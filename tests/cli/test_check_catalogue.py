@@ -124,27 +124,11 @@ def test_what_has_no_meaning_for_rates_is_refused(catalogue, capsys, words, text
     assert not Path("runs").exists()
 
 
-def test_a_catalogue_without_thresholds_is_refused(catalogue, capsys):
-    text = Path(catalogue()).read_text().partition("thresholds")[0]
-    Path("c.yaml").write_text(text)
-    assert main(["check", "c.yaml"]) == 4
-    assert "has no thresholds to check" in capsys.readouterr().err
-
-
 def test_a_catalogue_in_place_of_a_scenario_is_named(catalogue, capsys):
     assert main(["run", catalogue()]) == 4
     error = capsys.readouterr().err
     assert "c.yaml: is a catalogue of scenes, and no scenario" in error
     assert "hint: avrare rate c.yaml" in error
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [(["--set", "steps=2"], "a setting"), (["--estimator", "mc"], "an estimator"), (["--build"], "a build")],
-)
-def test_a_catalogue_is_not_validated_as_what_it_is_not(catalogue, capsys, words, text):
-    assert main(["validate", catalogue(), *words]) == 4
-    assert f"{text} is for scenarios, and c.yaml is a catalogue" in capsys.readouterr().err
 
 
 def test_a_catalogue_is_validated_with_its_scenes(catalogue, capsys):

@@ -79,24 +79,6 @@ def test_a_finished_check_begins_again(drive, capsys, monkeypatch):
     assert json.loads(Path("gate/check.json").read_text())["exit_code"] == 1
 
 
-def test_an_interrupted_second_check_has_no_verdict(drive, interrupt, capsys):
-    words = ["check", drive(BOUND % "0.1"), "--out", "gate", "--resume"]
-    assert main(words) == 0
-    assert interrupt(1, *words) == 2
-    assert not Path("gate/check.json").exists()
-    assert main(words) == 0
-    assert Path("gate/check.json").exists()
-
-
-def test_a_finished_check_of_others_is_refused(drive, capsys):
-    words = ["check", drive(BOUND % "0.1"), "--out", "gate", "--resume"]
-    assert main(words) == 0
-    assert main(["check", drive(BOUND % "0.1", name="other"), "--out", "gate", "--resume"]) == 4
-    assert "gate/check.json: contains the result of an earlier command" in capsys.readouterr().err
-    Path("gate/check.json").write_text('{"results": 1}')
-    assert main(words) == 4
-
-
 def test_another_check_is_not_resumed(drive, interrupt, capfd):
     words = ["check", drive(BOUND % "0.052"), "--looks", "--budget", "rollouts=8000"]
     assert interrupt(1, *words, "--out", "torn", "--resume") == 2

@@ -106,43 +106,22 @@ def test_an_interruption_shows_finished_repetitions_and_exits_2(monkeypatch, cap
     assert [len(entry["repetitions"]) for entry in content["estimators"]] == [2, 1]
 
 
-def test_one_repetition_has_no_error(capsys):
-    assert main([*WALK, "--budget", "steps=1e5", "--repeat", "1"]) == 0
-    assert "one repetition has no spread" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
         (["problem:d_rw_L9", "--estimators", "mc", *SMALL], 4, "did you mean 'd_rw_L"),
         (["problem:d_rw_L2.5", *SMALL], 4, "--estimators is required"),
         (["problem:d_rw_L2.5", "--estimators", "mc"], 4, "--budget is required"),
-        (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "seconds=3"], 4, "steps=N or rollouts=N"),
         (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=99"], 4, "mc: a budget of steps=99"),
         (["problem:d_rw_L2.5", "--estimators", "amss", *SMALL], 5, "'ams'"),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--truth", "0.1"], 4, "known probability"),
         (
             ["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"],
             4,
             "setting scenario.KEY",
         ),
-        (
-            ["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--specification", "a"],
-            4,
-            "specification cannot",
-        ),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--seed", "-1"], 4, "--seed"),
-        (
-            ["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=1e5", "--repeat", "0"],
-            4,
-            "--repeat",
-        ),
-        (["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--workers", "0"], 4, "--workers"),
         (["problem:d_rw_L2.5", "--estimators", "ce:family=network", *SMALL], 4, "no estimator can take"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL], 4, "choose one"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--specification", "no_colision"], 4, "no_collision"),
-        ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--set", "scenario.stepz=3"], 4, "steps"),
-        (["no_such.yaml", "--estimators", "mc", *SMALL], 4, "no such file"),
     ],
 )
 def test_wrong_arguments_are_a_clear_error(capsys, words, code, message):
@@ -164,12 +143,6 @@ def test_a_folder_that_cannot_be_created_is_reported_before_anything_runs(tmp_pa
     assert "cannot write" in capsys.readouterr().err
 
 
-def test_an_unknown_reference_problem(capsys):
-    words = ["--estimators", "mc", "--budget", "steps=1e4"]
-    assert main(["compare", "problem:nothing_like_it", *words]) == 4
-    assert "hint: avrare compare problem: lists them" in capsys.readouterr().err
-
-
 def test_quiet_prints_one_line_per_estimator(capsys):
     few = ["--budget", "steps=2e4", "--repeat", "2", "--quiet"]
     assert main([*WALK, *few]) == 0
@@ -179,17 +152,6 @@ def test_quiet_prints_one_line_per_estimator(capsys):
     assert all(".." in line for line in found.out.splitlines())
     assert found.err == ""
     assert main([*WALK, *few, "--plain"]) == 4
-
-
-@pytest.mark.slow
-def test_plain_has_no_control_characters_even_where_colours_are_forced(monkeypatch, capsys):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm-256color")
-    few = ["--budget", "steps=2e4", "--repeat", "2"]
-    assert main([*WALK, *few]) == 0
-    assert "\x1b[" in capsys.readouterr().out
-    assert main([*WALK, *few, "--plain"]) == 0
-    assert "\x1b" not in capsys.readouterr().out
 
 
 @pytest.mark.slow

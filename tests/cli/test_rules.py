@@ -99,13 +99,6 @@ def test_cards_as_json(offer, capsys):
     assert [card["name"] for card in json.loads(capsys.readouterr().out)] == ["R_B"]
 
 
-def test_the_same_rule_of_two_plugins_is_shown_twice(offer, capsys):
-    offer(one="cards", two="cards")
-    assert main(["rules", "R_B", "R_B"]) == 0
-    out = capsys.readouterr().out
-    assert out.count("R_B  stop") == 2
-
-
 @pytest.mark.parametrize("names", [["ra"], ["r_a"], ["RA", "r-A"], ["R_A", "ra"]])
 def test_case_and_underscores_do_not_matter(offer, capsys, names):
     offer(book="cards")
@@ -151,15 +144,6 @@ def test_an_invalid_reference_to_rules_is_reported():
     assert "rules is 'no colon'" in row.detail
 
 
-def test_an_invalid_reference_to_a_check_is_reported():
-    registry = Registry()
-    plugin = Plugin("odd", "")
-    plugin.part = Component("specification", "odd", "a:b", "a:b", "for tests", check="no colon")
-    registry.register(plugin, "odd", "dist-odd", "1.0")
-    [row] = [row for row in registry.rows() if row.name == "odd"]
-    assert "check is 'no colon'" in row.detail
-
-
 def test_listing_the_installed_rules_imports_nothing_heavy():
     code = "import sys; from avrare.cli.main import main; main(['rules', '--json']); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -167,11 +151,3 @@ def test_listing_the_installed_rules_imports_nothing_heavy():
     assert not {name.split(".")[0] for name in modules.split()} & HEAVY
     names = [card["name"] for card in json.loads("\n".join(text))]
     assert {"R_G1", "R_G2", "R_G4", "R_I2", "no_collision"} <= set(names)
-
-
-@pytest.mark.parametrize("columns", ["0", "1", "-3", "many", "100000"])
-def test_a_terminal_of_any_width(columns, offer, monkeypatch, capsys):
-    offer(book="cards")
-    monkeypatch.setenv("COLUMNS", columns)
-    assert main(["rules", "R_A"]) == 0
-    assert "keep away" in capsys.readouterr().out

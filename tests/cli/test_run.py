@@ -47,74 +47,11 @@ def test_run_writes_the_documented_result(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_json_prints_the_same_object_and_nothing_else(tmp_path, capsys):
-    assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "result.json").read_text())
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_result(tmp_path):
-    results = []
-    for name in ("a", "b"):
-        assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / name)]) == 0
-        result = json.loads((tmp_path / name / "result.json").read_text())
-        results.append([{**entry, "seconds": None} for entry in result["estimates"]])
-    assert results[0] == results[1]
-
-
-@pytest.mark.slow
-def test_splitting_estimates_one_rule_after_another(tmp_path):
-    words = ["run", LANE_CHANGE, "--estimator", "ams", "--out", str(tmp_path), "--no-pictures"]
-    for setting in (
-        "steps=4", "estimator.particles=4", "estimator.discard=1", "estimator.runs=2",
-        "estimator.specifications=[no_collision, traffic_flow]",
-    ):  # fmt: skip
-        words += ["--set", setting]
-    assert main(words) == 0
-    result = json.loads((tmp_path / "result.json").read_text())
-    names = [(entry["specification"], entry["estimator"]) for entry in result["estimates"]]
-    assert sorted(names) == [("no_collision", "ams"), ("traffic_flow", "ams")]
-    assert all(len(entry["run_probabilities"]) == 2 for entry in result["estimates"])
-
-
-@pytest.mark.slow
-def test_a_threshold_gives_a_verdict_and_run_still_exits_zero(tmp_path):
-    threshold = "thresholds=[{specification: no_collision, probability: '< 1e-3'}]"
-    words = ["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path), "--set", threshold]
-    assert main(words) == 0
-    result = json.loads((tmp_path / "result.json").read_text())
-    verdicts = {entry["specification"]: entry["verdict"] for entry in result["estimates"]}
-    assert verdicts == dict.fromkeys(RULES) | {"no_collision": "inconclusive"}
-
-
-@pytest.mark.slow
 def test_pictures_of_the_nominal_and_the_worst_rollout(tmp_path):
     words = ["run", LANE_CHANGE, "--set", "steps=6", "--set", "estimator.rollouts=3", "--out", str(tmp_path)]
     assert main([*words, "--set", "estimator.specifications=[no_collision]"]) == 0
     for name in ("nominal.png", "worst_no_collision.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        (["--budget", "stepz=4"], 4, "steps"),
-        (["--budget", "steps=0"], 4, "positive"),
-        (["--workers", "0"], 4, "--workers"),
-        (["--seed", "-1"], 4, "seed"),
-        (["--executor", "processs"], 5, "processes"),
-        (["--estimator", "amss"], 5, "ams"),
-        (["--set", "steps=many"], 4, "steps"),
-        (["--budget", "steps=3"], 4, "does not pay"),
-    ],
-)
-def test_wrong_arguments_are_a_clear_error(tmp_path, capsys, words, code, message):
-    assert main(["run", LANE_CHANGE, "--no-pictures", "--out", str(tmp_path), *words]) == code
-    error = capsys.readouterr().err
-    assert message in error
-    assert "Traceback" not in error
 
 
 TANK = """\

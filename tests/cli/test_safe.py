@@ -145,11 +145,6 @@ def test_the_variable_stands_for_the_option(folder, capsys, monkeypatch):
     assert SAID in capsys.readouterr().err
 
 
-def test_the_option_ends_with_the_command(folder, capsys):
-    main(["validate", "s.yaml", "--safe"])
-    assert main(["validate", "s.yaml"]) == 0
-
-
 def test_every_command_with_a_scenario_has_it():
     """Find ``--safe`` in every command that takes a scenario or a run folder, new ones too."""
     exempt = {
@@ -189,11 +184,3 @@ def test_no_run_is_resumed_through_a_link(folder, capsys, name):
     assert main(["run", "--out", "interrupted", "--resume"]) == 4
     assert f"interrupted/{name}: is a link" in capsys.readouterr().err
     assert [path.name for path in mine.iterdir()] == ["scenario.yaml"]
-
-
-def test_a_checkpoint_names_no_folder_above(folder, capsys):
-    index = {"schema": 1, "task": {"scenarios": {"..": {}}, "budget": None}, "about": {"paths": {}}}
-    Path("interrupted/checkpoint/checkpoint.json").write_text(json.dumps(index))
-    Path("interrupted/scenario.yaml").write_text(HONEST)
-    assert main(["run", "--out", "interrupted", "--resume"]) == 4
-    assert "this is not the checkpoint of a run" in capsys.readouterr().err

@@ -36,34 +36,6 @@ def test_kill_minus_nine_at_random_moments(night, estimator, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["is", "ce"])
-def test_weighted_samples_are_resumed(night, estimator):
-    scenario = night.scenario(estimator)
-    night.run(scenario, "--out", "whole")
-    process = night.start(scenario, "--out", "torn", **SLOW)
-    wait_for(lambda: len(night.saved("torn")) >= 12)
-    process.kill()
-    process.communicate()
-    night.run("--out", "torn", "--resume", "--workers", 2)
-    assert night.result("torn") == night.result("whole")
-
-
-@pytest.mark.slow
-def test_a_kill_loses_only_the_chunks_in_hand(night):
-    scenario = night.scenario()
-    process = night.start(scenario, "--out", "torn", **SLOW)
-    wait_for(lambda: len(night.saved("torn")) >= 5)
-    process.kill()
-    process.communicate()
-    before = {path: path.stat().st_mtime_ns for path in night.saved("torn")}
-    process = night.start("--out", "torn", "--resume", **SLOW)
-    wait_for(lambda: len(night.saved("torn")) > len(before) + 2)
-    process.send_signal(signal.SIGTERM)
-    process.communicate()
-    assert {path: path.stat().st_mtime_ns for path in before} == before
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_signal_ends_the_run_after_the_chunk_in_hand(night, number, workers):
@@ -127,20 +99,6 @@ def test_the_second_signal_ends_the_run_at_once(night):
     _, err = process.communicate(timeout=20)
     assert process.returncode == 2
     assert "0 chunks are saved" in err
-
-
-@pytest.mark.slow
-def test_without_a_folder_ctrl_c_saves_as_well(night):
-    process = night.start(night.scenario(), AVRARE_TOY_PAUSE="0.01")
-    wait_for(lambda: list((night.folder / "runs").rglob("*.npz")))
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
-    assert process.returncode == 2
-    (folder,) = (night.folder / "runs").iterdir()
-    night.run("--out", folder, "--resume")
-    night.run(night.scenario(), "--out", "whole")
-    assert f"resume with avrare run --out runs/{folder.name} --resume" in err
-    assert night.result(folder) == night.result("whole")
 
 
 @pytest.mark.slow

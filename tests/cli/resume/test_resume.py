@@ -52,15 +52,6 @@ def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
         assert night.result("torn", name) == night.result("whole", name)
 
 
-def test_the_json_of_a_resumed_run(night, interrupted, capsys):
-    interrupted(3, night.scenario(), "--out", "torn", "--budget", "rollouts=200")
-    capsys.readouterr()
-    assert run("--out", "torn", "--resume", "--json") == 0
-    content = json.loads(capsys.readouterr().out)
-    assert [entry["rollouts"] for entry in content["estimates"]] == [200, 200]
-    assert content == json.loads(Path("torn/result.json").read_text())
-
-
 def test_resuming_a_finished_run_prints_its_result(night, capsys):
     scenario = night.scenario()
     assert run(scenario, "--out", "done") == 0
@@ -142,13 +133,6 @@ def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
     Path("file").write_text("")
     assert run(scenario, "--out", "file", "--resume") == 4
     assert "--out file: is not a folder" in capsys.readouterr().err
-
-
-def test_a_scenario_with_the_name_of_the_folder_of_checkpoints(night, capsys):
-    named = night.scenario(name="checkpoint")
-    assert run(named, night.scenario(), "--out", "two") == 4
-    assert "a scenario has the same name" in capsys.readouterr().err
-    assert run(named, "--out", "one") == 0
 
 
 def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
@@ -266,18 +250,6 @@ def test_an_error_during_a_run_keeps_the_saved_chunks(night, monkeypatch, capsys
     assert "40 chunks are saved" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_run_without_a_named_folder_is_resumed(night, interrupted, capsys):
-    words = (night.scenario(name="one"), night.scenario(name="two"))
-    interrupted(5, *words)
-    (folder,) = Path("runs").iterdir()
-    assert f"hint: resume with avrare run --out {folder} --resume" in capsys.readouterr().err
-    assert run("--out", folder, "--resume") == 0
-    assert run(*words, "--out", "whole") == 0
-    for name in ("one", "two"):
-        assert night.result(folder, name) == night.result("whole", name)
-
-
 @pytest.mark.parametrize("several", [False, True])
 def test_a_refused_run_leaves_nothing(night, several):
     words = [night.scenario("{plugin: ams, particles: 50, discard: 10}")]
@@ -305,22 +277,6 @@ def test_only_one_process_resumes_in_a_folder(night, interrupted, capsys):
     assert run("--out", "torn", "--resume") == 0
 
 
-def test_a_folder_in_use_is_not_overwritten(night, capsys):
-    begun = checkpoint.Checkpoint.open(Path("torn/checkpoint"), {"another": "task"})
-    with begun.held():
-        assert run(night.scenario(), "--out", "torn") == 4
-    assert "another process is using this folder" in capsys.readouterr().err
-    assert checkpoint.read_index(Path("torn/checkpoint"))["task"] == {"another": "task"}
-
-
-def test_a_file_system_without_locks_refuses_nobody(night, monkeypatch):
-    def refuse(file, operation):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr("fcntl.flock", refuse)
-    assert run(night.scenario(), "--out", "done") == 0
-
-
 @pytest.mark.slow
 def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, capsys):
     estimator = "{plugin: ams, particles: 90, discard: 20, runs: 2}"
@@ -342,15 +298,6 @@ def test_a_run_stopped_in_its_cross_check_goes_on_there(night, interrupted, caps
         return found
 
     assert content("torn") == content("whole")
-
-
-def test_a_cross_check_of_several_specifications_shares_their_cost(night):
-    assert run(night.scenario("mc"), "--cross-check", "--out", "checked") == 0
-    result = night.result("checked")
-    for entry in result["estimates"]:
-        check = entry["cross_check"]
-        assert (check["estimator"], check["outcome"]) == ("ams", "inconclusive")
-        assert "15 % of the cost pays for only 30 complete rollouts" in entry["notes"][-1]["text"]
 
 
 def test_results_of_other_scenarios_are_not_mixed_with(night, capsys):
