@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 import avrare
-from avrare.base.errors import UsageError
 from avrare.testing.static_problems import Static, Values, row_sum
 from avrare_flows import transformed
 from avrare_flows.laws import Joint
@@ -65,28 +64,6 @@ def test_the_density_of_a_copula_is_that_of_the_transform():
     flat = stats.multivariate_normal([0, 0], [[1, 0.5], [0.5, 1]])
     normal = Joint([Normal(), Normal()], [[1, 0.5], [0.5, 1]])
     np.testing.assert_allclose(normal.log_density(z[:, :2]), flat.logpdf(z[:, :2]), rtol=1e-12)
-
-
-def test_rows_of_a_law_do_not_depend_on_their_neighbours():
-    z = np.random.default_rng(3).standard_normal((40, 3))
-    x, log_det = JOINT.warp(z)
-    for i in range(len(z)):
-        alone, own = JOINT.warp(z[i : i + 1])
-        assert np.array_equal(alone[0], x[i])
-        assert own[0] == log_det[i]
-
-
-@pytest.mark.parametrize(
-    "correlation", [[[1.0, 0.5], [0.4, 1.0]], [[1.0, 2.0], [2.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]], np.eye(3)]
-)
-def test_an_invalid_correlation_is_refused(correlation):
-    with pytest.raises(UsageError, match="correlation"):
-        Joint([Normal(), Normal()], correlation)
-
-
-def test_a_law_of_another_size_is_refused():
-    with pytest.raises(UsageError, match="2 numbers a row, but the system's noise has 1"):
-        transformed(Walk(), Joint([Normal(), Normal()]))
 
 
 @pytest.mark.parametrize("estimator", ["mc", "ams", "ess"])

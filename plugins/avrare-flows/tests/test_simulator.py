@@ -1,12 +1,10 @@
 """The simulator ``transformed``: scenarios with noise that is not normal."""
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from scipy import stats
 
 import avrare
@@ -132,27 +130,6 @@ def test_only_a_simulator_with_normal_noise_is_wrapped():
         build(TransformedConfig(noise=noise, simulator=road))
 
 
-def test_options_of_the_other_simulator_are_checked(tmp_path):
-    with pytest.raises(AvrareError, match="unknown option 'state'"):
-        _ = scenario(tmp_path, SUM.format(extra="").replace("states:", "state:")).stack
-    with pytest.raises(AvrareError, match="linea"):
-        _ = scenario(tmp_path, SUM.format(extra="").replace("plugin: linear", "plugin: linea")).stack
-
-
-def test_unknown_laws_are_refused():
-    with pytest.raises(ValidationError, match="normall"):
-        TypeAdapter(LawConfig).validate_python({"law": "normall"})
-
-
-def test_listing_and_validating_import_nothing_heavy():
-    code = (
-        "import sys, avrare_flows as flows, avrare_flows.config, avrare_flows.command;"
-        "flows.avrare_components();"
-        "bad = {'scipy', 'torch', 'pyro'} & set(sys.modules); sys.exit(str(bad) if bad else 0)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr == ""
-
-
 def test_the_files_and_the_plugin_of_the_other_simulator_belong_to_the_fingerprint(tmp_path):
     (tmp_path / "scene.xml").write_text("one")
     text = f"""
@@ -173,10 +150,3 @@ estimator: {{plugin: ess}}
     assert list(digests(definition)) == ["simulator.simulator.file"]
     (tmp_path / "scene.xml").write_text("two")
     assert fingerprint(definition) != first
-
-
-def test_another_simulator_that_cannot_be_built_is_told_when_it_is():
-    config = TransformedConfig(simulator={"plugin": "nothing"}, noise=({"law": "exponential"},))
-    assert config.used_versions() == config.used_files() == {}
-    with pytest.raises(AvrareError, match="nothing"):
-        build(config)

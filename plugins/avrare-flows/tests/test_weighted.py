@@ -1,7 +1,6 @@
 """Weights: P/q gives the truth, the paper's weights do not, and nobody else runs on weighted noise."""
 
 import math
-import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,15 +100,6 @@ def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
     assert "paper_weights" in found.health
 
 
-def test_an_exact_flow_has_weights_of_one():
-    plain, corrected = (
-        estimate(system, runs=2)
-        for system in (transformed(Total(3), THREE), weighted(Total(3), THREE, THREE.log_density))
-    )
-    assert corrected.probability == pytest.approx(plain.probability, rel=1e-9)
-    assert corrected.health.keys() == plain.health.keys()
-
-
 def test_weights_are_those_of_all_rows():
     """Draw a walk of N(0, 1) steps from N(0, 1.2^2); the truth is from N(0, 1) itself."""
     walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
@@ -144,23 +134,6 @@ def test_a_weight_that_is_not_a_number_is_a_fault():
         Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)
     ).with_weights()
     assert system.faults(system.initial(np.array([[1.0], [-1.0]]))).tolist() == [True, False]
-
-
-@pytest.mark.parametrize("estimator", ["mc", "ams", "is", "ce"])
-def test_estimators_without_weights_are_refused(estimator):
-    options = {"proposal": {"name": "gaussian", "std": 2.0}} if estimator == "is" else {}
-    problem = avrare.Problem(weighted(Total(3), THREE, THREE.log_density), FORMULA, 0)
-    with pytest.raises(UsageError, match="noise has weights"):
-        avrare.estimate(problem, estimator, **options)
-
-
-@pytest.mark.slow
-def test_weights_are_the_same_for_two_workers():
-    system = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
-    problem = avrare.Problem(pickle.loads(pickle.dumps(system)), avrare.stl("always (x < 5)"), 4, chunk=100)
-    one, two = (avrare.estimate(problem, "ess", seed=1, runs=2, chains=20, workers=n) for n in (1, 2))
-    assert one.probability == two.probability
-    assert one.interval == two.interval
 
 
 @pytest.mark.parametrize(

@@ -12,17 +12,6 @@ def read(world, scene):
     return box_of(relative(world), scene.lengths, scene.widths, 1.7, np.full(world.others.x.shape, 4.0))
 
 
-def test_straight_ahead_in_the_frame_of_the_data(make):
-    box = read(make.world([[20.0, 0.0, 0.0]]), make.scene(1))
-    values = np.array([box.right[0, 0], box.forward[0, 0], box.yaw[0, 0]])
-    np.testing.assert_allclose(values, [0.0, 20.0, np.pi / 2], atol=1e-12)
-
-
-def test_left_of_the_ego_is_negative_right(make):
-    box = read(make.world([[0.0, 5.0, 0.0]]), make.scene(1))
-    np.testing.assert_allclose([box.right[0, 0], box.forward[0, 0]], [-5.0, 0.0], atol=1e-12)
-
-
 def test_ego_heading_counts(make):
     # ego looks along +y, the car is 20 m ahead of it and points to the ego's left
     box = read(make.world([[0.0, 20.0, np.pi]], ego=(0.0, 0.0, np.pi / 2)), make.scene(1))

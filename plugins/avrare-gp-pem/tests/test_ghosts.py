@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.base.batch import take
 from avrare.base.errors import UsageError
-from avrare.protocols import PerceptionErrorModel, adapt, overrides
 from avrare_gp_pem.config import Ghosts, GpPemConfig, NaivePemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.ghosts import NOISE_PER_GHOST, with_ghosts
 from avrare_gp_pem.runtime.models import build_gp, build_naive, build_parametric
@@ -114,41 +112,6 @@ def test_those_near_vehicles_are_around_them(make, motion):
         assert (x[second] - 300.0).std() == pytest.approx(3.0, rel=few)
 
 
-def test_where_there_is_no_vehicle_none_is_near_one(make):
-    model = build_parametric(ParametricPemConfig(ghosts=SHARED | {"near": 1.0}), make.scene(0))
-    _, seen, memories = course(model, make.world(np.zeros((0, 3)), n=200), 1)
-    assert memories[0].present.any()
-    assert seen[0].x[seen[0].detected].min() >= 10.0
-
-
-def test_new_and_lasting_ghosts_have_the_errors_of_speed(make):
-    for persistence in (0.0, 1e6):
-        options = SHARED | {"persistence": persistence}
-        model = build_parametric(ParametricPemConfig(ghosts=options, speed_sd=0.5), make.scene(1))
-        world = make.world([[50.0, 0.0, 0.0]], n=2000)
-        noise, seen, _ = course(model, world, 1)
-        for one in (seen[0], model.observe(world, noise[0])):
-            speed = one.speed_x[:, 1:][one.detected[:, 1:]]
-            assert speed.std() == pytest.approx(0.5, rel=4 / math.sqrt(2 * len(speed)))
-
-
-def test_an_observation_without_a_past_has_ghosts_at_their_places(make):
-    options = SHARED | {"sd": 5.0}  # where a new ghost is, nothing has moved it yet
-    model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))
-    noise = np.random.default_rng(0).standard_normal((2000, model.noise_size))
-    seen = model.observe(make.world([[50.0, 0.0, 0.0]], n=2000), noise)
-    x = seen.x[:, 1:][seen.detected[:, 1:]]
-    assert 10.0 <= x.min() <= x.max() <= 30.0
-
-
-def test_many_ghosts_of_data_have_slots(make):
-    law = MeasuredGhosts(rate=12.0, persistence=0.5, points=np.array([[10.0, 2.0]]), width=0.5)
-    model = with_ghosts(build_parametric(ParametricPemConfig(), make.scene(0)), law, make.scene(0), 0.3)
-    assert model.ghosts.share == 0.5
-    _, seen, _ = course(model, make.world(np.zeros((0, 3)), n=500), 1)
-    assert seen[0].detected.sum(axis=1).mean() == pytest.approx(12.0, abs=4 * math.sqrt(6 / 500))
-
-
 @pytest.mark.parametrize("options", [{"ghosts": SHARED}, {"ghosts": SHARED, "speed_y_sd": 0.1}])
 def test_the_naive_model_has_no_ratio(make, options):
     model = build_naive(NaivePemConfig(**options), make.scene(1))
@@ -173,18 +136,6 @@ def test_places_of_data_are_drawn_around_them(make):
     assert law.slots == model.ghost_slots == 4
 
 
-def test_rows_and_copies_stay_apart(make, model):
-    world = make.random(12, 2)
-    noise, seen, memories = course(model, world, 3)
-    rows = np.array([7, 2])
-    memory = take(memories[1], rows)
-    before = [leaf.tobytes() for leaf in (memory.present, memory.x, memory.forward)]
-    alone, _ = model.follow(take(world, rows), noise[3][rows], memory)
-    assert before == [leaf.tobytes() for leaf in (memory.present, memory.x, memory.forward)]
-    for name in ("detected", "x", "y", "speed_x"):
-        assert getattr(alone, name).tobytes() == getattr(seen[2], name)[rows].tobytes()
-
-
 def test_perfect_noise_has_none(make, model):
     world = make.world([[20.0, 0.0, 0.0], [30.0, 3.0, 0.0]])
     perfect = np.array([model.perfect_noise])
@@ -192,16 +143,6 @@ def test_perfect_noise_has_none(make, model):
     for _ in range(3):
         observation, memory = model.follow(world, perfect, memory)
         assert observation.detected.tolist() == [[True, True, False, False]]
-
-
-def test_it_goes_with_errors_that_last(make):
-    options = {"ghosts": SHARED, "persistence": {"detection": 0.5}}
-    model = build_gp(GpPemConfig(model="measured", **options), make.scene(2))
-    assert overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
-    assert adapt(PerceptionErrorModel, model).ghost_slots == 2
-    assert not hasattr(model, "log_prob")
-    _, seen, _ = course(model, make.random(5, 2), 3)
-    assert seen[2].detected.shape == (5, 4)
 
 
 @pytest.mark.parametrize("changed", [{"rate": 0.66}, {"persistence": 0.5}, {"rate": 0.5, "persistence": 0.3}])

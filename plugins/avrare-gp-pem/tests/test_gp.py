@@ -71,22 +71,6 @@ def test_shipped_process_agrees_with_pyro(pointpillars, name):
     np.testing.assert_allclose(variance, expected_variance, atol=1e-6)
 
 
-def test_frozen_prediction():
-    # made once with Pyro (pyro_prediction above); holds without it
-    process = SparseGp(
-        inducing=np.array([[0.0, 1.0], [-1.0, 0.5], [2.0, -1.0]]),
-        lengthscale=np.array([1.0, 2.0]),
-        variance=np.array(1.5),
-        location=np.array([[0.3, -1.0, 0.7]]),
-        factor=np.array([[[0.5, 0, 0], [0.2, 0.8, 0], [-0.1, 0.3, 0.4]]]),
-        prior=np.array([[0.25, -0.5]]),
-        jitter=np.array(1e-5),
-    )
-    mean, variance = process.predict(np.array([[0.5, 0.0], [3.0, 3.0]]))
-    np.testing.assert_allclose(mean[:, 0], [0.6870867724883369, -1.1717383584234142], atol=1e-9)
-    np.testing.assert_allclose(variance[:, 0], [0.6598492051988964, 1.4921879463848937], atol=1e-9)
-
-
 def test_diagonal_factors_are_triangular_ones_without_the_rest():
     parameters = small(points=19)
     diagonals = np.diagonal(parameters["factor"], axis1=1, axis2=2).copy()
@@ -95,12 +79,6 @@ def test_diagonal_factors_are_triangular_ones_without_the_rest():
     x = np.random.default_rng(5).normal(size=(70, 3))
     for expected, got in zip(full.predict(x), quick.predict(x), strict=True):
         np.testing.assert_allclose(got, expected, atol=2e-4)
-
-
-def test_variance_far_away_is_that_of_the_prior():
-    mean, variance = SparseGp(**small()).predict(np.full((1, 3), 1e3))
-    np.testing.assert_allclose(variance, 1.7)
-    np.testing.assert_allclose(mean[0], small()["prior"] @ [1, 1e3])
 
 
 @pytest.mark.parametrize("model", ["pointpillars", "paper", "literal"])
@@ -115,10 +93,6 @@ def test_rows_are_the_same_in_any_batch_and_place(model, name):
     for shift in range(1, 50):
         for all_rows, rolled in zip(whole, process.predict(np.roll(x, shift, axis=0)), strict=True):
             assert np.roll(rolled, -shift, axis=0).tobytes() == all_rows.tobytes()
-
-
-def test_no_rows_give_no_predictions():
-    assert SparseGp(**small()).predict(np.empty((0, 3)))[0].shape == (0, 2)
 
 
 def test_file_survives_a_round_trip(pointpillars, tmp_path):

@@ -22,14 +22,6 @@ def seen(make, n=20_000, model=None, seed=0, **options):
     return model, world, model.observe(world, noise)
 
 
-def test_by_default_neither_is_reported(build, make):
-    model = build(make.scene(2))
-    assert model.noise_size == 8
-    observation = model.observe(make.random(3, 2), np.zeros((3, 8)))
-    assert observation.speed_y is None
-    assert observation.heading is None
-
-
 def test_places_stay_the_same(build, make):
     plain, more = build(make.scene(2)), build(make.scene(2), **BOTH)
     assert more.noise_size == 8 + 2 * 3 == len(more.noise_names) == len(more.perfect_noise)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from avrare.base.batch import take
 from avrare_gp_pem.config import NaivePemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.models import build_naive, build_parametric
 
@@ -34,24 +33,6 @@ def test_log_prob_is_the_density(make):
     )
     assert 0 < seen.detected.mean() < 1
     np.testing.assert_allclose(model.log_prob(world, seen), expected, rtol=1e-9)
-
-
-def test_exact_speed_is_certain(make):
-    model, world = build_naive(NaivePemConfig(speed_sd=0.0), make.scene(2)), make.random(20, 2)
-    _, seen = drawn(model, world)
-    assert np.isfinite(model.log_prob(world, seen)).all()
-    _, other = drawn(build_naive(NaivePemConfig(), make.scene(2)), world)
-    assert np.isneginf(model.log_prob(world, other)[other.detected.any(axis=1)]).all()
-
-
-def test_rows_do_not_depend_on_their_neighbours(make):
-    model, world = build_naive(NaivePemConfig(), make.scene(3)), make.random(100, 3)
-    noise, whole = drawn(model, world)
-    density = model.log_prob(world, whole)
-    for index in (slice(0, 1), slice(7, 60), [99, 4]):
-        part = model.observe(take(world, index), noise[index])
-        assert part.x.tobytes() == whole.x[index].tobytes()
-        assert model.log_prob(take(world, index), part).tobytes() == density[index].tobytes()
 
 
 def test_weights_of_a_real_model_have_mean_one(make):

@@ -10,7 +10,6 @@ from pydantic import ValidationError
 from avrare.base.batch import take
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.protocols import PerceptionErrorModel, adapt, overrides
-from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.load import load
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, Persistence
 from avrare_gp_pem.runtime import store
@@ -50,13 +49,6 @@ def test_without_persistence_it_is_the_model_itself(build, make, persistence):
     assert not overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
 
 
-def test_with_persistence_it_has_the_protocol_and_no_density(build, make):
-    model = build(make.scene(2), persistence=ALL)
-    assert overrides(adapt(PerceptionErrorModel, model), PerceptionErrorModel.follow)
-    assert not hasattr(model, "log_prob")
-    assert model.noise_size == 8
-
-
 def test_without_a_past_it_observes_as_the_model_itself(build, make):
     world, scene = make.random(50, 2), make.scene(2)
     noise = np.random.default_rng(3).standard_normal((50, 8))
@@ -74,42 +66,6 @@ def test_a_channel_that_is_off_keeps_its_bits(build, make):
         assert observation.detected.tobytes() == anew.detected.tobytes()
         assert observation.speed_x.tobytes() == anew.speed_x.tobytes()
         assert (observation.x != anew.x)[observation.detected].all()
-
-
-@pytest.mark.parametrize("index", [slice(0, 1), slice(3, 60), [77], [5, 5, 98]])
-@pytest.mark.parametrize("persistence", [ALL, LASTING])
-def test_rows_do_not_depend_on_their_neighbours(build, make, index, persistence):
-    model, world = build(make.scene(3), persistence=persistence), make.random(100, 3)
-    noise, seen, latents = course(model, world, 4)
-    memory = model.start(noise[0][index])
-    for step, whole in enumerate(seen):
-        part, memory = model.follow(take(world, index), noise[step + 1][index], memory)
-        assert model.latent(memory).tobytes() == latents[step][index].tobytes()
-        for name in FIELDS:
-            assert getattr(part, name).tobytes() == getattr(whole, name)[index].tobytes()
-
-
-def test_every_latent_number_is_standard_normal_at_every_step(make):
-    from scipy import stats
-
-    n = 5000
-    model = naive(make.scene(1), detection=0.3, position=2.0, speed=0.05)
-    _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 30)
-    for step in (0, 1, 5, 29):
-        for channel in range(4):
-            assert stats.kstest(latents[step, :, channel], "norm").pvalue > 1e-3
-
-
-def test_correlation_falls_exponentially(make):
-    n, dt = 40_000, 0.1
-    model = naive(make.scene(2), **ALL)
-    _, _, latents = course(model, make.world([[20.0, 0.0, 0.0], [30.0, 0.0, 0.0]], n=n), 12)
-    seconds = np.tile([0.3, 0.5, 0.5, 0.1], 2)
-    for first, lag in ((0, 1), (0, 5), (6, 3)):
-        found = (latents[first] * latents[first + lag]).mean(axis=0)
-        np.testing.assert_allclose(found, np.exp(-lag * dt / seconds), atol=5 / np.sqrt(n))
-    across = np.corrcoef(latents[11].T) - np.eye(8)
-    assert abs(across).max() < 5 / np.sqrt(n)  # vehicles and channels stay independent
 
 
 def test_every_observation_has_the_law_of_the_model_itself(build, make):
@@ -142,12 +98,6 @@ def test_runs_of_misses_grow_and_their_share_does_not(make):
     expected = [np.pi / np.arccos(np.exp(-0.1 / tau)) for tau in (0.2, 0.5, 1.0)]
     np.testing.assert_allclose(lengths[1:], expected, rtol=0.12)
     np.testing.assert_allclose(shares, 0.5, atol=0.02)
-
-
-def test_an_infinite_time_constant_keeps_the_first_numbers(make):
-    model = naive(make.scene(1), position=1e30)
-    noise, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=5), 3)
-    np.testing.assert_allclose(latents[-1][:, 1:3], noise[0][:, 1:3], rtol=1e-12)
 
 
 def test_a_lasting_part_stays_and_every_number_is_standard_normal(make):
@@ -207,14 +157,3 @@ def test_a_scenario_sets_persistence_and_mistakes_have_a_place():
     with pytest.raises(ScenarioError, match=r"perception\.persistence\.detecton") as caught:
         load(LANE_CHANGE, ["perception.persistence.detecton=0.3"])
     assert "detection" in str(caught.value.problems)
-
-
-def test_the_content_of_a_model_file_counts(tmp_path):
-    file = tmp_path / "mine.npz"
-    file.write_bytes(store.locate("best").read_bytes())
-    scenario = load(LANE_CHANGE, [f"perception.model={file}"])
-    assert list(digests(scenario)) == ["perception.model"]
-    before = fingerprint(scenario)
-    file.write_bytes(store.locate("paper").read_bytes())
-    assert fingerprint(scenario) != before
-    assert digests(load(LANE_CHANGE)) == {}

@@ -7,8 +7,8 @@ from scipy import stats
 
 from avrare.base.errors import UsageError
 from avrare_gymnasium.actions import actions
-from avrare_gymnasium.config import ActionNoiseConfig, ConstantConfig, FeedbackConfig
-from avrare_gymnasium.controllers import Constant, Feedback, build_constant, build_feedback
+from avrare_gymnasium.config import ActionNoiseConfig, FeedbackConfig
+from avrare_gymnasium.controllers import build_feedback
 
 TWO, FOUR = spaces.Discrete(2), spaces.Discrete(4, start=1)
 BOX = spaces.Box(np.array([-1.0, -2.0], dtype=np.float32), np.array([1.0, 2.0], dtype=np.float32))
@@ -97,14 +97,6 @@ def test_feedback():
         controller.act(None, seen[:, :2])
 
 
-@pytest.mark.parametrize(("action", "shape"), [(1, (3,)), ((0.5, 1.0), (3, 2))])
-def test_constant(action, shape):
-    found, _ = build_constant(ConstantConfig(action=action)).act(None, np.zeros((3, 4)))
-    assert found.shape == shape
-    np.testing.assert_array_equal(found[0], action)
-    assert (found.dtype.kind == "i") == isinstance(action, int)
-
-
 @pytest.mark.parametrize(
     "options",
     [{"gain": ((1, 2), (1,))}, {"gain": ((1, 2),), "reference": (1,)}, {"gain": ((1, 2),), "offset": (1, 2)}],
@@ -120,19 +112,3 @@ def test_shapes_of_a_feedback(options):
 def test_noise_on_actions_is_added_or_random(options):
     with pytest.raises(ValueError, match="law random requires probability"):
         noise(**options)
-
-
-@pytest.mark.parametrize(("space", "width"), [(TWO, 1), (FOUR, 4), (BOX, 2)])
-def test_a_command_that_is_nan_is_an_error_of_its_rollout(space, width):
-    commands = np.zeros((3, width))
-    commands[1, -1] = np.nan
-    act = actions(space, None)
-    with pytest.raises(ValueError, match="command is NaN"):
-        act(commands, np.zeros((3, 0)))
-    assert len(act(commands[[0, 2]], np.zeros((2, 0)))) == 2
-
-
-@pytest.mark.parametrize("controller", [Feedback([[1.0]]), Constant((0.0,))])
-def test_controllers_need_rows_of_numbers(controller):
-    with pytest.raises(UsageError, match="needs observations"):
-        controller.act(None, object())

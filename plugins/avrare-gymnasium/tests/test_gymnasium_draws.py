@@ -50,12 +50,6 @@ def test_a_scenario_draws_an_attribute(tmp_path):
     assert scenario.simulator.config.attributes == {"m": 1.25, "g": 10.0}
 
 
-def test_an_attribute_that_is_not_there_is_refused():
-    with pytest.raises(UsageError, match=r"attributes\.masss: PendulumEnv has no number") as caught:
-        build(GymnasiumConfig(env="Pendulum-v1", attributes={"masss": 1.0}))
-    assert "known: dt, g, l, m" in caught.value.hint
-
-
 def test_an_attribute_that_is_computed_is_refused():
     class Weighed(PendulumEnv):
         @property
@@ -68,9 +62,3 @@ def test_an_attribute_that_is_computed_is_refused():
             build(GymnasiumConfig(env="Weighed-v0", attributes={"weight": 1.0}))
     finally:
         del gymnasium.registry["Weighed-v0"]
-
-
-def test_noise_numbers_have_names():
-    noise = {"stream": {"by": "tape", "at": "reset", "numbers": 2}, "action": {"law": "normal", "scale": 1.0}}
-    simulator = build(GymnasiumConfig(env="Pendulum-v1", noise=noise))
-    assert simulator.noise_names == ("random number 0", "random number 1", "action noise")

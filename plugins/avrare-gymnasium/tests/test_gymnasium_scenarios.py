@@ -1,6 +1,5 @@
 """The scenarios of this project that need no simulator of ours."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -30,32 +29,6 @@ def test_both_estimators_run(name):
     assert split.errors == 0
     assert 0.0 < split.probability < 1.0
     assert max(brute.interval[0], split.interval[0]) < min(brute.interval[1], split.interval[1])
-
-
-def test_a_failure_is_reproduced():
-    problem = scenario("cartpole", "simulator.noise.action.scale=2")
-    result = avrare.estimate(problem, "ams", particles=20, discard=5, runs=1)
-    again = problem.robustness(result.failures.noise[:5])
-    assert (again == result.failures.robustness[:5]).all()
-    assert (again <= 0).all()
-
-
-@pytest.mark.slow
-def test_two_workers_give_the_same_bits(tmp_path, capsys):
-    found = []
-    for workers in ("1", "2"):
-        out = tmp_path / workers
-        arguments = [
-            "run", str(FOLDER / "pendulum.yaml"), "--workers", workers, "--out", str(out), "--json",
-            "--set", "estimator={plugin: ams, particles: 16, discard: 4, runs: 2}", "--set", "chunk=8",
-            "--set", "simulator.noise.action.scale=2.5",
-        ]  # fmt: skip
-        assert main(arguments) == 0
-        (estimate,) = json.loads((out / "result.json").read_text())["estimates"]
-        found.append({name: value for name, value in estimate.items() if name != "seconds"})
-    assert found[0] == found[1]
-    assert "not_deterministic" not in found[0]["health"]
-    assert found[0]["failures"] > 0
 
 
 @pytest.mark.parametrize(

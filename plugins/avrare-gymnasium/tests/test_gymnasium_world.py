@@ -9,7 +9,7 @@ import pytest
 from gymnasium import spaces
 
 import avrare
-from avrare.base.errors import AvrareError, PluginError, UsageError
+from avrare.base.errors import AvrareError, UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.worlds import capabilities
@@ -122,21 +122,6 @@ def test_an_ended_environment_stands_still():
     assert abs(found["o2"][:, -1]).min() > 0.2094
 
 
-def test_a_time_limit_is_seen():
-    found, _ = course(odd(), tape(odd(), 3))
-    np.testing.assert_array_equal(found["truncated"], np.repeat([np.arange(STEPS + 1) >= 8], 3, axis=0))
-
-
-def test_a_row_does_not_depend_on_its_neighbours():
-    system = pole()
-    noise = tape(system, 7)
-    together, _ = course(system, noise)
-    for row in range(7):
-        alone, _ = course(system, noise[row : row + 1])
-        for name, values in together.items():
-            np.testing.assert_array_equal(alone[name][0], values[row])
-
-
 @pytest.mark.parametrize("copy", ["replay", "deepcopy"])
 @pytest.mark.parametrize("stream", [{"by": "seed"}, {"by": "tape", "numbers": 4}])
 def test_a_restored_environment_continues_identically(copy, stream):
@@ -221,13 +206,6 @@ def test_an_environment_that_is_not_deterministic():
         avrare.estimate(problem, "ams", particles=20, discard=4, runs=1)
 
 
-def test_a_free_stream_has_no_capabilities():
-    can = capabilities(odd(noise={"stream": {"by": "free"}}))
-    assert (can.branches, can.noise) == (False, False)
-    assert "by: free" in can.reason
-    assert capabilities(odd()).noise
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -260,16 +238,6 @@ def test_a_failing_reset_is_reported_before_anything_runs(kind, message, tmp_pat
         avrare.load(path).problem("low")
 
 
-def test_a_missing_package(monkeypatch):
-    def make(*_, **__):
-        raise gymnasium.error.DependencyNotInstalled("Box2D is not installed")
-
-    monkeypatch.setattr(gymnasium, "make", make)
-    with pytest.raises(PluginError) as caught:
-        build(GymnasiumConfig(env="LunarLander-v3"))
-    assert caught.value.hint == 'pip install "avrare-gymnasium[box2d]"'
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -286,7 +254,3 @@ def test_a_missing_package(monkeypatch):
 def test_invalid_options_of_a_scenario(options, message):
     with pytest.raises(ValueError, match=message):
         GymnasiumConfig(**options)
-
-
-def test_installed_plugins_may_be_named():
-    assert GymnasiumConfig(env="avrare_gymnasium:CartPole-v1").env == "avrare_gymnasium:CartPole-v1"

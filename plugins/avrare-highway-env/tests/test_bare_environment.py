@@ -54,15 +54,6 @@ def test_the_same_rollout_as_highway_env_bit_for_bit(scene, seed):
     assert t > 15
 
 
-def test_the_class_of_the_other_scenes_is_unchanged():
-    from avrare_highway_env.drivers import IntersectionDriver, MoodyDriver
-
-    wanted = MoodyDriver.DISTANCE_WANTED
-    simulator(scene="intersection")
-    assert IntersectionDriver.DISTANCE_WANTED == 7
-    assert wanted == MoodyDriver.DISTANCE_WANTED == 10
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_the_lidar(seed):
     """Compare all but the cell of an object's centre, which highway-env gives its half width, and corners."""

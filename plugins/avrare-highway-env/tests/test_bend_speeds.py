@@ -1,8 +1,6 @@
 """Speeds in bends of roundabout and intersection: a limit of the acceleration, or a warning of its lack."""
 
 import numpy as np
-import pytest
-from pydantic import ValidationError
 
 from avrare.driving import Action
 from avrare_highway_env.config import HighwayEnvConfig
@@ -62,8 +60,3 @@ def test_a_limit_bounds_the_speeds_of_turns_at_the_intersection():
     free, across = turning(None)
     assert across.max() > 9.81
     assert "radius of 9 m" in free.warnings["beyond_tyres"]
-
-
-def test_other_scenes_have_no_bend():
-    with pytest.raises(ValidationError, match=r"omit traffic\.bend_acceleration"):
-        HighwayEnvConfig(scene="merge", traffic={"bend_acceleration": 3.0})

@@ -8,7 +8,6 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_runs import numbers, simulator, tape
 
 import avrare
-from avrare.base.batch import concatenate, take
 from avrare_highway_env.drivers import LightEgo
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
@@ -40,38 +39,6 @@ def test_a_restored_state_continues_identically(loop):
     states = drive(loop, noise)
     again = drive(loop, noise, states[15], 15)
     assert all(same(a, b) for a, b in zip(states[15:], again, strict=True))
-
-
-def test_a_row_does_not_depend_on_its_neighbours(loop):
-    noise = tape(loop, 4, 40)
-    whole = drive(loop, noise)[-1]
-    for rows in ([2], [3, 0]):
-        assert same(take(whole, np.array(rows)), drive(loop, noise[rows])[-1])
-
-
-def test_copies_diverge_only_by_their_noise(loop):
-    noise = tape(loop, 1, 30)
-    states = drive(loop, noise)
-    twins = concatenate([states[10], states[10]])
-    late = drive(loop, np.concatenate([noise, tape(loop, 1, 30, seed=5)]), twins, 10)[-1]
-    assert same(take(late, slice(0, 1)), states[-1])
-    assert not same(take(late, slice(1, 2)), states[-1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("estimator", "options"),
-    [("mc", {"rollouts": 8}), ("ams", {"particles": 6, "discard": 2, "runs": 1})],
-)
-def test_the_same_bits_in_one_process_and_in_two(scenario, estimator, options):
-    changed = ["steps=40", "chunk=3", 'specifications={near: {stl: "always (gap > 12.0)"}}']
-    problem = avrare.load(SCENARIOS / f"{scenario.name}.yaml", changed).problem("near")
-    one, two = (avrare.estimate(problem, estimator, seed=2, workers=workers, **options) for workers in (1, 2))
-    assert one.probability == two.probability
-    assert one.interval == two.interval
-    assert np.array_equal(one.failures.noise, two.failures.noise)
-    assert one.errors == 0
-    assert 0.0 < one.probability <= 1.0
 
 
 def test_without_noise_the_ego_arrives(scenario, loop):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from highway_runs import OPTIONS, run, same, simulator, steering, tape
+from highway_runs import OPTIONS, run, same, simulator, tape
 
 from avrare.base import batch
 
@@ -16,13 +16,6 @@ VALUES = {
 
 def values(*rows):
     return {name: np.array(own)[list(rows)] for name, own in VALUES.items()}
-
-
-def drive(sim, noise, drawn, steps, world=None, start=0):
-    world = sim.reset_drawn(noise[:, 0], drawn) if world is None else world
-    for t in range(start + 1, steps + 1):
-        world = sim.step(world, steering(t, len(noise)), noise[:, t])
-    return world
 
 
 @pytest.mark.parametrize("scene", ["merge", "intersection"])
@@ -50,22 +43,6 @@ def test_rows_have_their_own_values_alone_and_together(scene):
         )
         again = fixed.step(fixed.reset(noise[row : row + 1, 0]), np.zeros((1, 2)), noise[row : row + 1, 1])
         assert same(again, alone)
-
-
-def test_a_copy_keeps_what_was_drawn():
-    sim = simulator(**OPTIONS["merge"])
-    noise = tape(sim, 3, 8)
-    middle = drive(sim, noise, values(0, 1, 2), 4)
-    copies = batch.take(middle, [2, 0])
-    order = np.array([2, 0])
-    expected = batch.take(_straight(sim, middle, noise), order)
-    assert same(_straight(sim, copies, noise[order]), expected)
-
-
-def _straight(sim, world, noise):
-    for t in range(5, 9):
-        world = sim.step(world, np.zeros((len(noise), 2)), noise[:, t])
-    return world
 
 
 def test_drivers_reach_the_speed_that_they_desire():

@@ -1,7 +1,5 @@
 """The simulator as a whole: what its worlds do, and that they depend on their noise alone."""
 
-import pickle
-
 import highway_runs as runs
 import numpy as np
 import pytest
@@ -18,15 +16,6 @@ def sim(request):
     return simulator(**runs.OPTIONS[request.param])
 
 
-@pytest.mark.slow
-def test_a_row_does_not_depend_on_its_neighbours(sim):
-    noise = tape(sim, 6, 40)
-    whole = run(sim, noise)[-1]
-    for rows in ([0], [4, 5], [3, 1, 0]):
-        alone = run(sim, noise[rows], lambda t, n, rows=rows: steering(t, 6)[rows])[-1]
-        assert same(take(whole, np.array(rows)), alone)
-
-
 def test_a_restored_state_continues_identically(sim):
     noise = tape(sim, 3, 40)
     worlds = run(sim, noise)
@@ -36,15 +25,6 @@ def test_a_restored_state_continues_identically(sim):
     assert all(same(a, b) for a, b in zip(worlds[15:], again, strict=True))
 
 
-def test_a_world_continues_in_another_process(sim):
-    """Step a pickled world by a simulator that never saw the run."""
-    noise = tape(sim, 2, 30)
-    worlds = run(sim, noise)
-    other = type(sim)(sim.config)
-    run(other, tape(sim, 1, 3, seed=9))
-    assert same(run(other, noise, world=pickle.loads(pickle.dumps(worlds[10])), start=10)[-1], worlds[-1])
-
-
 def test_copies_diverge_only_by_their_noise(sim):
     noise = tape(sim, 1, 30)
     worlds = run(sim, noise)
@@ -52,11 +32,6 @@ def test_copies_diverge_only_by_their_noise(sim):
     fresh = np.concatenate([noise, tape(sim, 1, 30, seed=5)])
     late = run(sim, fresh, lambda t, n: np.repeat(steering(t, 1), n, axis=0), twins, 10)[-1]
     assert same(take(late, slice(0, 1)), worlds[-1])
-
-
-def test_other_noise_gives_another_rollout(sim):
-    one, other = (run(sim, tape(sim, 1, 20, seed))[-1] for seed in (1, 2))
-    assert not same(one, other)
 
 
 def test_worlds_that_are_over_stand_still():

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from highway_runs import run, simulator, tape
 from pydantic import ValidationError
 
-from avrare.base.batch import take
-from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Vehicles
 from avrare_highway_env.config import PathFollowerConfig
-from avrare_highway_env.path_follower import Path, PathFollower, build
+from avrare_highway_env.path_follower import Path, build
 from avrare_highway_env.sensing import Ego
 
 NORTH = ((2.0, -60.0), (2.0, 60.0))
@@ -118,30 +115,6 @@ def test_it_stays_on_a_bend():
         heading += 0.1 * speed * np.sin(slip) / 2.5
         assert driver.path.project(np.array([x]), np.array([y]))[1][0] < 0.5
     assert heading > 1.0
-
-
-def test_a_row_does_not_depend_on_its_neighbours():
-    sim = simulator(scene="intersection", vehicles=5)
-    world = run(sim, tape(sim, 7, 10))[-1]
-    driver = follower(foresight=1.0)
-    whole = driver.act(None, world.ego, None)[0]
-    assert len(np.unique(whole[:, 0])) > 3
-    for rows in ([0], [6, 2], [3, 1, 5]):
-        alone = driver.act(None, take(world.ego, np.array(rows)), None)[0]
-        assert np.array_equal(alone, whole[rows])
-
-
-def test_without_others_the_road_is_free():
-    own = ego((2.0, 0.0, np.pi / 2, 5.0))
-    nobody = Vehicles(*(np.zeros((1, 0)) for _ in range(5)))
-    alone = Ego(own.x, own.y, own.heading, own.speed, own.acceleration, own.observation, own.steering, nobody)
-    assert follower().act(None, alone, None)[0][0, 0] > 0.0
-
-
-@pytest.mark.parametrize("state", [np.zeros((2, 4)), vehicles([(0.0, 0.0, 0.0, 0.0)])])
-def test_other_simulators_are_refused(state):
-    with pytest.raises(UsageError, match="path_follower needs the states of the other vehicles"):
-        PathFollower(PathFollowerConfig(waypoints=NORTH)).act(None, state, None)
 
 
 def test_exact_predictions_are_as_good_as_the_truth():

@@ -8,7 +8,6 @@ from highway_runs import run, simulator, tape
 from PIL import Image
 
 import avrare
-from avrare.base.errors import UsageError
 from avrare.output.plots.rollout_plot import draw_run
 from avrare_highway_env.render import frames, save_gif
 
@@ -34,23 +33,6 @@ def test_a_gif(tmp_path, monkeypatch):
         assert image.n_frames == len(pictures)
         assert image.info["duration"] == 100
         assert np.asarray(image.convert("RGB")).mean() > 20.0
-
-
-def test_pictures_do_not_change_the_simulator(monkeypatch):
-    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
-    sim, other = (simulator(scene="highway", vehicles=3) for _ in range(2))
-    noise = tape(sim, 2, 8)
-    worlds = run(sim, noise, full)
-    frames(sim, worlds, row=1)
-    again = run(sim, noise, full, world=worlds[4], start=4)[-1]
-    assert np.array_equal(again.others.x, run(other, noise, full)[-1].others.x)
-
-
-def test_the_driver_that_draws_nothing_is_refused(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    sim = simulator(scene="merge", start_seed=1)
-    with pytest.raises(UsageError, match="black"):
-        frames(sim, [sim.reset(np.zeros((1, 0)))])
 
 
 @pytest.mark.parametrize("name", ["roundabout", "intersection"])

@@ -1,7 +1,5 @@
 """The simulator within a stack: scenarios, traffic rules, estimators, processes."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import highway_runs as runs
@@ -89,28 +87,6 @@ def test_rules_for_straight_roads_are_refused_on_other_roads(tmp_path, policy):
     world = scenario(tmp_path, policy, "scene: roundabout", "{plugin: traffic_rules, rule: R_G1}")
     with pytest.raises(ScenarioError, match="this simulator has no lanes"):
         world.problem("rule")
-
-
-def test_a_policy_needs_its_sensors(tmp_path, policy):
-    world = scenario(tmp_path, policy, "scene: merge", '{stl: "always (gap > 0)"}')
-    with pytest.raises(avrare.UsageError, match="observations of 30 numbers, the simulator gives 6"):
-        world.problem("rule").robustness(np.zeros((1, 21, 9)))
-
-
-def test_listing_and_validating_import_nothing_heavy():
-    code = (
-        "import sys, avrare_highway_env.config, avrare_policy.config\n"
-        "print([name for name in ('highway_env', 'gymnasium', 'pandas', 'torch', 'scipy', 'PIL') "
-        "if name in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
-def test_the_case_study_has_48_000_numbers():
-    study = avrare.load(SCENARIOS / "merge_lidar.yaml")
-    assert study.stack.loop.noise_size * study.steps == 48_000
-    assert study.stack.loop.simulator.scene.road.access_ramp == (0,)
 
 
 @pytest.mark.parametrize("name", ["merge_lidar", "highway"])

@@ -36,14 +36,6 @@ def test_a_fixed_start_needs_no_noise():
     assert not same(world, other)
 
 
-def test_a_small_change_of_the_tape_is_a_small_change_of_the_start():
-    sim = simulator(scene="merge")
-    noise = tape(sim, 1, 0)[:, 0]
-    one, other = sim.reset(noise), sim.reset(noise + 1e-6)
-    np.testing.assert_allclose(one.others.x, other.others.x, atol=1e-4)
-    assert not same(one, other)
-
-
 def test_without_moods_drivers_are_those_of_highway_env():
     quiet, moody = (
         simulator(scene="merge", start_seed=1, traffic={"acceleration_sd": sd}) for sd in (0.0, 2.0)

@@ -45,11 +45,6 @@ def test_draws_that_cannot_be_reweighed_are_run_anew(run):
     assert high / low > 1.5 * after / before
 
 
-def test_draws_share_the_budget_again(run):
-    found = run("paid", DRAWS, ["--budget", "rollouts=1500"])
-    assert found["rollouts"] == 2 * 1500
-
-
 def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatch):
     whole, members = run("whole", DRAWS), []
     task = estimate_scenario.LoadedScenario

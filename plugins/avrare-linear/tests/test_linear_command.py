@@ -9,7 +9,6 @@ import yaml
 
 import avrare
 from avrare.cli.main import main
-from avrare_linear.command import _PARAMETERS
 from avrare_linear.rewrite import ATTRIBUTES, has_parameter, rewrite_scenario
 from avrare_linear.simulator import system_of
 from avrare_linear.synthesis import DescentStep, descend
@@ -72,10 +71,6 @@ def test_a_rate_is_found_where_none_is_given(tmp_path, capsys):
     assert second < 0.7 * first
 
 
-def test_both_names_of_the_parameters_agree():
-    assert tuple(ATTRIBUTES) == _PARAMETERS
-
-
 @pytest.mark.parametrize("parameter", ATTRIBUTES)
 def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
     scenario = avrare.load(loop)
@@ -107,30 +102,6 @@ def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_
     )
 
 
-@pytest.mark.slow
-def test_a_scenario_with_overrides_is_written_as_it_was_run(loop, tmp_path):
-    out = tmp_path / "out" / "scenario.yaml"
-    arguments = ["synthesise", str(loop), "--parameter", "gain", "--specification", "low", "--steps", "1"]
-    assert main([*arguments, *QUICK, "--set", "simulator.feedforward=[0.25]", "--out", str(out.parent)]) == 0
-    simulator = yaml.safe_load(out.read_text())["simulator"]
-    assert simulator["feedforward"] == [[0.25]]
-    assert list(simulator["feedback"]) == ["gain"]
-
-
-@pytest.mark.parametrize(
-    "options", [["--steps", "1"], ["--target", "0.5"], ["--rate", "1e9", "--steps", "2"]]
-)
-def test_an_unchanged_scenario_is_reported_as_unchanged(options, tmp_path, capsys):
-    out = tmp_path / "same" / "scenario.yaml"
-    arguments = ["synthesise", str(SQUARES), "--parameter", "mean", "--out", str(out.parent)]
-    assert main([*arguments, *QUICK, *options]) == 0
-    text = capsys.readouterr().out
-    assert "no step was better than the start: the mean is unchanged" in text
-    assert f"{out}: the scenario, unchanged" in text
-    assert "fresh estimates" not in text
-    assert yaml.safe_load(out.read_text())["simulator"]["initial"]["mean"] == [1.0, 1.0]
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -152,11 +123,6 @@ def test_mistakes_are_reported(arguments, text, capsys):
     told = capsys.readouterr()
     assert text in told.err
     assert told.out == ""
-
-
-def test_one_of_several_specifications_must_be_named(loop, capsys):
-    assert main(["synthesise", str(loop), "--parameter", "gain"]) == 4
-    assert "--specification low" in capsys.readouterr().err
 
 
 def test_a_descent_stops_where_a_step_is_not_worth_while():

@@ -138,17 +138,6 @@ def test_levels_may_differ_from_ellipse_to_ellipse_and_from_sample_to_sample():
     assert (found.contains(angles) == (rho < 0.5)).all()
 
 
-@pytest.mark.parametrize("text", ["always (p < 2 and q > -1)", "eventually (p > 1 and q > 0)"])
-def test_a_row_does_not_depend_on_its_neighbours(text):
-    slicer, (tape, other) = Slicer.of(Plane(), 9, avrare.stl(text)), ellipses(2, 9, 41)
-    uniforms = NoiseSource(2, 1).choices(0, 0, np.arange(41))
-    together = draw_angles(slicer.segments(tape, other, 0.2), uniforms)
-    assert len(np.unique(together)) > 20
-    for row in (0, 9, 40):
-        part = slice(row, row + 1)
-        assert draw_angles(slicer.segments(tape[part], other[part], 0.2), uniforms[part])[0] == together[row]
-
-
 def test_draws_are_uniform_on_the_segments():
     low, high = np.array([[0.5, 2.0, 6.0]]), np.array([[1.0, 3.5, 6.0]])
     many = 20_000

@@ -6,7 +6,7 @@ import pytest
 import avrare
 from avrare.testing.faulty_systems import Walk
 from avrare.testing.problems import exponential_sum
-from avrare_linear.gaussian import TrajectoryGaussian, apply_map, simulate_signals
+from avrare_linear.gaussian import TrajectoryGaussian, simulate_signals
 from avrare_linear.system import LinearSystem
 
 RNG = np.random.default_rng(5)
@@ -90,14 +90,6 @@ def test_the_covariance_is_that_of_many_runs():
     assert (np.abs(drawn - exact) < 4.5 * np.sqrt(2 / 40_000) * size).all()
 
 
-def test_a_row_does_not_depend_on_its_neighbours():
-    matrix, tape = RNG.standard_normal((30, 24)), RNG.standard_normal((65, 8, 3))
-    together = apply_map(matrix, tape)
-    np.testing.assert_allclose(together, tape.reshape(65, -1) @ matrix.T, atol=1e-12)
-    for row in (0, 7, 64):
-        assert apply_map(matrix, tape[row : row + 1])[0].tolist() == together[row].tolist()
-
-
 def test_terms_that_are_not_affine_are_refused_by_name():
     with pytest.raises(avrare.UsageError, match="'energy' is not affine"):
         TrajectoryGaussian.of(Squared(), 5)
@@ -122,14 +114,6 @@ def test_a_large_mean_does_not_hide_nonlinearity():
     with pytest.raises(avrare.UsageError, match="'x' is not affine"):
         TrajectoryGaussian.of(Bent(), 3)
     assert TrajectoryGaussian.of(Offset(), 50).steps == 50
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("growth", [1e100, 1e200])
-def test_a_system_that_overflows_is_named_as_such(growth):
-    explosive = LinearSystem.of(("x",), [[growth]], [1.0], process_noise=[[1.0]])
-    with pytest.raises(avrare.UsageError, match="'x' is not finite"):
-        TrajectoryGaussian.of(explosive, 6)
 
 
 def test_signals_of_vehicles_and_unknown_ones_are_refused():

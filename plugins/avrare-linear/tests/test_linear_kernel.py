@@ -7,7 +7,7 @@ import avrare
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.testing.problems import conjunction, four_branch, linear, reach, reference_problem, walk
+from avrare.testing.problems import conjunction, linear, reach, reference_problem, walk
 from avrare.testing.static_problems import Static, row_sum
 from avrare_estimators.common.chains.kernel import Draw, Points
 from avrare_linear.kernel import ExactKernel, WholeTrace, to_solvable
@@ -130,14 +130,6 @@ def test_segments_agree_with_the_engine(name):
     assert (inside == expected).all()
 
 
-def test_a_chain_does_not_depend_on_its_neighbours():
-    problem, level = PROBLEMS["margin"]
-    kernel, state = ExactKernel.of(problem, moves=3), start(problem, level, 3000)
-    together = step(kernel, problem, state, level, 0)
-    alone = step(kernel, problem, batch.take(state, slice(0, 1)), level, 0)
-    assert alone.tape[0].tolist() == together.tape[0].tolist()
-
-
 def test_scores_without_a_closed_form_are_replaced_or_refused():
     problem = reach(1.0).problem()
     with pytest.raises(avrare.UsageError, match="score of specification"):
@@ -176,20 +168,3 @@ def test_runs_do_not_depend_on_how_many_there_are():
         for runs in (2, 5)
     )
     assert few.tolist() == many[:2].tolist()
-
-
-@pytest.mark.slow
-def test_workers_change_nothing():
-    problem = avrare.Problem(Ramp(), avrare.stl("eventually (x > 8)"), 6, chunk=100)
-    one, two = (
-        avrare.estimate(problem, "ess_linear", seed=2, chains=20, runs=3, workers=workers)
-        for workers in (1, 2)
-    )
-    assert one.run_probabilities.tolist() == two.run_probabilities.tolist()
-
-
-def test_terms_that_are_not_affine_are_refused_before_anything_runs():
-    with pytest.raises(avrare.UsageError, match=r"pow\(u0 - u1, 2\)"):
-        avrare.estimate(four_branch(7.0).problem(), "ess_linear")
-    with pytest.raises(avrare.UsageError, match="kernel"):
-        avrare.estimate(conjunction(-2.0).problem(), "ess_linear", kernel="pcn")

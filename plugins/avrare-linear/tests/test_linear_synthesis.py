@@ -20,7 +20,6 @@ from avrare_linear.synthesis import (
     descend,
     estimate_parameter_gradient,
     sample_failures,
-    synthesise,
 )
 from avrare_linear.system import LinearSystem
 
@@ -150,18 +149,6 @@ def test_the_gradient_of_sampled_failures(parameter, rtol):
     assert step.probability == pytest.approx(four_squares((1.0, 0.5)), rel=0.5)
 
 
-@pytest.mark.slow
-def test_the_four_squares_drive_the_mean_to_the_origin():
-    effort = Effort(chains=40, runs=2, moves=20)
-    steps = synthesise(
-        plane([1.0, 1.0]), avrare.stl(FOUR), 0, "mean", rate=0.1, iterations=12, tolerance=0.02, effort=effort
-    )
-    assert len(steps) <= 12
-    assert np.abs(steps[-1].parameter).max() < 0.1
-    assert four_squares(steps[-1].parameter[0]) == pytest.approx(four_squares((0.0, 0.0)), rel=0.1)
-    assert four_squares((1.0, 1.0)) > 50 * four_squares((0.0, 0.0))
-
-
 def test_failing_tapes_fail_and_have_the_right_law():
     problem = avrare.Problem(plane([0.0, 0.0]), avrare.stl("x < 2.5"), 0)
     failing = sample_failures(problem, Effort(chains=50, runs=4, moves=30), seed=3)
@@ -181,14 +168,6 @@ def test_a_parameter_that_moves_a_direction_without_noise_is_refused():
         estimate_parameter_gradient(
             system, avrare.stl("always (x < 2)"), T, "mean", Effort(chains=20, runs=1, moves=1)
         )
-
-
-def test_unknown_parameters_are_refused():
-    with pytest.raises(avrare.UsageError, match="no parameter 'gian'") as error:
-        estimate_parameter_gradient(observed(), avrare.stl("always (x < 2)"), T, "gian", Effort())
-    assert error.value.hint == "did you mean 'gain'?"
-    with pytest.raises(avrare.UsageError, match="no parameter 'observer'"):
-        estimate_parameter_gradient(plane([0.0, 0.0]), avrare.stl("x < 2"), 0, "observer", Effort())
 
 
 def test_descent_stops_at_its_target():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.base import batch
 from avrare_linear.gains import kalman, regulator
 from avrare_linear.system import LinearSystem
 
@@ -90,29 +89,6 @@ def test_the_equations(name):
     found = np.stack([np.stack(list(linear.signals(state).values()), axis=1) for state in states], axis=1)
     for row in range(5):
         np.testing.assert_allclose(found[row], by_hand(linear, tape[row]), rtol=1e-11, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_a_row_does_not_depend_on_its_neighbours(name):
-    linear = SYSTEMS[name]()
-    tape = RNG.standard_normal((37, 15, linear.noise_size))
-    together = linear.signals(drive(linear, tape)[-1])
-    for row in (0, 5, 36):
-        alone = linear.signals(drive(linear, tape[row : row + 1])[-1])
-        for signal, values in together.items():
-            assert values[row] == alone[signal][0], signal
-
-
-def test_states_are_batches_that_splitting_can_copy():
-    linear = varying()
-    tape = RNG.standard_normal((6, 4, linear.noise_size))
-    state = drive(linear, tape)[-1]
-    copies = batch.concatenate([batch.take(state, np.array([4, 4])), batch.take(state, slice(0, 1))])
-    assert batch.size(copies) == 3
-    noise = RNG.standard_normal((6, linear.noise_size))
-    ahead, copied = linear.step(state, noise), linear.step(copies, noise[[4, 4, 0]])
-    for signal, values in linear.signals(copied).items():
-        assert values.tolist() == linear.signals(ahead)[signal][[4, 4, 0]].tolist()
 
 
 def test_the_regulator_is_the_cheapest_gain():

@@ -46,11 +46,6 @@ def test_the_controls_satisfy_the_formula():
     np.testing.assert_array_equal(controls, find_controls(system, formula, STEPS, 1.0))
 
 
-def test_systems_without_inputs_are_refused():
-    with pytest.raises(avrare.UsageError, match="controls need a system with inputs"):
-        find_controls(point(inputs=()), avrare.stl(GOAL), STEPS, 1.0)
-
-
 def test_impossible_formulas_are_refused():
     with pytest.raises(avrare.UsageError, match="no controls satisfy the formula"):
         find_controls(point(), avrare.stl("always (x > 1)"), STEPS, 1.0, chains=5)

@@ -31,15 +31,6 @@ def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
     assert load(tmp_path / "alone.npz").ensemble == ()
 
 
-def test_blocks_are_drawn_with_replacement():
-    from avrare_pem_training.bootstrap import draw_blocks
-
-    rows = draw_blocks(1003, np.random.default_rng(0))
-    assert len(rows) == pytest.approx(1003, abs=50)
-    assert 0.5 < len(np.unique(rows)) / 1003 < 0.75
-    assert len(np.unique(draw_blocks(7, np.random.default_rng(0)))) < 7
-
-
 def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
     from avrare_pem_training import pipeline
     from avrare_pem_training.bootstrap import fit_ensemble

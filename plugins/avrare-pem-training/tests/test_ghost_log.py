@@ -66,13 +66,6 @@ def test_few_ghosts_and_ghosts_without_tracks():
     assert sum(len(part.time) for part in parts) == 60
 
 
-def test_more_ghosts_than_can_be_drawn_are_refused():
-    n = 510
-    log = GhostLog(np.zeros(n), np.ones(n), np.arange(n), np.repeat(np.arange(10.0), 51), np.arange(10.0))
-    with pytest.raises(UsageError, match="51 false detections in a frame, where 50 can be modelled"):
-        fit_ghosts(log)
-
-
 def ghost_log(make, options, rollouts=400, steps=60):
     """Return the false detections of many drives, 100 s apart from one another."""
     model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))

@@ -38,14 +38,6 @@ def test_optional_columns_and_detected_boxes(tmp_path):
     np.testing.assert_array_equal([rows.height[0], rows.visibility[0]], [1.7, 4.0])
 
 
-def test_empty_cells_of_optional_columns_get_their_defaults(tmp_path):
-    cells = GOOD.split(",")
-    cells[5], cells[6], cells[10] = "nan", "", ""
-    rows = read_table(file(tmp_path, HEADER, GOOD, ",".join(cells)))
-    np.testing.assert_array_equal([rows.height[1], rows.visibility[1]], [1.7, 4.0])
-    assert np.isnan(rows.error_yaw[1])
-
-
 @pytest.mark.parametrize(
     ("header", "hint"),
     [
@@ -90,16 +82,6 @@ def test_a_broken_file_names_the_line(tmp_path, lines, message):
     assert message in caught.value.message
 
 
-def test_no_file_and_no_text(tmp_path):
-    with pytest.raises(UsageError, match="no such file"):
-        read_table(tmp_path / "none.csv")
-    (tmp_path / "binary.csv").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(UsageError, match="not UTF-8 text"):
-        read_table(tmp_path / "binary.csv")
-    with pytest.raises(UsageError, match="cannot be read"):
-        read_table(tmp_path)
-
-
 def test_writing_and_reading_back_changes_nothing(tmp_path, drive):
     rows = drive(300)
     write_table(tmp_path / "a.csv", rows)
@@ -131,13 +113,6 @@ def test_two_files_without_and_with_names(tmp_path):
     assert (rows.forward[0], rows.visibility[0]) == (20, 2)
 
 
-def test_two_files_with_other_names_and_without_errors_of_yaw(tmp_path):
-    inputs = "# <rot_y> <length> <width> <right> <forward>\n0.5 4.5 1.8 1 20\n"
-    rows = convert(*pair(tmp_path, inputs, "# <err_loc_x> <err_loc_z> <detected>\n0.1 0.2 1\n"))
-    assert (rows.yaw[0], rows.forward[0], rows.error_forward[0]) == (-0.5, 20, 0.2)
-    assert np.isnan(rows.error_yaw[0])
-
-
 @pytest.mark.parametrize("header", ["", "# <loc_x> <loc_z> <rot> <dim_l> <dim_w> <occlusion>\n",
                                     "# <loc_x> <loc_z> <rot_y> <dim_l> <dim_w> <occlusion>\n"])  # fmt: skip
 def test_a_rotation_about_the_cameras_y_axis_is_clockwise(tmp_path, header):
@@ -152,13 +127,6 @@ def test_a_rotation_about_the_cameras_y_axis_is_clockwise(tmp_path, header):
     np.testing.assert_allclose(rows.error_yaw, -0.04)
     along = errors_in("vehicle", rows)[3, 0]  # the box's own axis points a little to the left
     assert along == pytest.approx(np.cos(0.3) * 0.1 + np.sin(0.3) * 0.2)
-
-
-def test_a_rotation_about_an_upward_axis_is_kept(tmp_path):
-    for name in ("rot", "rot_z", "yaw"):
-        header = f"# <loc_x> <loc_y> <{name}> <dim_l> <dim_w> <dim_h> <visibility>\n"
-        rows = convert(*pair(tmp_path, header + "1 20 0.5 4.5 1.8 1.6 3\n", "1 0.1 0.2 0.04\n"))
-        assert (rows.yaw[0], rows.error_yaw[0]) == (0.5, 0.04)
 
 
 @pytest.mark.parametrize(
@@ -221,11 +189,3 @@ def test_without_rows_off_the_axes_the_error_has_a_hint(drive):
         clean(replace(rows, yaw=0 * rows.yaw), artefact=True)
     assert "off the axes" in caught.value.message
     assert "--artefact no" in caught.value.hint
-
-
-@pytest.mark.parametrize("rate", [0.0, 1.0])
-def test_all_or_none_detected_is_refused(drive, rate):
-    with pytest.raises(UsageError, match=r"(all|none) of the"):
-        clean(drive(2000, rate=rate))
-    with pytest.raises(UsageError, match="too few rows"):
-        clean(drive(100))

@@ -152,19 +152,3 @@ def test_the_persistence_of_a_log_is_found():
     assert isinstance(found, MeasuredPersistence)
     np.testing.assert_allclose(found.detection, [0.9, 0.3], rtol=0.25)
     np.testing.assert_allclose(found.position, [0.6, 0.15], rtol=0.25)
-
-
-def test_errors_drawn_anew_have_no_persistence():
-    from avrare_pem_training.persistence import correlation_after, fit_persistence
-
-    found = fit_persistence(Known(), persistent_log(800, 6, {"speed": 1.0}))
-    for part in (found.detection, found.position):
-        assert correlation_after(part, np.array([0.5, 1.0, 2.0])).max() < 0.06
-
-
-def test_too_few_pairs_give_no_persistence():
-    from avrare_pem_training.persistence import fit_persistence
-
-    assert fit_persistence(Known(), persistent_log(20, 3, {"speed": 1.0})) is None
-    without = replace(persistent_log(300, 3, {"speed": 1.0}), track=np.full(900, np.nan))
-    assert fit_persistence(Known(), without) is None

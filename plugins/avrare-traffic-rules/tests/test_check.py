@@ -6,10 +6,9 @@ import warnings
 
 import pytest
 
-import avrare_traffic_rules
 from avrare.base.errors import FormulaError
 from avrare.plugin import Finding
-from avrare_traffic_rules.check import check, parse_rule, raise_errors
+from avrare_traffic_rules.check import check, raise_errors
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.rulebook import shipped
 
@@ -50,12 +49,6 @@ def told(dt=0.1, **options):
 @pytest.mark.parametrize("rule", shipped().rules)
 def test_the_shipped_rules_have_no_findings(rule, definitions, dt):
     assert check(TrafficRuleConfig(rule=rule, definitions=definitions), dt) == []
-
-
-def test_the_core_finds_the_check():
-    (component,) = avrare_traffic_rules.avrare_components()
-    config = component.load_config()(formula="always in_frontof(ego, ego)")
-    assert [finding.option for finding in component.find_faults(config, None)] == ["formula"]
 
 
 @pytest.mark.parametrize(
@@ -117,11 +110,6 @@ class TestBounds:
             lab.rule(rule, **{option: value})
         assert error.value.message == wanted
 
-    def test_no_finding_where_the_step_is_unknown_or_divides_the_option(self):
-        config = TrafficRuleConfig(rule="R_G1", cut_in_time=0.25)
-        assert check(config, None) == []
-        assert check(config, 0.05) == []
-
     def test_an_option_is_distinguished_from_an_equal_number(self):
         formula = "always[0,0.25s] (once[0,{cut_in_time}s] speed(ego) > 1)"
         assert told(formula=formula, cut_in_time=0.25).option == "formula"
@@ -152,9 +140,6 @@ class TestWarnings:
 
 
 class TestRulesFiles:
-    def test_a_good_rules_file_has_no_findings(self, mine):
-        assert check(TrafficRuleConfig(rule="push", rules_file=mine()), 0.1) == []
-
     def test_an_unknown_rule_error_still_lists_the_choices(self, mine):
         with pytest.raises(ValueError, match="'push', 'bent', 'unread'"):
             TrafficRuleConfig(rule="pushh", rules_file=mine())
@@ -165,12 +150,6 @@ class TestRulesFiles:
             "{speed_limitt", "{gap", "the option lane_limit is not a",
         ]  # fmt: skip
         assert {finding.option for finding in findings} == {"rules_file"}
-
-    def test_merge_keys(self, mine):
-        base = "  slow: &slow {formula: always speed(ego) < 9, title: Slow}"
-        path = mine(f"rules:\n{base}\n  walk: {{<<: *slow, formula: always speed(ego) < 2}}\n")
-        for rule in ("slow", "walk"):
-            assert check(TrafficRuleConfig(rule=rule, rules_file=path), 0.1) == []
 
     @pytest.mark.parametrize(
         ("lines", "message"),
@@ -268,12 +247,6 @@ class TestRulesFiles:
             lab.rule(asked.get("rule"), formula=asked.get("formula"), rules_file=path)
         assert error.value.message == finding.message
 
-    @pytest.mark.parametrize(("name", "reason"), [("no.yaml", "No such file"), ("", "Is a directory")])
-    def test_a_rules_file_that_cannot_be_read(self, tmp_path, name, reason):
-        finding = told(rule="push", rules_file=tmp_path / name)
-        assert finding.message.startswith(f"{tmp_path / name}: {reason}")
-        assert finding.option == "rules_file"
-
     def test_a_parameter_that_is_not_an_option(self, mine):
         path = mine('rules: {push: {formula: "always stands(ego)", parameters: [cut_in_tim, reaction_time]}}')
         finding = told(rule="push", rules_file=path)
@@ -283,23 +256,11 @@ class TestRulesFiles:
         )
         assert finding.hint == "did you mean 'cut_in_time'?"
 
-    def test_a_rules_file_that_is_not_text(self, mine):
-        path = mine("")
-        path.write_bytes(b"\xff\xfe\x00")
-        assert told(rule="push", rules_file=path).message == f"{path}:1:1: not UTF-8 text"
-
     def test_a_rule_that_was_removed_since(self, mine):
         config = TrafficRuleConfig(rule="push", rules_file=mine())
         path = mine("rules: {pull: {formula: always speed(ego) > 1}}")
         finding = Finding(f"{path} has no rule 'push'", "known: pull", "rule")
         assert check(config, 0.1) == [finding]
-
-
-def test_a_read_formula_is_the_one_that_is_monitored(lab):
-    config = TrafficRuleConfig(rule="R_G1", cut_in_time=0.5)
-    formula, findings = parse_rule(config, 0.1)
-    assert findings == []
-    assert formula == lab.rule("R_G1", cut_in_time=0.5).formula
 
 
 def test_the_check_imports_nothing_heavy():

@@ -52,37 +52,6 @@ def test_online_equals_offline_on_traffic(lab, name, definitions, traffic):
 
 
 @EVERY
-@pytest.mark.parametrize("vehicles", [0, 1, 3])
-def test_online_equals_offline_on_any_predicates(lab, name, vehicles):
-    rng = np.random.default_rng(5)
-    rule = lab.rule(name, vehicles)
-    known = rule.sample(lab.random(rng, N, vehicles))
-    # kept alike for some samples, so that windows and edges are met
-    trace = {
-        key: np.repeat(rng.normal(0.5, 1.0, (N, T // 5, *values.shape[1:])), 5, axis=1)
-        for key, values in known.items()
-    }
-    monitor = rule.formula.monitor()
-    state, found = monitor.start(N), []
-    for t in range(T):
-        state, verdict = monitor.update(state, {key: values[:, t] for key, values in trace.items()})
-        found.append(verdict.robustness)
-    assert np.array_equal(np.stack(found, 1), rule.formula.prefixes(trace))
-
-
-@EVERY
-@DEFINITIONS
-def test_rows_are_independent_bit_for_bit(lab, name, definitions, traffic):
-    rule = lab.rule(name, V, definitions=definitions)
-    robustness, violated, margin, _ = follow(rule, traffic, N)
-    for n in range(N):
-        alone = follow(rule, [take(signals, slice(n, n + 1)) for signals in traffic], 1)
-        assert np.array_equal(alone[0][0], robustness[n])
-        assert np.array_equal(alone[1][0], violated[n])
-        assert margin is None or np.array_equal(alone[2][0], margin[n])
-
-
-@EVERY
 def test_a_copied_particle_carries_its_past(lab, name, traffic):
     rule = lab.rule(name, V)
     robustness, _, _, states = follow(rule, traffic, N)
@@ -91,12 +60,6 @@ def test_a_copied_particle_carries_its_past(lab, name, traffic):
     for t in range(21, T):
         state, verdict = rule.update(state, take(traffic[t], chosen))
         assert np.array_equal(verdict.robustness, robustness[chosen, t])
-
-
-def test_margin_is_of_the_newest_sample(lab):
-    rule = lab.rule("R_G4", 0)
-    _, _, margin, _ = follow(rule, [lab.signals(speed=speed) for speed in (25.0, 20.0, 30.0)], 1)
-    np.testing.assert_allclose(margin[0], [3.89 / 5.0, -1.11 / 5.0, 8.89 / 5.0])
 
 
 @EVERY

@@ -74,18 +74,3 @@ def test_an_estimate_keeps_its_bits_in_another_unit(lab):
     assert 0.0 < found[0].probability < 0.05
     raw = [simulate(problem(lab, text, score="robustness")).scores for text in texts]
     assert (np.argsort(raw[0][:, -1]) != np.argsort(raw[1][:, -1])).any()
-
-
-def test_without_noise_every_rule_loses_nothing_and_fails_at_one(lab):
-    nominal = Request.replay(np.zeros((1, STEPS + 1, 4)))
-    found = problem(lab, "R_G1").simulate(NoiseSource(0, 4), nominal)
-    np.testing.assert_allclose(found.scores, 0.0, atol=1e-12)
-    found = simulate(problem(lab, TWO_KINDS.format(speed=21.5, scale="", gap=25.0)), 200)
-    assert 20 < found.violated[:, 0].sum() < 180
-    np.testing.assert_array_equal(found.scores[:, -1] >= 1.0, found.violated[:, 0])
-
-
-def test_robustness_stays_on_the_scales(lab):
-    scaled, raw = (simulate(problem(lab, "R_G1", score=score)) for score in ("margin", "robustness"))
-    np.testing.assert_array_equal(scaled.robustness, raw.robustness)
-    np.testing.assert_array_equal(scaled.violated, raw.violated)
