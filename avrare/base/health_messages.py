@@ -12,6 +12,8 @@ MESSAGES = {
     "flat_part": "`{part}` is kept by the same margin in every rollout tried: nothing shows how near its "
     "failures are, and they could be as likely as {bound:.2g}; use more first rollouts, which lower this "
     "bound, or a score function that rises on the way there",
+    "unchecked": "{reason}: missed failures cannot be ruled out, and the interval is widened to hold "
+    "whatever is missed; use more rollouts, or compare with another estimator",
     "outliers": "failures that begin with {what} {when} have a probability of at least {low:.2g}, and the "
     "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or "
     "importance sampling with a learned proposal",

@@ -157,15 +157,20 @@ class Problem:
         other._twin = Twin(twin, cost)
         return other
 
-    def flat_parts(self, index: int) -> tuple[str, ...]:
-        """Return the parts of a specification's formula whose failures no score by it leads to."""
+    def flat_parts(self, index: int, failures: Floats | None = None) -> tuple[str, ...]:
+        """Return the parts of a specification's formula whose failures no score by it leads to.
+
+        Those that known failures break, given by their tapes, are none of them.
+        """
         guide_formula = None if callable(self.score) else self._find_guide(self.monitors[index])
         if guide_formula is None:
             return ()
         measure = self._measure(index)
         guide = measure if isinstance(measure, ScaledMonitor) else None
         by_sample = isinstance(measure, MarginScored | ProgressScored)
-        return find_flat_parts(self.system, self.steps, *guide_formula, guide, by_sample=by_sample)
+        return find_flat_parts(
+            self.system, self.steps, *guide_formula, guide, by_sample=by_sample, failures=failures
+        )
 
     def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""

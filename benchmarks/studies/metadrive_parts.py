@@ -94,7 +94,7 @@ def pool(parts: Sequence[Part]) -> tuple[float, tuple[float, float], list[str]]:
         return failures / trials, found, []
     values = [value for part in parts for value in part["run_probabilities"]]
     roots = [count for part in parts for count in part["diagnostics"]["roots"]]
-    warnings = list(health.check_runs(values, values.count(0.0), roots))
+    warnings = list(health.check_runs(values, roots))
     mean = statistics.fmean(values)
     if len(values) < 2 or not mean:
         return mean, (parts[0]["interval"][0], parts[0]["interval"][1]), warnings

@@ -308,7 +308,7 @@ def test_the_pilot_counts_in_the_bound_and_contradicts(monkeypatch):
 
 def test_witnesses_that_disagree_send_the_budget_to_the_one_that_finds_more(monkeypatch):
     rarer = problem("always (x < 12)")
-    low = replace(avrare.estimate(rarer, "ess", seed=1), rollouts=5000)
+    low = replace(avrare.estimate(rarer, "ess", seed=1), rollouts=5000, simulated_steps=5000 * STEPS)
     high = replace(low, probability=50 * low.probability, estimator="ams")
     high = replace(high, interval_at=partial(log_normal, high.probability, 0.01, freedom=9))
     monkeypatch.setattr(auto._Work, "_first_witness", lambda *_: low)

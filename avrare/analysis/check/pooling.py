@@ -17,7 +17,7 @@ from avrare.estimation.result.confidence_distributions import (
     LogNormal,
     derive_distribution,
 )
-from avrare.estimation.result.doubts import DOUBTS, undo_opening
+from avrare.estimation.result.doubts import undo_opening
 from avrare.estimation.result.intervals import cox
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import CrossCheckResult, Failures, Result
@@ -75,7 +75,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
             "interval_at": pooled.distribution.interval_at,
             "run_probabilities": np.concatenate([batch.run_probabilities for batch in batches]),
         }
-    doubted = [batch.interval_at for batch in batches if DOUBTS.intersection(batch.health)]
+    doubted = [batch.interval_at for batch in batches if batch.unopened_at]
     changes["interval_at"] = reduce(
         lambda interval, other: partial(intervals.hull, interval, other),
         doubted,

@@ -15,7 +15,7 @@ from avrare.estimation.checks.outlier_probe import probe_cost, probe_outliers
 from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import health
-from avrare.estimation.result.doubts import open_interval
+from avrare.estimation.result.doubts import FAR_OFF, open_interval
 from avrare.estimation.result.note import describe_blind_bound, describe_counts
 from avrare.estimation.result.result import Result, Worst
 from avrare.logic.syntax.nodes import bounded_span
@@ -26,8 +26,6 @@ from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
 _FALLBACK = "fallback_solves"
 _MAX_FALLBACKS = 0.01
-_FAR_OFF = 3.0
-"""Factor between an estimate's interval and its blind bound above which what is hidden is looked for."""
 _LOOK_SHARE = 20
 """Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
 _WHEN = {0: "at the start", 1: "at the first step", None: "at a later step"}
@@ -93,7 +91,7 @@ def examine(
         found = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
         found |= contradict(result)
         least_upper = 0.0
-        if result.blind_bound is not None and result.blind_bound > _FAR_OFF * result.interval[1]:
+        if result.blind_bound is not None and result.blind_bound > FAR_OFF * result.interval[1]:
             flat = _flat_part(executor, column, result)
             outliers, least_upper = ({}, 0.0) if flat else _outliers(executor, problem, column, result, seed)
             found |= flat | outliers
@@ -132,7 +130,13 @@ def _flat_part(executor: Executor, column: int, result: Result) -> dict[str, str
     if result.rollouts < _LOOK_SHARE * PROBE_ROWS:
         return {}
     parts = run_errand(executor, _SEARCH, Problem.flat_parts, column)
-    return health.warn("flat_part", part=parts[0], bound=result.blind_bound) if parts else {}
+    if not parts:
+        return {}
+    unbroken = run_errand(executor, _SEARCH, Problem.flat_parts, column, result.failures.noise)
+    if unbroken:
+        return health.warn("flat_part", part=unbroken[0], bound=result.blind_bound)
+    reason = f"`{parts[0]}` shows nothing before it fails, which it does in failures that were found"
+    return health.warn("unchecked", reason=reason)
 
 
 def _outliers(

@@ -16,6 +16,7 @@ from avrare.base.late_import import late_import
 from avrare.estimation.checks.result_builder import add_counts
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import (
+    FEW_FAILURES,
     FIRST_SHARE,
     GOAL,
     LEAST_SECOND,
@@ -211,12 +212,12 @@ class _Work:
             return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
         # 4. What leaves a doubt is not accepted while budget is left: an unlike witness answers it.
         together = [*spent, _Attempt.of(first, "")]
-        if self._left(together) < LEAST_SECOND or not (self.aim.goal is None or in_doubt(first)):
+        if self._left(problem, together) < LEAST_SECOND or not (self.aim.goal is None or in_doubt(first)):
             return self.add_choice(first, reason, spent)
         second = self._second_witness(first, problem, together)
         result, outcome, words = reconcile(first, second, self.settings.confidence)
         together.append(_Attempt.of(second, ""))
-        if outcome == "disagree" and self._left(together) >= LEAST_SECOND:
+        if outcome == "disagree" and self._left(problem, together) >= LEAST_SECOND:
             # 5. They disagree: the one that finds more must find it again, on rollouts of its own.
             less, more = sorted((first, second), key=lambda witness: witness.probability)
             attempts = list(together)
@@ -250,24 +251,27 @@ class _Work:
         return None
 
     def _second_witness(self, first: Result, problem: Problem, spent: list[_Attempt]) -> Result:
-        """Return an estimate by another method from what is left: by one that fits, or Monte Carlo."""
+        """Return an estimate by another method from what is left: by one that fits, or Monte Carlo.
+
+        Monte Carlo, which sees every failure, goes first where it is to meet some.
+        """
         settings = replace(self._of_phase("witness"), budget=self._budget(problem, spent))
-        for component, role in default_registry().candidates():
-            if role.fits(problem.steps) and not role.gives_up and component.name != first.estimator:
-                name = f"witness-{component.name}"
-                second = self._run(name, self._build(component, role), problem, settings, spent)
-                if second is not None:
-                    return second
-        (counted,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+witness-mc")
+        failures = first.probability * self._left(problem, spent)
+        for component, role in _list_unlike(problem, first.estimator) if failures < FEW_FAILURES else ():
+            name = f"witness-{component.name}"
+            second = self._run(name, self._build(component, role), problem, settings, spent)
+            if second is not None:
+                return second
+        # Monte Carlo by the seed of the estimate would begin with the tapes of the first witness.
+        work = replace(self, settings=replace(self.settings, seed=settings.seed))
+        (counted,) = work._monte_carlo(problem, spent, f"{problem.names[0]}+witness-mc")
         return counted
 
     def _learn(
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
     ) -> Result | None:
-        budget = self._budget(problem, spent)
-        pays_second = (1.0 - FIRST_SHARE) * self._left(spent) >= LEAST_SECOND
-        share = replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
-        settings = replace(self._of_phase("learning"), budget=share, seen=evidence)
+        budget = self._first_budget(problem, estimator.name, spent)
+        settings = replace(self._of_phase("learning"), budget=budget, seen=evidence)
         try:
             return self._run(estimator.name, estimator, problem, settings, spent)
         except GaveUp as end:
@@ -278,7 +282,7 @@ class _Work:
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
     ) -> Result | None:
         rollouts = min(_TRIAL, self.aim.pilot)
-        if not self.aim.may_try(rollouts + sum(attempt.rollouts for attempt in spent), evidence):
+        if not self.aim.may_try(rollouts + self.aim.rollouts - self._left(problem, spent), evidence):
             return None
         sized = estimator.scaled(rollouts, max(evidence.failures, 0.3) / evidence.rows)
         if sized is None:
@@ -291,7 +295,8 @@ class _Work:
         spent.append(_Attempt.of(trial, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
         if not pays(gain):
             return None
-        settings = replace(self.settings, budget=self._budget(problem, spent), seen=evidence)
+        budget = self._first_budget(problem, estimator.name, spent)
+        settings = replace(self.settings, budget=budget, seen=evidence)
         return self._run(estimator.name, estimator, problem, settings, spent)
 
     def _run(
@@ -310,15 +315,23 @@ class _Work:
             options |= {"threshold": given.threshold}
             options |= {"rollouts": given.rollouts} if given.rollouts else {}
         else:
-            options |= {"relative_error": self.aim.goal, "rollouts": self._left(spent)}
+            options |= {"relative_error": self.aim.goal, "rollouts": self._left(problem, spent)}
         if budget is not None and budget.kind != "seconds":
             budget = self._budget(problem, spent)
         return self.execute(
             problem, MonteCarlo(McConfig(**options)), replace(self.settings, budget=budget), name
         )
 
-    def _left(self, spent: Sequence[_Attempt]) -> int:
-        return max(1, int(self.aim.rollouts) - sum(one.rollouts for one in spent))
+    def _left(self, problem: Problem, spent: Sequence[_Attempt]) -> int:
+        """Return the complete rollouts that are left."""
+        budget = self._budget(problem, spent)
+        return int(budget.amount / (problem.steps if budget.kind == "steps" else 1))
+
+    def _first_budget(self, problem: Problem, name: str, spent: Sequence[_Attempt]) -> Budget:
+        """Return the budget of a first witness, which leaves enough for an unlike one where it can."""
+        budget, left = self._budget(problem, spent), (1.0 - FIRST_SHARE) * self._left(problem, spent)
+        pays_second = left >= LEAST_SECOND and bool(_list_unlike(problem, name))
+        return replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
 
     def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
         rollouts = max(1.0, self.aim.rollouts - sum(one.rollouts for one in spent))
@@ -340,6 +353,15 @@ class _Work:
         if role.options:
             options |= late_import(role.options)(goal, self.aim.pilot)
         return component.build(model(**options))  # type: ignore[no-any-return]
+
+
+def _list_unlike(problem: Problem, name: str) -> list[tuple[Component, AutoRole]]:
+    """Return the candidates that could be a second witness after an estimator."""
+    return [
+        (component, role)
+        for component, role in default_registry().candidates()
+        if role.fits(problem.steps) and not role.gives_up and component.name != name
+    ]
 
 
 def _count_outcomes(pilot: Result) -> FreshRows:

@@ -23,6 +23,8 @@ _SHARE = 15
 """Share of a budget of rollouts: the pilot takes at most 1 / 15 of it, and learning in vain twice as much."""
 FIRST_SHARE = 0.7
 """Share of what is left that a first witness may take."""
+FEW_FAILURES = 2.0
+"""Failures below which Monte Carlo, as a second witness, would say too little."""
 LEAST_SECOND = 5000
 """Rollouts below which a second witness would say too little."""
 _LEAST = 5000

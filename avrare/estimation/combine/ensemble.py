@@ -14,7 +14,6 @@ import numpy as np
 
 from avrare.estimation.combine.model_share import ModelShare
 from avrare.estimation.result import health
-from avrare.estimation.result.doubts import DOUBTS
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
@@ -109,7 +108,7 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
     share = _share(result, size, known, fresh)
     errors = max(_error_share(one) for one in (result, *fresh.values()))
 
-    doubted = [one for one in (result, *fresh.values()) if DOUBTS.intersection(one.health)]
+    doubted = [one for one in (result, *fresh.values()) if one.unopened_at]
 
     def interval_at(confidence: float) -> Interval:
         low, high = share.interval(confidence)

@@ -11,6 +11,7 @@ from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import Clearance, check_estimate
 from avrare.estimation.plan.plan import Estimator, Journal
 from avrare.estimation.plan.settings import Settings
+from avrare.estimation.result.doubts import answer_doubts
 from avrare.estimation.result.result import Result
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor
@@ -102,4 +103,4 @@ def estimate_specifications(
         for part, result in zip(group.separate(), results, strict=True):
             if check is not None:
                 result = add_cross_check(part, result, check, settings, run_check)
-            yield part, result
+            yield part, answer_doubts(result)

@@ -17,11 +17,11 @@ from avrare.estimation.checks.result_builder import contradict
 from avrare.estimation.combine.cross_check import compare
 from avrare.estimation.combine.power import LEAST_POWER, describe_power, power_to_notice
 from avrare.estimation.result import health, intervals
-from avrare.estimation.result.doubts import DOUBTS, open_interval, undo_opening
+from avrare.estimation.result.doubts import DOUBTS, MAY_MISS_FAILURES, open_interval, undo_opening
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result
 
-_ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "extinct_runs", "leaps"})
+_ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "leaps"})
 """Doubts that an unlike estimate answers where it agrees."""
 _FREEDOM = 8
 
@@ -44,13 +44,19 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         words = f"{names} agree, and {describe_power(power)}"
     elif outcome == "disagree":
         low, result = sorted((first, second), key=lambda one: one.probability)
-        reason = f"{result.estimator} gives {_describe(result)}, but {low.estimator} gives {_describe(low)}"
-        both = partial(intervals.hull, low.interval_at, result.interval_at)
-        found = result.health | health.warn("contradicted", reason=reason)
-        result = replace(result, interval_at=both, unopened_at=None, health=found)
+        if not MAY_MISS_FAILURES.intersection(low.health):  # else its finding less is no news
+            reason = (
+                f"{result.estimator} gives {_describe(result)}, but {low.estimator} gives {_describe(low)}"
+            )
+            both = partial(intervals.hull, low.interval_at, result.interval_at)
+            found = result.health | health.warn("contradicted", reason=reason)
+            result = replace(result, interval_at=both, unopened_at=None, health=found)
         words = f"{names} disagree, and the larger estimate stands"
     else:
-        result, words = first, f"`{second.estimator}` says too little: {describe_power(power)}"
+        surer = second.relative_error < first.relative_error
+        better = surer and in_doubt(first) and not in_doubt(second)
+        result, other = (second, first) if better else (first, second)
+        words = f"`{other.estimator}` says too little: {describe_power(power)}"
     result = replace(
         result,
         rollouts=first.rollouts + second.rollouts,

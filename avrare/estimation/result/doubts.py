@@ -8,16 +8,26 @@ from functools import partial
 
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Result
 
 MAY_MISS_FAILURES = frozenset(
-    {"extinct", "no_failures", "leaps", "unchecked", "flat_part", "outliers", "model_unknown"}
+    {
+        "extinct",
+        "no_failures",
+        "few_roots",
+        "leaps",
+        "unchecked",
+        "flat_part",
+        "outliers",
+        "model_unknown",
+    }
 )
 """Warnings under which the estimate may be too low."""
-MAY_SCATTER = frozenset(
-    {"extinct_runs", "few_roots", "weight_degenerate", "contradicted", "heuristic_kernel"}
-)
+MAY_SCATTER = frozenset({"weight_degenerate", "contradicted", "heuristic_kernel"})
 """Warnings under which it may be too high as well."""
+FAR_OFF = 3.0
+"""Factor between an estimate's interval and its blind bound above which failures may be missed."""
 DOUBTS = MAY_MISS_FAILURES | MAY_SCATTER
 
 
@@ -43,6 +53,23 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
     opened = partial(_open, mean, at, result.fresh, scatters, least_upper)
     unopened = result.unopened_at or result.interval_at
     return replace(result, interval_at=opened, unopened_at=unopened, least_upper=least_upper)
+
+
+def answer_doubts(result: Result) -> Result:
+    """Return a result whose doubts of missed failures are notes where its rollouts of the target answer them.
+
+    They do where the interval, which is open to what they allow, ends at most three times as high for it.
+    """
+    doubts = MAY_MISS_FAILURES.intersection(result.health)
+    if not doubts or not result.probability or result.unopened_at is None or result.fresh is None:
+        return result
+    high, rows = result.interval[1], result.fresh.rows
+    if high > FAR_OFF * result.unopened_at(result.confidence)[1]:
+        return result
+    text = f"The interval ends at what {rows:,} rollouts of the target allow, which see every failure: "
+    notes = (Note("doubt", f"{text}{result.health[name]}.") for name in sorted(doubts))
+    health = {name: warning for name, warning in result.health.items() if name not in doubts}
+    return replace(result, health=health, notes=(*result.notes, *notes))
 
 
 def undo_opening(result: Result) -> Result:

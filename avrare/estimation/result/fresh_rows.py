@@ -10,9 +10,6 @@ from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.rollout.request import Rollouts
 
-NEAR = 1.5
-"""Factor within which the exact interval vouches for an estimate."""
-
 
 @dataclass(frozen=True)
 class FreshRows:
@@ -42,11 +39,6 @@ class FreshRows:
         if not self.rows:
             return intervals.unknown(confidence)
         return intervals.clopper_pearson(self.failures, self.rows, confidence, errors=self.errors)
-
-    def vouch_for(self, interval: Interval, confidence: float) -> bool:
-        """Return whether an interval's ends are near those of the exact one, or beyond them."""
-        low, high = self.interval(confidence)
-        return interval[0] <= NEAR * low and high <= NEAR * interval[1]
 
     def interval_of_zero(self) -> Callable[[float], Interval]:
         """Return the interval, as a function of the confidence, of an estimate of 0.

@@ -109,6 +109,12 @@ def log_normal(
     return min(math.exp(low), mean), min(1.0, max(math.exp(min(high, 0.0)), mean) + errors)
 
 
+def scaled_counts(mean: float, found: int, trials: int, confidence: float) -> Interval:
+    """Return the exact binomial interval of a count, in proportion to an estimate that rests on it."""
+    low, high = clopper_pearson(found, trials, confidence)
+    return mean * low * trials / found, min(1.0, mean * high * trials / found)
+
+
 def hull(one: Callable[[float], Interval], other: Callable[[float], Interval], confidence: float) -> Interval:
     """Return the least interval that holds two others."""
     (low, high), (lower, higher) = one(confidence), other(confidence)

@@ -23,11 +23,12 @@ def find_flat_parts(
     guide: ScaledMonitor | None = None,
     *,
     by_sample: bool = False,
+    failures: Floats | None = None,
 ) -> tuple[str, ...]:
     """Return the parts of a formula, each of which must hold, that are flat in 64 rollouts.
 
-    A part is flat if all the rollouts that keep it, at least half of them, keep it by the same robustness.
-    The rollouts are those of ``measure_terms``, and no part of any estimate.
+    A part is flat if all the rollouts that keep it, at least half of them, keep it by the same robustness,
+    and no known failure breaks it. The rollouts are those of ``measure_terms``, and no part of any estimate.
 
     Args:
         system: The system.
@@ -36,6 +37,7 @@ def find_flat_parts(
         select: Function that makes the formula's signals of the system's.
         guide: The formula with its terms in parts of their sizes, where that is the score.
         by_sample: The score compares the robustness at each sample: a flat part has one at every sample.
+        failures: Tapes (F, steps + 1, noise_size) of known failures.
     """
     rows = np.arange(PROBE_ROWS)
     signals = record(system, steps, formula.signals, Request.from_start(np.zeros_like(rows), rows), select)
@@ -46,13 +48,15 @@ def find_flat_parts(
     )
     parts = split_requirements(normalise(formula.node))
     judged = split_requirements(normalise(judge.node))
-    flat = [is_flat(replace(judge, derived=part), signals, by_sample) for part in judged]
-    may_fail = [bool(nodes.signals(part)) for part in parts]  # what reads no signal is true, or always broken
-    return tuple(
-        to_text(part)
-        for part, is_flat_part, may in zip(parts, flat, may_fail, strict=True)
-        if is_flat_part and may
-    )
+    flat = [
+        part
+        for part, scored in zip(parts, judged, strict=True)
+        if nodes.signals(part) and is_flat(replace(judge, derived=scored), signals, by_sample)
+    ]
+    if flat and failures is not None and len(failures):
+        replayed = record(system, steps, formula.signals, Request.replay(failures), select) or signals
+        flat = [part for part in flat if replace(formula, derived=part).robustness(replayed).min() >= 0.0]
+    return tuple(map(to_text, flat))
 
 
 def split_requirements(node: nodes.Node) -> list[nodes.Node]:

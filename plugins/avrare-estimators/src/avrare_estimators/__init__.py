@@ -29,7 +29,7 @@ def avrare_components() -> list[Component]:
             summary="nested levels with Markov chains on the noise: elliptical slices or pCN",
             warnings=WARNINGS,
             cross_check=CheckRole(order=10),
-            auto=AutoRole(order=30),
+            auto=AutoRole(order=30, options="avrare_estimators.ess.auto_options:choose_options"),
             charts=LEVEL_CHARTS,
         ),
         Component(

@@ -41,11 +41,10 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     before = sum(part.rollouts for part in (pilot, learning and learning.spent) if part)
     violated, values = ended.violated, ended.probabilities
     probability = float(values.mean())
-    roots = [len(np.unique(row)) for row in ended.root]
-    extinct = int((values == 0.0).sum())
-    warnings = health.check_runs(values.tolist(), extinct, roots)
+    roots = _count_roots(ended, values)
+    warnings = health.check_runs(values.tolist(), roots)
     if plan.steps == 0:  # more particles or fewer discards are no cure
-        warnings |= {name: _STATIC for name in ("extinct", "extinct_runs") if name in warnings}
+        warnings |= {name: _STATIC for name in ("extinct", "few_roots") if name in warnings}
     discarded = [[count for _, count in levels] for levels in ended.levels]
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
@@ -54,9 +53,10 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         warnings |= health.warn("leaps", share=state.leaps.share)
     variance = _variances(ended, values)
     relative = relative_variance(values, variance, state.particles)
-    interval_at = looks.interval(ended.runs, _interval(ended, values, fresh, relative))
-    if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
-        warnings.pop("few_roots", None)
+    interval_at = _interval(ended, values, fresh, relative)
+    if "few_roots" in warnings:
+        interval_at = health.allow_for_roots(interval_at, probability, sum(roots), violated.size)
+    interval_at = looks.interval(ended.runs, interval_at)
     return build_result(
         plan,
         name,
@@ -77,7 +77,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             "stages": [len(levels) for levels in ended.levels],
             "levels": [[level for level, _ in levels] for levels in ended.levels],
             "discarded": discarded,
-            "extinct_runs": extinct,
+            "extinct_runs": int((values == 0.0).sum()),
             "roots": roots,
             "genealogical_variance": variance.tolist(),
         }
@@ -93,6 +93,14 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         ),
         artifacts=learning.artifacts(plan) if learning else {},
     )
+
+
+def _count_roots(ended: EndedRuns, values: Floats) -> list[int]:
+    """Return how many first particles each run's failures descend from; all of its own where none is left."""
+    rows = zip(ended.root, ended.violated, values, strict=True)
+    return [
+        len(np.unique(root[failed] if failed.any() else root)) if value else 0 for root, failed, value in rows
+    ]
 
 
 def _describe_ties(discarded: Sequence[Sequence[int]], discard: int, particles: int) -> tuple[Note, ...]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from statistics import median
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from avrare.base.health_messages import MESSAGES, fill
+from avrare.estimation.result import intervals
 from avrare.estimation.result.health import check_errors
+from avrare.estimation.result.intervals import Interval
 from avrare_estimators.common.health_messages import WARNINGS
 
-__all__ = ["check_errors", "check_runs", "check_weights", "warn"]
+__all__ = ["allow_for_roots", "check_errors", "check_runs", "check_weights", "warn"]
 
 FEWEST_ROOTS = 15
 LEAST_EFFECTIVE = 15.0
@@ -23,17 +25,22 @@ def warn(name: str, **values: object) -> dict[str, str]:
     return fill(MESSAGES | WARNINGS, name, **values)
 
 
-def check_runs(values: Sequence[float], extinct: int, roots: Sequence[int]) -> dict[str, str]:
-    """Return the warnings on splitting runs; ``roots``: first particles whose descendants survive."""
-    runs = len(values)
+def check_runs(values: Sequence[float], roots: Sequence[int]) -> dict[str, str]:
+    """Return the warnings on splitting runs; ``roots``: first particles that failures descend from."""
+    runs, extinct, together = len(values), sum(not value for value in values), sum(roots)
     found = warn("single_run") if runs == 1 else {}
-    if not any(values):
+    if extinct == runs:
         return found | warn("extinct", runs=runs)
-    if extinct:
-        found |= warn("extinct_runs", extinct=extinct, runs=runs)
-    if median(roots) < FEWEST_ROOTS:
-        found |= warn("few_roots", least=FEWEST_ROOTS)
+    if together < FEWEST_ROOTS or 2 * extinct > runs:
+        found |= warn("few_roots", roots=together, extinct=extinct, runs=runs)
     return found
+
+
+def allow_for_roots(
+    interval_at: Callable[[float], Interval], mean: float, roots: int, particles: int
+) -> Callable[[float], Interval]:
+    """Return an interval that also holds what so few of the first particles say by their count."""
+    return partial(intervals.hull, interval_at, partial(intervals.scaled_counts, mean, roots, particles))
 
 
 def check_weights(mean: float, error: float, effective: float, largest: float) -> dict[str, str]:

@@ -33,17 +33,18 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
     looks = state.looks or Looks((len(values),))
     probability = float(values.mean())
     relative_variance = _relative_variance(last, values)
-    extinct, roots = int((values == 0.0).sum()), _count_ancestors(last)
-    warnings = health.check_runs(values.tolist(), extinct, roots)
+    roots = _count_ancestors(last)
+    warnings = health.check_runs(values.tolist(), roots)
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:
         warnings |= health.warn("all_failed")
     if kernel.note:
         warnings |= health.warn("heuristic_kernel", note=kernel.note)
     warnings |= {**kernel.warnings(last.tuning), **_weight_warnings(last), **declared}
-    interval_at = looks.interval(len(values), _interval(last, fresh, values, relative_variance))
-    if fresh.vouch_for(interval_at(plan.confidence), plan.confidence):
-        warnings.pop("few_roots", None)
+    interval_at = _interval(last, fresh, values, relative_variance)
+    if "few_roots" in warnings:
+        interval_at = health.allow_for_roots(interval_at, probability, sum(roots), last.failed.size)
+    interval_at = looks.interval(len(values), interval_at)
     return build_result(
         plan,
         name,
@@ -64,7 +65,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
             "effective_sizes": _values_per_run(last, "effective"),
             "samples": last.shape.samples,
             "pilot_rollouts": state.pilot,
-            "extinct_runs": extinct,
+            "extinct_runs": int((values == 0.0).sum()),
             "roots": roots,
             "r_hat": r_hat(_ranks_by_chain(last)).tolist(),
             "chain_variance": (_variance_over_levels(last) * values**2).tolist(),

@@ -254,8 +254,7 @@ def _health(
         return found
     if not values.any():
         return found | health.warn("no_failures")
-    extinct = int((values == 0.0).sum())
-    found |= health.check_runs(values.tolist(), extinct, roots.tolist())
+    found |= health.check_runs(values.tolist(), roots.tolist())
     effective, largest = effective_size(contributions), float(contributions.max() / contributions.sum())
     if effective < health.LEAST_EFFECTIVE or largest > health.LARGEST_SHARE:
         found |= health.warn("weight_degenerate", reason=health.describe_uneven(effective, largest))
