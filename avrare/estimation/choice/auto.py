@@ -156,18 +156,18 @@ class _Work:
         seen = self.execute(self.problem, pilot, self._of_phase("pilot"), "pilot")
         evidence = {result.specification: _count_outcomes(result) for result in seen}
         before = [_Attempt.of(seen[0], "pilot")]
-        frequent = [name for name, found in evidence.items() if self.aim.is_frequent(found)]
+        frequent = [name for name, counts in evidence.items() if self.aim.is_frequent(counts)]
         # 2. Those share rollouts again; the others are taken one by one.
-        found: dict[str, Result] = {}
+        results: dict[str, Result] = {}
         if frequent:
             group = self.problem.subset(frequent)
             for result in self._monte_carlo(group, before, "mc"):
                 reason = self.aim.describe(evidence[result.specification])
-                found[result.specification] = self.add_choice(result, reason, before)
-        for name, one in evidence.items():
-            if name not in found:
-                found[name] = self._rare(self.problem.subset([name]), one, before)
-        return [found[name] for name in self.problem.names]
+                results[result.specification] = self.add_choice(result, reason, before)
+        for name, counts in evidence.items():
+            if name not in results:
+                results[name] = self._rare(self.problem.subset([name]), counts, before)
+        return [results[name] for name in self.problem.names]
 
     def plain(self) -> list[Result]:
         """Return the results of Monte Carlo without a pilot."""
@@ -180,25 +180,25 @@ class _Work:
             "reason": reason,
             "tried": [
                 {
-                    "estimator": one.estimator,
-                    "reason": one.reason,
-                    "rollouts": one.rollouts,
-                    "steps": one.steps,
+                    "estimator": attempt.estimator,
+                    "reason": attempt.reason,
+                    "rollouts": attempt.rollouts,
+                    "steps": attempt.steps,
                 }
-                for one in spent
+                for attempt in spent
             ],
             "counting_rollouts": result.rollouts,
             "monte_carlo_rollouts": monte_carlo_cost(result.probability, result.relative_error),
         }
-        rollouts = result.rollouts + sum(one.rollouts for one in spent)
+        rollouts = result.rollouts + sum(attempt.rollouts for attempt in spent)
         text = f"Estimator `{result.estimator}` was chosen: {reason}{_describe_cost(result, rollouts)}."
-        whole = add_counts(result, [one.counts for one in spent])
+        whole = add_counts(result, [attempt.counts for attempt in spent])
         return replace(
             whole,
             rollouts=rollouts,
-            simulated_steps=result.simulated_steps + sum(one.steps for one in spent),
-            errors=result.errors + sum(one.errors for one in spent),
-            seconds=result.seconds + sum(one.seconds for one in spent),
+            simulated_steps=result.simulated_steps + sum(attempt.steps for attempt in spent),
+            errors=result.errors + sum(attempt.errors for attempt in spent),
+            seconds=result.seconds + sum(attempt.seconds for attempt in spent),
             notes=(*whole.notes, Note("choice", text)),
             diagnostics={**result.diagnostics, "choice": choice},
         )
@@ -207,7 +207,7 @@ class _Work:
         spent, reason = list(before), self.aim.describe(evidence)
         first = self._first_witness(problem, evidence, spent)
         if first is None:  # nothing pays
-            tried = ", ".join(one.estimator for one in spent[1:]) or "nothing else that is installed"
+            tried = ", ".join(attempt.estimator for attempt in spent[1:]) or "nothing else that is installed"
             (result,) = self._monte_carlo(problem, spent, f"{problem.names[0]}+mc")
             return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
         # 4. What leaves a doubt is not accepted while budget is left: an unlike witness answers it.
@@ -334,11 +334,11 @@ class _Work:
         return replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
 
     def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
-        rollouts = max(1.0, self.aim.rollouts - sum(one.rollouts for one in spent))
+        rollouts = max(1.0, self.aim.rollouts - sum(attempt.rollouts for attempt in spent))
         given = self.settings.budget
         if not problem.steps or (given is not None and given.kind == "rollouts"):
             return Budget("rollouts", rollouts)
-        steps = self.aim.rollouts * problem.steps - sum(one.steps for one in spent)
+        steps = self.aim.rollouts * problem.steps - sum(attempt.steps for attempt in spent)
         return Budget("steps", max(float(problem.steps), steps))
 
     def _of_phase(self, phase: str) -> Settings:

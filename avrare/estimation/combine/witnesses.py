@@ -43,14 +43,14 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         result = _mean(first, second)
         words = f"{names} agree, and {describe_power(power)}"
     elif outcome == "disagree":
-        low, result = sorted((first, second), key=lambda one: one.probability)
+        low, result = sorted((first, second), key=lambda witness: witness.probability)
         if not MAY_MISS_FAILURES.intersection(low.health):  # else its finding less is no news
             reason = (
                 f"{result.estimator} gives {_describe(result)}, but {low.estimator} gives {_describe(low)}"
             )
             both = partial(intervals.hull, low.interval_at, result.interval_at)
-            found = result.health | health.warn("contradicted", reason=reason)
-            result = replace(result, interval_at=both, unopened_at=None, health=found)
+            doubts = result.health | health.warn("contradicted", reason=reason)
+            result = replace(result, interval_at=both, unopened_at=None, health=doubts)
         words = f"{names} disagree, and the larger estimate stands"
     else:
         surer = second.relative_error < first.relative_error
@@ -69,19 +69,19 @@ def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result,
         diagnostics={**result.diagnostics, "witnesses": _numbers(first, second, outcome, power)},
     )
     plain = undo_opening(result)
-    found = result.health | contradict(plain)
-    return replace(open_interval(plain, found), health=found), outcome, words
+    doubts = result.health | contradict(plain)
+    return replace(open_interval(plain, doubts), health=doubts), outcome, words
 
 
 def _mean(first: Result, second: Result) -> Result:
     pair = (first, second)
-    values = np.array([one.probability for one in pair])
+    values = np.array([witness.probability for witness in pair])
     mean = float(values.mean())
-    variance = sum((one.relative_error * one.probability / mean / 2.0) ** 2 for one in pair)
-    errors = max(one.errors / max(one.rollouts, 1) for one in pair)
+    variance = sum((witness.relative_error * witness.probability / mean / 2.0) ** 2 for witness in pair)
+    errors = max(witness.errors / max(witness.rollouts, 1) for witness in pair)
     answered = _ANSWERED if first.estimator != second.estimator else frozenset[str]()
-    kept = [{name: text for name, text in one.health.items() if name not in answered} for one in pair]
-    doubted = (one for one, health in zip(pair, kept, strict=True) if DOUBTS.intersection(health))
+    kept = [{name: text for name, text in witness.health.items() if name not in answered} for witness in pair]
+    doubted = (witness for witness, health in zip(pair, kept, strict=True) if DOUBTS.intersection(health))
     weights = first.failures.weights
     if weights is not None:
         weights = weights * (mean / first.probability)
@@ -92,7 +92,7 @@ def _mean(first: Result, second: Result) -> Result:
         relative_error=float(np.sqrt(variance)),
         interval_at=partial(intervals.log_normal, mean, variance, freedom=_FREEDOM, errors=errors),
         unopened_at=None,
-        least_upper=max((one.least_upper for one in doubted), default=0.0),
+        least_upper=max((witness.least_upper for witness in doubted), default=0.0),
         health=kept[1] | kept[0],
         failures=replace(first.failures, weights=weights),
     )
@@ -116,7 +116,11 @@ def _describe(result: Result) -> str:
 
 def _numbers(first: Result, second: Result, outcome: str, power: float) -> dict[str, object]:
     witnesses = [
-        {"estimator": one.estimator, "probability": one.probability, "relative_error": one.relative_error}
-        for one in (first, second)
+        {
+            "estimator": witness.estimator,
+            "probability": witness.probability,
+            "relative_error": witness.relative_error,
+        }
+        for witness in (first, second)
     ]
     return {"outcome": outcome, "power": power, "estimates": witnesses}
