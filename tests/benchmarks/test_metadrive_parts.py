@@ -38,7 +38,8 @@ def test_runs_stand_beside_each_other(tmp_path):
     assert "single_run" not in warnings
     with_zero = [*found, found[0] | {"run_probabilities": [0.0]}]
     assert parts.pool(with_zero)[0] == pytest.approx(0.8 * mean)
-    assert "extinct_runs" in parts.pool(with_zero)[2]
+    mostly_zero = [*found, *[found[0] | {"run_probabilities": [0.0]}] * 5]
+    assert "few_roots" in parts.pool(mostly_zero)[2]
     assert "single_run" in parts.pool(found[:1])[2]
 
 

@@ -306,6 +306,17 @@ def test_the_pilot_counts_in_the_bound_and_contradicts(monkeypatch):
     assert low > alone.interval[1]
 
 
+def test_monte_carlo_as_a_second_witness_draws_tapes_of_its_own(monkeypatch):
+    seeds = []
+    monkeypatch.setattr(
+        auto._Work, "_monte_carlo", lambda self, *_: seeds.append(self.settings.seed) or [None]
+    )
+    frequent = replace(avrare.estimate(problem(RARE), "ess", seed=1), probability=1.0)
+    work = auto._Work(problem(RARE), Settings(seed=1), None, Aim(0.2, 50_000.0), AutoConfig())
+    work._second_witness(frequent, problem(RARE), [])
+    assert seeds != [1]
+
+
 def test_witnesses_that_disagree_send_the_budget_to_the_one_that_finds_more(monkeypatch):
     rarer = problem("always (x < 12)")
     low = replace(avrare.estimate(rarer, "ess", seed=1), rollouts=5000, simulated_steps=5000 * STEPS)

@@ -9,7 +9,13 @@ import avrare
 from avrare.base.health_messages import MESSAGES
 from avrare.estimation.checks.result_builder import contradict
 from avrare.estimation.result import intervals
-from avrare.estimation.result.doubts import DOUBTS, MAY_MISS_FAILURES, MAY_SCATTER, open_interval
+from avrare.estimation.result.doubts import (
+    DOUBTS,
+    MAY_MISS_FAILURES,
+    MAY_SCATTER,
+    answer_doubts,
+    open_interval,
+)
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.plugin.registry import default_registry
 from avrare.testing.problems import reference_problem
@@ -66,6 +72,20 @@ def test_at_most_twelve_warnings_doubt_an_interval_and_each_says_what_to_do():
     assert not MAY_MISS_FAILURES & MAY_SCATTER
     for name in DOUBTS - {"heuristic_kernel"}:  # its text is the kernel's
         assert any(word in texts[name] for word in ("use ", "compare with", "raise ")), name
+
+
+@pytest.mark.parametrize("rows", [5_000, 100_000])
+@pytest.mark.parametrize("name", ["unchecked", "contradicted"])
+def test_target_rows_answer_a_doubt_of_missed_failures_that_they_bound(result, name, rows):
+    doubted = replace(result, fresh=FreshRows(rows), health={name: "a reason", "errors": "many"})
+    opened = open_interval(doubted, [name])
+    answered = answer_doubts(opened)
+    assert answered.interval == opened.interval
+    if rows == 100_000 and name == "unchecked":
+        assert list(answered.health) == ["errors"]
+        assert answered.notes[-1].text.endswith("which see every failure: a reason.")
+    else:
+        assert answered is opened
 
 
 def test_an_open_interval_is_never_narrowed_by_a_later_doubt():

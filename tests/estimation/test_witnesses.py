@@ -92,6 +92,22 @@ def test_a_witness_of_little_power_answers_nothing(template, probability, error)
     assert result.interval[1] == FreshRows(10_000).interval(0.95)[1] < first.interval[1]
 
 
+def test_the_surer_of_two_stands_where_only_the_first_is_in_doubt(template):
+    first = witness(template, "ams", 1e-4, 0.9, ["leaps"])
+    for error, health, stands in ((0.2, (), "ess"), (0.2, ["few_roots"], "ams"), (1.2, (), "ams")):
+        result, outcome, words = reconcile(first, witness(template, "ess", 1.5e-4, error, health), 0.95)
+        assert (outcome, result.estimator) == ("inconclusive", stands)
+        assert ("leaps" in result.health) == (stands == "ams")
+        assert "says too little" in words
+
+
+def test_a_witness_that_may_miss_failures_contradicts_none_that_finds_more(template):
+    low, high = witness(template, "is", 1e-5, health=["unchecked"]), witness(template, "ams", 2e-4)
+    result, outcome, _ = reconcile(low, high, 0.95)
+    assert (outcome, result.probability, result.health) == ("disagree", 2e-4, {})
+    assert result.interval == high.interval
+
+
 def test_power_is_the_share_of_misses_that_would_have_been_noticed():
     rng, errors, threshold = np.random.default_rng(1), (0.2, 0.3), 2.0
     spread = np.sqrt(np.log1p(np.square(errors)))

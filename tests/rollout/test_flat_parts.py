@@ -75,6 +75,16 @@ def test_a_function_that_scores_may_see_what_the_formula_does_not():
     assert flat_parts("always (x < 1 and flat < 1)", lambda signals, t: signals["y"][:, t]) == ()
 
 
+def test_known_failures_show_that_a_flat_part_can_be_broken():
+    problem = avrare.Problem(Walks(), avrare.stl("always (x < 1 and flat < 1)"), STEPS)
+    tapes = np.zeros((2, STEPS + 1, 2))
+    tapes[0, 1, 0] = 10.0
+    (part,) = problem.flat_parts(0, tapes)
+    assert part == problem.flat_parts(0)[0]
+    tapes[1, 1, 1] = 11.0
+    assert problem.flat_parts(0, tapes) == ()
+
+
 @pytest.mark.parametrize("part", ["flat < 1", "y < 9"])
 def test_an_estimate_far_below_its_blind_bound_tells_of_a_flat_part(part):
     problem = avrare.Problem(Walks(), avrare.stl(f"always (x < 1 and {part})"), STEPS)

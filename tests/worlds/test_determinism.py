@@ -87,7 +87,7 @@ class Picky(Walk):
 def estimate(system, estimator="mc", **options):
     problem = avrare.Problem(system, avrare.stl("always (x < 0.9)"), steps=12)
     sizes = {"mc": {"rollouts": 50}, "ams": {"particles": 20, "discard": 4, "runs": 2}}
-    quiet = {"suppress": ["few_roots", "extinct_runs"]} if estimator == "ams" else {}
+    quiet = {"suppress": ["few_roots"]} if estimator == "ams" else {}
     return avrare.estimate(problem, estimator, **{**sizes[estimator], **quiet, **options})
 
 

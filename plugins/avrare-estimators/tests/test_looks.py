@@ -114,8 +114,16 @@ def test_the_first_look_is_half_of_what_the_pilot_suggests():
 
 
 @pytest.mark.parametrize("roots", [14, 15])
-def test_few_roots_are_fewer_than_fifteen(roots):
+def test_few_roots_are_fewer_than_fifteen_in_all_runs_together(roots):
     assert ("few_roots" in health.check_runs([1e-3, 2e-3, 3e-3], [roots - 2, 1, 1])) == (roots < 15)
+
+
+@pytest.mark.parametrize("extinct", [2, 3])
+def test_runs_of_which_most_died_out_have_few_roots(extinct):
+    values = [1e-3] * (5 - extinct) + [0.0] * extinct
+    assert ("few_roots" in health.check_runs(values, [100 * bool(value) for value in values])) == (
+        extinct == 3
+    )
 
 
 @pytest.mark.parametrize(

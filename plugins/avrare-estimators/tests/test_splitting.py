@@ -211,7 +211,7 @@ def test_static_problem_is_monte_carlo():
 
 def test_health_of_runs_with_few_particles():
     result = estimate(RARE_WALK.problem(), particles=10, discard=5, runs=10, seed=1)
-    assert {"extinct_runs", "few_roots"} & set(result.health)
+    assert {"extinct", "few_roots"} & set(result.health)
     assert all(isinstance(text, str) and "{" not in text for text in result.health.values())
 
 

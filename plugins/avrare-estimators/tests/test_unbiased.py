@@ -100,7 +100,6 @@ def test_dropping_extinct_runs_would_be_detected(ties):
     extinct = values == 0.0
     assert 0.1 < extinct.mean() < 0.9
     assert ties.diagnostics["extinct_runs"] == extinct.sum()
-    assert "extinct_runs" in ties.health
     assert deviation(values[~extinct], truth) > 10
 
 

@@ -122,11 +122,11 @@ def test_an_unhealthy_estimate_neither_passes_nor_fails(decide, against, estimat
     assert decide(threshold("< 0.5"), Binomial(5, 1000), **ill) == "inconclusive"
     assert decide(threshold("< 1e-4"), Binomial(5, 1000), **ill) == "inconclusive"
     assert decide(threshold("< 1e-4"), Binomial(5, 1000)) == "fail"
-    sick = against(Binomial(40, 4000), health={"extinct_runs": "..."})
+    sick = against(Binomial(40, 4000), health={"extinct": "..."})
     assert decide(sick, Binomial(40, 4000)) == "inconclusive"
     assert decide(sick, Binomial(400, 4000)) == "inconclusive"
     assert find_objections(sick, estimate(Binomial(40, 4000))) == [
-        "the baseline has health warnings: extinct_runs"
+        "the baseline has health warnings: extinct"
     ]
 
 
