@@ -233,21 +233,22 @@ class _Work:
         settings = replace(self._of_phase("again"), budget=self._budget(problem, spent))
         for component, role in default_registry().candidates():
             if component.name == witness.estimator:
-                try:
-                    return self._run("again", self._build(component, role), problem, settings, spent)
-                except GaveUp as end:
-                    spent.append(_Attempt.given_up(component.name, end))
+                return self._run("again", self._build(component, role), problem, settings, spent)
         return None
 
     def _first_witness(self, problem: Problem, evidence: FreshRows, spent: list[_Attempt]) -> Result | None:
         # 3. A candidate that gives up by itself just begins; a small trial decides on any other.
-        for component, role in default_registry().candidates():
-            if not role.fits(problem.steps):
-                continue
-            attempt = self._learn if role.gives_up else self._try
-            result = attempt(self._build(component, role), problem, evidence, spent)
-            if result is not None:
-                return result
+        for component, role in filter(
+            lambda pair: pair[1].fits(problem.steps), default_registry().candidates()
+        ):
+            estimator = self._build(component, role)
+            if role.gives_up or self._promises_gain(estimator, problem, evidence, spent):
+                settings = self._of_phase("learning") if role.gives_up else self.settings
+                budget = self._first_budget(problem, estimator.name, spent)
+                settings = replace(settings, budget=budget, seen=evidence)
+                result = self._run(estimator.name, estimator, problem, settings, spent)
+                if result is not None:
+                    return result
         return None
 
     def _second_witness(self, first: Result, problem: Problem, spent: list[_Attempt]) -> Result:
@@ -267,37 +268,22 @@ class _Work:
         (counted,) = work._monte_carlo(problem, spent, f"{problem.names[0]}+witness-mc")
         return counted
 
-    def _learn(
+    def _promises_gain(
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
-    ) -> Result | None:
-        budget = self._first_budget(problem, estimator.name, spent)
-        settings = replace(self._of_phase("learning"), budget=budget, seen=evidence)
-        try:
-            return self._run(estimator.name, estimator, problem, settings, spent)
-        except GaveUp as end:
-            spent.append(_Attempt.given_up(estimator.name, end))
-            return None
-
-    def _try(
-        self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
-    ) -> Result | None:
+    ) -> bool:
         rollouts = min(_TRIAL, self.aim.pilot)
         if not self.aim.may_try(rollouts + self.aim.rollouts - self._left(problem, spent), evidence):
-            return None
+            return False
         sized = estimator.scaled(rollouts, max(evidence.failures, 0.3) / evidence.rows)
         if sized is None:
-            return None
+            return False
         trial = self._run(f"try-{estimator.name}", sized, problem, self._of_phase("trial"), spent)
         if trial is None:
-            return None
+            return False
         cost = trial.simulated_steps / problem.steps if problem.steps else trial.rollouts
         gain = promised_gain(evidence, trial.probability, trial.relative_error, cost)
         spent.append(_Attempt.of(trial, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
-        if not pays(gain):
-            return None
-        budget = self._first_budget(problem, estimator.name, spent)
-        settings = replace(self.settings, budget=budget, seen=evidence)
-        return self._run(estimator.name, estimator, problem, settings, spent)
+        return pays(gain)
 
     def _run(
         self, part: str, estimator: Estimator, problem: Problem, settings: Settings, spent: list[_Attempt]
@@ -306,7 +292,9 @@ class _Work:
             return self.execute(problem, estimator, settings, f"{problem.names[0]}+{part}")[0]
         except Refused as error:
             spent.append(_Attempt(estimator.name, error.message))
-            return None
+        except GaveUp as end:
+            spent.append(_Attempt.given_up(estimator.name, end))
+        return None
 
     def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:
         given, budget = self.config, self.settings.budget
