@@ -69,8 +69,6 @@ tiny:
   ams: {plugin: ams, particles: 100, discard: 10, runs: 4}
   ams relative_error: {plugin: ams, relative_error: 0.2, runs: 5}
   ams early_stop: {plugin: ams, particles: 100, discard: 10, runs: 4, early_stop: true}
-  ams look_ahead: {plugin: ams, particles: 100, discard: 10, runs: 4, look_ahead: 5}
-  ams learned score: {plugin: ams, particles: 100, discard: 10, runs: 4, score: learned}
   ams published: {plugin: ams, particles: 100, discard: 10, runs: 4, variant: published}
   ess pcn: {plugin: ess, chains: 20, runs: 4}
   ess grow: {plugin: ess, runs: 4}

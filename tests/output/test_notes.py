@@ -59,7 +59,6 @@ MAKERS = {
     "goal of runs": lambda: estimate("ams", relative_error=0.01, runs=5, most_runs=5, **SMALL),
     "goal of rows": lambda: estimate("is", rollouts=3000, relative_error=0.01),
     "goal reached": lambda: estimate("mc", problem(0.3), threshold=0.9),
-    "score": lambda: estimate("ams", runs=2, pilot=200, score="learned", **SMALL),
     "pilot": lambda: estimate("ams", particles=20, discard=4, grow=True),
     "learning": lambda: estimate("is", problem(0.05, Scrambled(STEPS)), rollouts=3000),
     "ties": lambda: estimate("ams", count_down(4, 9, "1/5").problem(), particles=50, discard=2, runs=2),

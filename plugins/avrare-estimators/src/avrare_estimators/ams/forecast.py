@@ -25,15 +25,14 @@ def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> C
         growth: Largest factor by which the pilot may let runs grow.
         slope: Cost of levels before any is measured, negative.
     """
-    learnt = state.learning.spent.steps if state.learning is not None else 0
     if state.looks is not None and state.pilot is not None:
-        return state.pilot.forecast("steps", state.looks, state.done, spent=learnt + state.pilot.cost)
+        return state.pilot.forecast("steps", state.looks, state.done, spent=state.pilot.cost)
     weights = state.weight[state.active]
     if not len(weights) or not weights.any():
         return None
     first, fallen = state.particles * max(state.plan.steps, 1), math.log(weights.mean())
     if fallen < _FALLEN and state.ended is None:
-        slope = ((state.tally.steps - learnt) / (state.runs * first) - 1.0) / fallen
+        slope = (state.tally.steps / (state.runs * first) - 1.0) / fallen
     ends = min(math.log(LIKELY), fallen), min(math.log(RARE), fallen + math.log(LIKELY))
     likely, rare = (first * (1.0 + slope * end) for end in ends)
     if state.looks is None:  # the pilot is one run more
@@ -41,4 +40,4 @@ def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> C
     else:
         likely, rare = likely * max(state.done, state.looks.runs[0]), rare * state.looks.runs[-1]
     given = f"p {math.exp(ends[0]):.1g} .. {math.exp(ends[1]):.1g}"
-    return CostForecast("steps", learnt + likely, learnt + rare, given)
+    return CostForecast("steps", likely, rare, given)

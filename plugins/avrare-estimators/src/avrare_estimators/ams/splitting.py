@@ -7,28 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
 from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
-from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.ams.config import AmsConfig
 from avrare_estimators.ams.forecast import forecast_cost
 from avrare_estimators.ams.leaps import Leaps
-from avrare_estimators.ams.learned_score import LEARNING_RUN, MOST_PATHS, ScoreLearning, choose_times
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
-from avrare_estimators.ams.look_ahead import LookAheadProblem
 from avrare_estimators.ams.population import Branches
 from avrare_estimators.ams.state import AmsState, run_bytes
 from avrare_estimators.ams.summary import summarise
-from avrare_estimators.common.committor.learned_file import LearnedFile
-from avrare_estimators.common.config import LEARNED, LEAST_PILOT
-from avrare_estimators.common.cost import affordable_runs, paid_runs
-from avrare_estimators.common.feature_count import FEATURES, count_features
+from avrare_estimators.common.cost import affordable_runs
 from avrare_estimators.common.looks import LEAST_RUNS, MOST_GROWTH, Looks, Pilot
 
 _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
@@ -37,10 +30,8 @@ _NOMINAL = 1e-4
 """Probability at which a run costs that much."""
 _LEAST_PARTICLES = 50
 """Particles below which the error of a single run is not known."""
-_LEARNING_PARTS = 6
-"""The run to learn a score from takes at most one part in so many of a budget."""
 _PILOT_SHARE = 0.25
-"""Share of a budget that a pilot or a run to learn from takes at most."""
+"""Share of a budget that a pilot takes at most."""
 _PILOT_RUN = 2**31
 """Address of the pilot's noise, far from the runs that count."""
 
@@ -56,35 +47,15 @@ class Splitting(Estimator):
     def __init__(self, config: AmsConfig) -> None:
         self.config = config
         self.stops_early = config.early_stop
-        self._file = LearnedFile.read(config.learned) if config.learned is not None else None
-        self._features: int | None = None
-
-    def prepare(self, problem: Problem) -> Problem:
-        """Return the problem with its own score, or with one that looks ahead."""
-        self._features = count_features(problem) if self.config.scores_by_committor else None
-        if self.config.look_ahead is not None:
-            return LookAheadProblem(problem, self.config.look_ahead)
-        return problem
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
         """Return the state before the first rollout, and what to show."""
         self._most_runs(plan)  # refuses a budget that does not pay
-        if self._file is not None:
-            state = self._begin(plan, ScoreLearning.given(self._file, plan, self._features))
-        elif self.config.score == LEARNED and plan.steps:
-            particles = self._pilot_particles(plan)
-            learning = ScoreLearning.begin(plan, particles)
-            state = AmsState.begin(plan, 1, particles, first_run=LEARNING_RUN, learning=learning)
+        if self.config.grows and plan.steps and self._most_runs(plan, 1) >= LEAST_RUNS:
+            state = AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN)
         else:
-            state = self._begin(plan)
+            state = self._begin_counting(plan)
         return state, Info(forecast=self._forecast(state))
-
-    def _begin(self, plan: Plan, learning: ScoreLearning | None = None) -> AmsState:
-        """Begin the pilot that sizes the runs, or the runs that count where there is none."""
-        spent = learning.spent if learning is not None else None
-        if self.config.grows and plan.steps and self._most_runs(plan, 1, spent=spent) >= LEAST_RUNS:
-            return AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN, learning=learning)
-        return self._begin_counting(plan, learning=learning)
 
     def scaled(self, rollouts: float, probability: float) -> Splitting | None:
         """Return one run of as many particles as the rollouts pay for.
@@ -113,7 +84,6 @@ class Splitting(Estimator):
             keep_carries=True,
             every=state.every,
             stop_early=self.config.early_stop,
-            observe=state.learning.observed if state.learning else (),
         )
         if not state.stage:
             return replace(request, most_bytes=self._bytes_per_slot(state))
@@ -122,8 +92,6 @@ class Splitting(Estimator):
 
     def tell(self, state: AmsState, rollouts: Rollouts) -> tuple[AmsState, Info]:
         """Store the rollouts, then do one stage of all active runs (stl-ams, Algorithm 2)."""
-        if state.learning is not None:
-            rollouts = state.learning.told(rollouts, state.pending, state.population)
         self._store(state, rollouts)
         if state.stage == 0:
             first = np.where(rollouts.error, np.nan, rollouts.robustness[:, 0])
@@ -148,11 +116,7 @@ class Splitting(Estimator):
         return [summarise(self.name, self.config, state)]
 
     def _continue(self, state: AmsState) -> AmsState:
-        """Begin what comes after a learning run, the runs that count after the pilot, or further ones."""
-        if state.learns:
-            assert state.learning is not None
-            learning = state.learning.ended(state.plan, float(state.weight[0]), state.population, state.tally)
-            return replace(self._begin(state.plan, learning), tally=state.tally, saved=state.saved)
+        """Begin the runs that count after the pilot, or further ones."""
         if state.looks is None:
             return self._after_pilot(state)
         more = state.looks.missing(
@@ -163,19 +127,15 @@ class Splitting(Estimator):
     def _after_pilot(self, state: AmsState) -> AmsState:
         result, plan = summarise(self.name, self.config, state), state.plan
         roots = result.diagnostics["roots"][0] if result.probability else 0
-        before = state.learning.spent if state.learning is not None else Info()
-        rollouts, steps = (getattr(state.tally, n) - getattr(before, n) for n in ("rollouts", "steps"))
-        pilot = Pilot(rollouts, roots, result.relative_error**2, cost=steps)
+        pilot = Pilot(state.tally.rollouts, roots, result.relative_error**2, cost=state.tally.steps)
         # With a budget, larger runs are fewer.
         growth = pilot.wanted_growth
-        while growth > 1 and not self._affords(plan, growth, before):
+        while growth > 1 and not self._affords(plan, growth):
             growth -= 1
-        counting = self._begin_counting(plan, replace(pilot, growth=growth), state.learning)
+        counting = self._begin_counting(plan, replace(pilot, growth=growth))
         return replace(counting, tally=state.tally, saved=state.saved)
 
     def _forecast(self, state: AmsState) -> CostForecast | None:
-        if state.learns:  # the run to learn from tells little of the others
-            return None
         slope = (_STEPS_OF_RUN - 1.0) / math.log(_NOMINAL)
         if state.looks is not None:
             return forecast_cost(state, state.looks, 1, slope)
@@ -184,16 +144,13 @@ class Splitting(Estimator):
         looks = Looks.until(self.config.relative_error, self.config.runs, most)
         return forecast_cost(state, looks, growth, slope)
 
-    def _affords(self, plan: Plan, growth: int, spent: Info | None = None) -> bool:
-        fits = self._run_bytes(plan, self.config.particles * growth) <= self._room()
-        return fits and self._most_runs(plan, 1, growth, spent) >= LEAST_RUNS
+    def _affords(self, plan: Plan, growth: int) -> bool:
+        fits = run_bytes(plan, self.config.particles * growth) <= self._room()
+        return fits and self._most_runs(plan, 1, growth) >= LEAST_RUNS
 
-    def _begin_counting(
-        self, plan: Plan, pilot: Pilot | None = None, learning: ScoreLearning | None = None
-    ) -> AmsState:
+    def _begin_counting(self, plan: Plan, pilot: Pilot | None = None) -> AmsState:
         growth = pilot.growth if pilot else 1
-        spent = learning.spent if learning is not None else None
-        most = self._most_runs(plan, int(pilot is not None), growth, spent)
+        most = self._most_runs(plan, int(pilot is not None), growth)
         first, goal = self.config.runs, self.config.relative_error
         if pilot and plan.budget is not None:
             most = max(1, int(most / self._excess(plan, pilot)))
@@ -202,9 +159,7 @@ class Splitting(Estimator):
         looks = Looks.until(goal, first, most)
         particles = self.config.particles * growth
         runs = min(looks.runs[0], self._batch(plan, particles))
-        return AmsState.begin(
-            plan, runs, particles, growth=growth, looks=looks, pilot=pilot, learning=learning
-        )
+        return AmsState.begin(plan, runs, particles, growth=growth, looks=looks, pilot=pilot)
 
     def _excess(self, plan: Plan, pilot: Pilot) -> float:
         """Return the cost of the pilot over that of a run down to ``_NOMINAL``, at least 1."""
@@ -221,59 +176,24 @@ class Splitting(Estimator):
         """
         runs, particles = self.config.most, self.config.particles
         runs = min(runs if plan.budget is None else self._most_runs(plan), self._batch(plan, particles))
-        tables = max(runs * self._run_bytes(plan, particles), self._table_bytes(plan))
+        tables = runs * run_bytes(plan, particles)
         carries = 2 * runs * particles * carry * (plan.steps + 1)
         return Demand(tables + max(0, min(carries, self._room() - tables)), self.config.memory, "particles")
 
     def _batch(self, plan: Plan, particles: int) -> int:
         """Return the number of runs that may advance together: their tables take half of the memory."""
-        return max(1, self._room() // (2 * self._run_bytes(plan, particles)))
-
-    def _run_bytes(self, plan: Plan, particles: int) -> int:
-        return run_bytes(plan, particles) + particles * self._feature_bytes(plan)
-
-    def _feature_bytes(self, plan: Plan) -> int:
-        """Return the bytes of the features of a rollout, which come and are joined."""
-        if not self.config.scores_by_committor:
-            return 0
-        return 16 * (self._features or FEATURES) * len(choose_times(plan.steps))
-
-    def _table_bytes(self, plan: Plan) -> int:
-        """Return the bytes of a learning run with the rollouts that it keeps.
-
-        Features are kept in a quarter of the bytes that they take under way: twice as they are joined, and
-        those held out in full.
-        """
-        if self.config.score != LEARNED or self._file is not None:
-            return 0
-        return self.config.pilot * (MOST_PATHS * self._feature_bytes(plan) * 5 // 8 + run_bytes(plan, 1))
+        return max(1, self._room() // (2 * run_bytes(plan, particles)))
 
     def _room(self) -> int:
         return allowance(self.config.memory)
 
-    def _pilot_particles(self, plan: Plan) -> int:
-        """Return the particles of the learning run: a sixth of a budget pays for it, the rest for a run."""
-        if plan.budget is None:
-            return self.config.pilot
-        paid, parts = paid_runs(plan, _ROLLOUTS_OF_RUN, _STEPS_OF_RUN), _LEARNING_PARTS
-        least = max(parts * LEAST_PILOT, math.ceil(self.config.particles * parts / (parts - 1)))
-        if paid < least:
-            raise UsageError(
-                f"a budget of {plan.budget.kind}={plan.budget.amount:g} does not pay for learning a score "
-                f"from {LEAST_PILOT} particles and for a run of {self.config.particles}",
-                f"raise it {math.ceil(10.0 * least / max(paid, 1)) / 10.0:g} times or leave out "
-                "`score: learned`",
-            )
-        return min(self.config.pilot, paid // parts)
-
-    def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1, spent: Info | None = None) -> int:
+    def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1) -> int:
         """Return the largest number of runs, where some of the budget is gone.
 
         Args:
             plan: The task.
             pilots: Pilots of growth 1 that it paid for.
             growth: Growth of the runs.
-            spent: What learning has cost.
         """
         particles, most = self.config.particles, self.config.most
         paid = affordable_runs(
@@ -286,10 +206,6 @@ class Splitting(Estimator):
         )
         if plan.budget is None:
             return most
-        if spent is not None:
-            unit = _STEPS_OF_RUN * plan.steps if plan.budget.kind == "steps" else _ROLLOUTS_OF_RUN
-            used = spent.steps if plan.budget.kind == "steps" else spent.rollouts
-            pilots += math.ceil(used / (unit * particles))
         paid = max(1, (paid - pilots) // growth)
         return paid if self.config.relative_error is None else min(paid, most)
 
@@ -306,13 +222,11 @@ class Splitting(Estimator):
         if state.plan.steps == 0:  # nothing to branch from: this is Monte Carlo
             state.active[:] = False
         # The estimate is unbiased wherever the levels end: here, where the next one would exceed the budget.
-        if ((table := state.table) and table.full) or self._exceeds_budget(state, level.discarded):
+        if self._exceeds_budget(state, level.discarded):
             state.active[:] = False
         # 3. Discard all at or below the level; discarded failures and errors count with the present weight.
         discarded = level.discarded & state.active[:, None]
         self._retire(state, discarded & violated)
-        if table:
-            table.retire(discarded.ravel(), float(state.weight[0]), state.population)
         state.error_weight[:] += state.weight * (discarded & error).mean(axis=1)
         # 4. Multiply the weight by the share that survives (stl-ams, Eq. 12, with the true number discarded).
         self._reweight(state, discarded.sum(axis=1), level.score)
@@ -331,8 +245,6 @@ class Splitting(Estimator):
         return spent + branches > share * plan.budget.amount
 
     def _discard(self, state: AmsState) -> int:
-        if state.learns:
-            return state.particles // 10
         return self.config.discard * state.growth
 
     def _retire(self, state: AmsState, failures: Bools) -> None:
@@ -365,8 +277,6 @@ class Splitting(Estimator):
         state.population.inherit(
             branches.slots, branches.parents, branches.start, stage, number[order], state.every
         )
-        if table := state.table:
-            table.inherit(branches)
         return branches
 
     def _info(self, state: AmsState, survivors: int) -> Info:
@@ -382,5 +292,5 @@ class Splitting(Estimator):
 
     def _bytes_per_slot(self, state: AmsState) -> int:
         # Carries are there twice: as they come in, and in the history.
-        tables = state.runs * self._run_bytes(state.plan, state.particles)
+        tables = state.runs * run_bytes(state.plan, state.particles)
         return max(1, (self._room() - tables) // (2 * len(state.pending.slots)))

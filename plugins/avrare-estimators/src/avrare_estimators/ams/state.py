@@ -16,7 +16,6 @@ from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Integers
 from avrare_estimators.ams.leaps import Leaps
-from avrare_estimators.ams.learned_score import PathTable, ScoreLearning
 from avrare_estimators.ams.population import Branches, Population, TapeAddresses
 from avrare_estimators.common.in_turn import take_in_turn
 from avrare_estimators.common.looks import Looks, Pilot
@@ -122,7 +121,6 @@ class AmsState:
         ended: Runs before these, which come in batches that fit into memory.
         saved: Steps of rollouts that ended early.
         leaps: First rollouts that came to a high level in a single step.
-        learning: Learned score; None: the problem's own.
     """
 
     plan: Plan
@@ -148,7 +146,6 @@ class AmsState:
     ended: EndedRuns | None = None
     saved: int = 0
     leaps: Leaps = field(default_factory=Leaps)
-    learning: ScoreLearning | None = None
 
     @staticmethod
     def begin(plan: Plan, runs: int, particles: int, **fields: Any) -> AmsState:
@@ -185,7 +182,6 @@ class AmsState:
             ended=ended,
             saved=self.saved,
             leaps=self.leaps,
-            learning=self.learning,
         )
 
     @property
@@ -221,16 +217,6 @@ class AmsState:
             _least_robust(batch.concatenate([least_robust, retired])),
         )
         return runs if self.ended is None else self.ended.joined(runs, most)
-
-    @property
-    def table(self) -> PathTable | None:
-        """Rollouts of the learning run, while these runs are that."""
-        return self.learning.table if self.learning is not None else None
-
-    @property
-    def learns(self) -> bool:
-        """True while these runs are the learning run."""
-        return self.table is not None
 
     @property
     def done(self) -> int:

@@ -36,9 +36,9 @@ _STATIC = (
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
     plan, tally, ended = state.plan, state.tally, state.finished()
-    looks, pilot, learning = state.looks or Looks((ended.runs,)), state.pilot, state.learning
+    looks, pilot = state.looks or Looks((ended.runs,)), state.pilot
     fresh = plan.seen + state.fresh
-    before = sum(part.rollouts for part in (pilot, learning and learning.spent) if part)
+    before = pilot.rollouts if pilot else 0
     violated, values = ended.violated, ended.probabilities
     probability = float(values.mean())
     roots = _count_roots(ended, values)
@@ -82,16 +82,13 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
             "genealogical_variance": variance.tolist(),
         }
         | ({"saved_steps": state.saved} if config.early_stop else {})
-        | (learning.diagnostics(plan) if learning else {})
         | (pilot.diagnostics(state.particles, "particles") if pilot else {})
         | looks.diagnostics(math.sqrt(relative)),
         notes=(
             *looks.notes(tally.rollouts, probability, math.sqrt(relative)),
-            *(learning.notes() if learning else ()),
             *(pilot.notes(state.particles, "particles") if pilot else ()),
             *_describe_ties(discarded, config.discard * state.growth, state.particles),
         ),
-        artifacts=learning.artifacts(plan) if learning else {},
     )
 
 
