@@ -23,7 +23,7 @@ from studies.stationarity import drift, exact_starts
 
 from avrare.testing.problems import conjunction, four_branch, linear
 from avrare_estimators.common.chains.pcn import PcnKernel
-from avrare_estimators.ess.kernels import lipschitz, shrink, stl_ess, surrogate
+from avrare_estimators.ess.kernels import lipschitz, shrink, stl_ess
 
 TABLE = Path(__file__).parent.parent / "docs" / "slice-sampling" / "stationary.csv"
 RESULTS = Path(__file__).parent / "results" / "ess.jsonl"
@@ -34,12 +34,6 @@ SLOW = {"bayesian": 6_000}
 """Starts of a kernel that takes its time."""
 
 
-def _wrong_surface(size: int) -> surrogate.Surface:
-    rng = np.random.default_rng(0)
-    centres, weights = 0.5 + 0.3 * rng.normal(size=(1, size)), 0.2 * rng.normal(size=(1, size))
-    return surrogate.Surface(np.array([0.3]), centres, weights, np.array([size / 4]), np.array([1.0]))
-
-
 def _growing(guess: float) -> tuple[Any, Any]:
     return stl_ess.GrowingLipschitzKernel(guess), np.array([guess])
 
@@ -48,14 +42,13 @@ KERNELS: dict[str, Callable[[int], tuple[Any, Any]]] = {
     "shrink": lambda size: (shrink.ShrinkKernel(), ()),
     "shrink-3": lambda size: (shrink.ShrinkKernel(3.0), ()),
     "pcn": lambda size: (PcnKernel(), np.array([0.7])),
-    "surrogate": lambda size: (surrogate.SurrogateKernel(), _wrong_surface(size)),
     "lipschitz": lambda size: (lipschitz.LipschitzKernel(1.0), ()),
     "growing3": lambda size: _growing(3.0),
     "growing1": lambda size: _growing(1.0),
     "growing0.3": lambda size: _growing(0.3),
     "bayesian": lambda size: (stl_ess.BayesianKernel(), ()),
 }
-"""Kernels by name, with what they know of the set; the surrogate's knowledge is wrong on purpose."""
+"""Kernels by name, with what they know of the set."""
 
 
 def main(argv: list[str]) -> None:

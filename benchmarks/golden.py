@@ -77,7 +77,6 @@ tiny:
   ess shrink bracket: {plugin: ess, chains: 20, runs: 4, kernel: {name: shrink, bracket: 3.0}}
   ess lipschitz: {plugin: ess, chains: 10, runs: 2, kernel: {name: lipschitz, bound: 1.0}}
   ess lipschitz_growing: {plugin: ess, chains: 20, runs: 4, kernel: lipschitz_growing}
-  ess surrogate: {plugin: ess, chains: 20, runs: 4, kernel: surrogate}
   ess bayesian ucb: {plugin: ess, chains: 10, runs: 2, kernel: bayesian}
   ess bayesian ei:
     {plugin: ess, chains: 10, runs: 2, kernel: {name: bayesian, acquisition: {name: ei, xi: 0.1}}}

@@ -36,7 +36,7 @@ def off(id, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("id", ["a_beta_-2", "c_fourbranch_k7", "i_lognormal_prod_d1", "i_exp_sum_d10_c30.0"])
-@pytest.mark.parametrize("kernel", ["pcn", "shrink", "surrogate"])
+@pytest.mark.parametrize("kernel", ["pcn", "shrink"])
 def test_mean_over_true(id, kernel):
     assert abs(off(id, kernel=kernel, runs=120, seed=2, **SMALL)) < 4.0
 
@@ -122,7 +122,7 @@ def test_skipped_samples_cost_and_help():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kernel", ["surrogate", "lipschitz_growing", "bayesian"])
+@pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
 def test_runs_are_a_prefix(kernel):
     few, many = (estimate("a_beta_-2", kernel=kernel, runs=runs, **SMALL) for runs in (2, 5))
     np.testing.assert_array_equal(few.run_probabilities, many.run_probabilities[:2])

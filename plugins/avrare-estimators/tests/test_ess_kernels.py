@@ -16,17 +16,9 @@ from avrare_estimators.ess.kernels.elimination import free_angle
 from avrare_estimators.ess.kernels.lipschitz import LipschitzKernel, _largest_singular_value
 from avrare_estimators.ess.kernels.shrink import ShrinkKernel
 from avrare_estimators.ess.kernels.stl_ess import BayesianKernel, GrowingLipschitzKernel
-from avrare_estimators.ess.kernels.surrogate import Surface, SurrogateKernel
 
 REGIONS = {"two_corners": conjunction(-1.2), "half_space": linear(1.5, 20), "four_branch": four_branch(4.0)}
 MANY = 6000
-
-
-def wrong_surface(size):
-    """Return a surface that is far off, and prefers high scores."""
-    rng = np.random.default_rng(0)
-    linear_part, square = 0.5 + 0.3 * rng.normal(size=(1, size)), 0.2 * rng.normal(size=(1, size))
-    return Surface(np.array([0.3]), linear_part, square, np.array([size / 4]), np.array([1.0]))
 
 
 def kernels(size):
@@ -34,7 +26,6 @@ def kernels(size):
         "shrink": (ShrinkKernel(), ()),
         "bracket": (ShrinkKernel(2.0), ()),
         "pcn": (PcnKernel(), np.array([0.7])),
-        "surrogate": (SurrogateKernel(), wrong_surface(size)),
         "lipschitz": (LipschitzKernel(1.0), ()),
         "growing": (GrowingLipschitzKernel(0.3), np.array([0.3])),
         "bayesian": (BayesianKernel(), ()),
@@ -55,7 +46,7 @@ def drifted(region, kernel, tuning, many=MANY, steps=10):
     ("region", "name"),
     [
         (region, name)
-        for name in ("shrink", "bracket", "pcn", "surrogate", "lipschitz")
+        for name in ("shrink", "bracket", "pcn", "lipschitz")
         for region in REGIONS
         if (region, name) != ("four_branch", "lipschitz")  # the slope of this score has no bound
     ],
@@ -81,14 +72,6 @@ def test_bayesian_leaves_the_set():
     assert found.outside > 0.02, found
 
 
-class NoRatio(SurrogateKernel):
-    """Accepts wherever the true score passes."""
-
-    def start(self, tuning, state, level, draw):
-        move = super().start(tuning, state, level, draw)
-        return replace(move, work=np.full(len(level), np.inf))
-
-
 class FreshAngles(ShrinkKernel):
     """Shrinks towards the first proposal instead of the chain's own tape."""
 
@@ -103,8 +86,7 @@ class FreshAngles(ShrinkKernel):
 
 
 @pytest.mark.slow
-def test_mutants_are_detected():
-    assert abs(drifted("half_space", NoRatio(), wrong_surface(20)).mean) > 5.0
+def test_a_mutant_is_detected():
     assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
 
 
@@ -119,9 +101,7 @@ def _stepped(problem, kernel, tuning, points, rows):
 
 
 @pytest.mark.parametrize("region", ["two_corners", "half_space"])
-@pytest.mark.parametrize(
-    "name", ["shrink", "bracket", "pcn", "surrogate", "lipschitz", "growing", "bayesian"]
-)
+@pytest.mark.parametrize("name", ["shrink", "bracket", "pcn", "lipschitz", "growing", "bayesian"])
 def test_no_chain_depends_on_its_neighbours(region, name):
     problem = REGIONS[region].problem()
     kernel, tuning = kernels(problem.noise_size)[name]
@@ -218,16 +198,3 @@ def test_largest_singular_value_bounds_how_fast_the_tape_moves():
     angle = np.linspace(0.0, 2.0 * np.pi, 721)[:, None, None, None]
     speed = np.sqrt(((np.cos(angle) * b - np.sin(angle) * a) ** 2).sum(axis=(2, 3))).max(axis=0)
     np.testing.assert_allclose(_largest_singular_value(a, b), speed, rtol=1e-4)
-
-
-def test_surrogate_learns_a_linear_score():
-    problem = REGIONS["half_space"].problem()
-    rng = np.random.default_rng(5)
-    points = rolled_out(problem, rng.normal(size=(2 * 300, 1, 20)))
-    surface = SurrogateKernel().learn(None, np.array([0, 2]), points, np.array([0.5, -0.5]))
-    assert surface.linear.shape == (3, 20)
-    np.testing.assert_allclose(surface.linear[[0, 2]], 1.0 / np.sqrt(20), atol=0.02)
-    assert surface.level[[0, 2]].tolist() == [0.5, -0.5]
-    likelihood = batch.take(surface, np.zeros(300, dtype=np.int64)).likelihood(points.tape[:300])
-    assert ((likelihood > 0.0) & (likelihood <= 1.0)).all()
-    assert np.corrcoef(likelihood, points.score[:300])[0, 1] > 0.4

@@ -37,7 +37,7 @@ estimator:
             "ess",
             "kernel: bayesan",
             [
-                "9:11: estimator.kernel.name: should be one of pcn, shrink, lipschitz, surrogate, "
+                "9:11: estimator.kernel.name: should be one of pcn, shrink, lipschitz, "
                 "lipschitz_growing, bayesian, found the string 'bayesan'",
                 "hint: did you mean 'bayesian'?",
             ],
@@ -157,7 +157,7 @@ def test_defaults_that_depend_on_other_options_do_not_count_as_given(options, ro
 
 def test_the_schema_has_the_names_that_may_stand_alone_and_all_branches():
     names, branches = EssConfig.model_json_schema()["properties"]["kernel"]["anyOf"]
-    assert names["enum"] == ["pcn", "shrink", "surrogate", "lipschitz_growing", "bayesian"]
+    assert names["enum"] == ["pcn", "shrink", "lipschitz_growing", "bayesian"]
     assert set(branches["discriminator"]["mapping"]) == {*names["enum"], "lipschitz"}
 
 

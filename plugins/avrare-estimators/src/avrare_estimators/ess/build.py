@@ -12,13 +12,11 @@ from avrare_estimators.ess.config import (
     LipschitzConfig,
     PcnConfig,
     ShrinkConfig,
-    SurrogateConfig,
 )
 from avrare_estimators.ess.estimator import NestedLevels
 from avrare_estimators.ess.kernels.lipschitz import LipschitzKernel
 from avrare_estimators.ess.kernels.shrink import ShrinkKernel
 from avrare_estimators.ess.kernels.stl_ess import Acquisition, BayesianKernel, GrowingLipschitzKernel
-from avrare_estimators.ess.kernels.surrogate import SurrogateKernel
 
 
 def build(config: EssConfig, scene: object | None = None) -> NestedLevels:
@@ -35,8 +33,6 @@ def build_kernel(options: KernelConfig) -> Kernel:
             return ShrinkKernel(width)
         case LipschitzConfig(bound=slope):
             return LipschitzKernel(slope)
-        case SurrogateConfig():
-            return SurrogateKernel()
         case GrowingLipschitzConfig(guess=slope):
             return GrowingLipschitzKernel(slope)
         case BayesianConfig(acquisition=acquisition, points=points, uncertainty=uncertainty):

@@ -41,12 +41,6 @@ class LipschitzConfig(Options):
     )
 
 
-class SurrogateConfig(Options):
-    """Slices of a response surface, corrected by one rollout."""
-
-    name: Literal["surrogate"] = "surrogate"
-
-
 class GrowingLipschitzConfig(Options):
     """Algorithm 2 of stl-ess, biased."""
 
@@ -109,10 +103,10 @@ class BayesianConfig(Options):
 
 
 _Kernel = Annotated[
-    PcnConfig | ShrinkConfig | LipschitzConfig | SurrogateConfig | GrowingLipschitzConfig | BayesianConfig,
+    PcnConfig | ShrinkConfig | LipschitzConfig | GrowingLipschitzConfig | BayesianConfig,
     Field(discriminator="name"),
 ]
-_NAMES_ALONE = Literal["pcn", "shrink", "surrogate", "lipschitz_growing", "bayesian"]
+_NAMES_ALONE = Literal["pcn", "shrink", "lipschitz_growing", "bayesian"]
 KernelConfig = Annotated[_Kernel, allow_name(_NAMES_ALONE, _Kernel)]
 
 
@@ -161,6 +155,6 @@ class EssConfig(NestedLevelsConfig):
 
     kernel: KernelConfig = Field(
         default=PcnConfig(),
-        description="how a chain moves: pcn, shrink, lipschitz, surrogate; biased, to compare with the "
-        "paper: lipschitz_growing, bayesian. A name, or {name: NAME, OPTION: VALUE}",
+        description="how a chain moves: pcn, shrink, lipschitz; biased, to compare with the paper: "
+        "lipschitz_growing, bayesian. A name, or {name: NAME, OPTION: VALUE}",
     )

@@ -182,17 +182,6 @@ class Kernel:
         """Return the tuning before the first level."""
         return ()
 
-    def learn(self, tuning: Any, runs: Integers, points: Points, level: Floats) -> Any:
-        """Return the tuning for a new level.
-
-        Args:
-            tuning: The one before.
-            runs: (A,) runs that go on.
-            points: Their A N samples, run by run.
-            level: (A,) their next levels.
-        """
-        return tuning
-
     def start(self, tuning: Any, state: Points, level: Floats, draw: Draw) -> Move:
         """Begin a step; ``tuning`` has a row for each chain."""
         raise NotImplementedError

@@ -321,16 +321,10 @@ class LevelPass:
         uniforms = self.plan.noise.choices(runs, stage, 0)
         chosen = choose_seeds(above[runs], shape.chains, uniforms)
         seeds = batch.take(self.points, (runs[:, None] * shape.samples + chosen).ravel())
-        after = replace(self, samples=(seeds,))
-        # 5. In the pilot the kernel learns from the samples of the last level.
-        if self.schedule is None:
-            rows = np.repeat(self.active, shape.samples)
-            tuning = self.kernel.learn(self.tuning, runs, batch.take(self.points, rows), level[runs])
-            after = replace(after, tuning=tuning)
-        return after._begin_step(seeds, np.repeat(level[runs], shape.chains))
+        return replace(self, samples=(seeds,))._begin_step(seeds, np.repeat(level[runs], shape.chains))
 
     def _begin_step(self, state: Points, level: Floats) -> LevelPass:
-        # 6. Move all chains of the active runs by a step of the kernel.
+        # 5. Move all chains of the active runs by a step of the kernel.
         shape, runs = self.shape, np.flatnonzero(self.active)
         run = np.repeat(runs, shape.chains)
         stage = shape.stage + len(self.levels) * _STAGES_PER_LEVEL + self.steps + 1
@@ -354,7 +348,7 @@ class LevelPass:
         return after._begin_step(move.state, move.level)
 
     def _level_done(self) -> LevelPass:
-        # 7. The chains' samples are the population of the level; go on with step 1.
+        # 6. The chains' samples are the population of the level; go on with step 1.
         shape, chains = self.shape, np.arange(self.shape.chains)
         first = np.flatnonzero(self.active)[:, None] * shape.samples
         places = [(first + k * shape.chains + chains).ravel() for k in range(shape.length)]

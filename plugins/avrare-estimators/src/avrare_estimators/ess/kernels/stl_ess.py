@@ -3,7 +3,7 @@
 Algorithm 1, ``bayesian``: a Gaussian process in the angle learns the score along an ellipse from a few
 rollouts, at angles that an acquisition function chooses; then an angle is drawn where its mean lies above the
 level. Nothing checks that the tape drawn does, and the process depends on the chain's own point: the step is
-not reversible. ``surrogate`` is a valid alternative. Lines in the comments are those of Algorithm 1.
+not reversible. ``shrink`` is a valid alternative. Lines in the comments are those of Algorithm 1.
 
 Algorithm 2, ``lipschitz_growing``: elimination with a guess of the slope that grows only once nothing is
 left. ``lipschitz`` is a valid alternative.
