@@ -64,7 +64,7 @@ def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
 
 @pytest.mark.parametrize(
     ("option", "names"),
-    [(("--learned", "learned.json"), "is, smc"), (("--until", "threshold=1e-3"), "auto, mc")],
+    [(("--learned", "learned.json"), "is"), (("--until", "threshold=1e-3"), "auto, mc")],
 )
 def test_an_option_that_the_estimator_lacks_names_those_that_have_it(said, option, names):
     hint = said("run", "t.yaml", "--estimator", "ce", *option).splitlines()[1]

@@ -63,7 +63,6 @@ MAKERS = {
     "learning": lambda: estimate("is", problem(0.05, Scrambled(STEPS)), rollouts=3000),
     "ties": lambda: estimate("ams", count_down(4, 9, "1/5").problem(), particles=50, discard=2, runs=2),
     "cause": lambda: estimate("is", rollouts=3000),
-    "cause over time": lambda: estimate("smc", problem(0.2), proposal="none", particles=40, runs=2),
     "twin": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=2000),
     "twin in vain": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=200),
     "counts": lambda: estimate("mc", problem(system=Solved()), rollouts=50),

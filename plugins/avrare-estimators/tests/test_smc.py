@@ -1,6 +1,5 @@
 """Sequential Monte Carlo with learned potentials: unbiased, covering, with the same bits, and honest."""
 
-import itertools
 import json
 from dataclasses import replace
 
@@ -17,10 +16,10 @@ from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
 from avrare.testing.problems import conjunction, reference_problem
-from avrare_estimators.common.committor.potentials import Potentials
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
 from avrare_estimators.smc.particles import Particles
+from avrare_estimators.smc.potentials import Potentials
 from avrare_estimators.smc.summary import Counted
 
 SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}
@@ -111,8 +110,8 @@ def test_the_kind_of_interval_does_not_rest_on_the_first_batch(monkeypatch):
     expected = estimate(problem(limit=1.2), proposal="none")
     count = Counted.of
 
-    def first_is_plain(particles, curve):
-        return replace(count(particles, curve), plain=particles.first_run == 0)
+    def first_is_plain(particles):
+        return replace(count(particles), plain=particles.first_run == 0)
 
     monkeypatch.setattr(Counted, "of", first_is_plain)
     monkeypatch.setattr(SequentialMonteCarlo, "_together", lambda *_: 1)
@@ -135,60 +134,13 @@ def test_rows_stored_from_other_parents_are_refused(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     def otherwise(self, step, features):
-        h, committor = weigh(self, step, features)
-        return 1.0 / h, committor
+        return 1.0 / weigh(self, step, features)
 
     with pytest.raises(KeyboardInterrupt):
         call(kill)
     monkeypatch.setattr(Potentials, "__call__", otherwise)
     with pytest.raises(UsageError, match="belongs to another estimate"):
         call(False)
-
-
-def test_a_learned_file_saves_the_pilot_and_is_exact(tmp_path):
-    first = estimate()
-    path = tmp_path / "learned.json"
-    path.write_text(json.dumps({"specification": first.artifacts["learned.json"]}))
-    again = estimate(learned=str(path))
-    # The rollouts that count have the same addresses and what was learnt is the same, digit for digit.
-    assert np.array_equal(again.run_probabilities, first.run_probabilities)
-    assert again.diagnostics["learned"] == first.diagnostics["learned"]
-    assert again.diagnostics["pilot_rollouts"] == 0
-    assert again.rollouts == first.rollouts - first.diagnostics["pilot_rollouts"]
-    assert again.diagnostics["exceedance"] == first.diagnostics["exceedance"]
-
-
-def test_bad_files_are_refused(tmp_path):
-    path = tmp_path / "learned.json"
-    with pytest.raises(UsageError, match="no such file"):
-        estimate(learned=str(path))
-    entry = estimate().artifacts["learned.json"]
-    broken = json.loads(json.dumps(entry))
-    broken["potentials"]["network"]["layers"][0] = [[1.0]]
-    without = {key: value for key, value in entry.items() if key != "potentials"}
-    cases = {
-        "nothing on specification, but on other": {"other": entry},
-        "no potentials: it was left by `is`": {"specification": without},
-        "is damaged": {"specification": broken},
-        "changed after it was written": {"specification": entry | {"curve": entry["curve"][:-1]}},
-        "holds nothing": {"specification": 3},
-    }
-    for words, content in cases.items():
-        path.write_text(json.dumps(content))
-        with pytest.raises(UsageError, match=words):
-            estimate(learned=str(path))
-    late = json.loads(json.dumps(entry))
-    late["potentials"]["schedule"][-1] = 20
-    path.write_text(json.dumps({"specification": late}))
-    with pytest.raises(UsageError, match="potentials at steps 3 to 20, but a rollout's last step is 20"):
-        estimate(learned=str(path))
-    path.write_text(json.dumps({"specification": entry}))
-    two = faulty_systems.Walk()
-    two.signals = lambda state: {"x": state["x"], "y": state["x"]}
-    with pytest.raises(UsageError, match="potentials of 4 features, but the system has 5"):
-        estimate(avrare.Problem(two, avrare.stl("always (x < 1.6)"), 20), learned=str(path))
-    with pytest.raises(UsageError, match="is for 20 steps of 1 numbers, but a rollout has 21 steps"):
-        estimate(problem(steps=21), learned=str(path))
 
 
 @pytest.mark.parametrize(
@@ -299,23 +251,6 @@ def test_errors_are_counted_and_widen_the_interval():
     assert result.errors > 0
     assert "errors" in result.health
     assert result.interval[1] > 2 * result.probability
-
-
-def test_the_curve_falls_to_the_estimate():
-    result = estimate(problem(limit=1.2))
-    curve = [entry["probability"] for entry in result.diagnostics["exceedance"]]
-    assert all(one >= other for one, other in itertools.pairwise(curve))
-    assert curve[-1] == pytest.approx(result.probability)
-    assert 0.3 < curve[0] < 0.7
-
-
-def test_words_say_when_the_drive_is_lost():
-    result = estimate(problem(limit=1.2), particles=200)
-    text = {note.kind: note.text for note in result.notes}["cause"]
-    assert "failures are lost at step" in text or "come suddenly" in text
-    middles = [middle for _, middle, _ in result.diagnostics["learnt"][-1]["committor"]]
-    assert middles[0] < 0.2
-    assert middles[-1] > middles[0]
 
 
 def test_it_scales_to_a_cost():

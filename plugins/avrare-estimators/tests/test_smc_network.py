@@ -1,14 +1,12 @@
 """Networks and potentials of sequential Monte Carlo: what they learn, and what they leave alone."""
 
-import json
 import tracemalloc
 
 import numpy as np
-import pytest
 
-from avrare_estimators.common.committor import network as network_module
-from avrare_estimators.common.committor.network import Examples, fit
-from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
+from avrare_estimators.smc import network as network_module
+from avrare_estimators.smc.network import Examples, fit
+from avrare_estimators.smc.potentials import Paths, learn
 
 
 def test_the_network_learns_a_known_committor():
@@ -26,7 +24,7 @@ def test_the_network_learns_a_known_committor():
     assert found[0] < 0.01
     assert abs(network.probabilities(0, at)[1, 0] - 0.144) < 0.05
     again = fit(examples, (1,))
-    assert network.to_dict() == again.to_dict()
+    assert all(map(np.array_equal, network.layers, again.layers))
     # A row's bits do not depend on its company.
     assert np.array_equal(network.probabilities(1, at)[1:2], network.probabilities(1, at[1:2]))
 
@@ -36,16 +34,15 @@ def test_rows_are_evaluated_in_blocks(monkeypatch):
     rng = np.random.default_rng(5)
     features = rng.standard_normal((2 * network_module._BLOCK, 2, 2))
     examples = Examples(features, features[:, 1, :1] > 1.0, np.ones(len(features)), features[:, 0, 0] > 1.0)
-    network = fit(examples, (1,), most_steps=300)
-    rows = features.reshape(-1, 2)
-    steps = np.tile([0, 1], len(features))
+    monkeypatch.setattr(network_module, "_MOST_STEPS", 300)
+    network, rows = fit(examples, (1,)), features.reshape(-1, 2)
     tracemalloc.start()
-    found = network.log_odds(steps, rows)
+    found = network.probabilities(1, rows)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < found.nbytes + 1500 * network_module._BLOCK
     monkeypatch.setattr(network_module, "_BLOCK", len(rows))
-    assert np.array_equal(found, network.log_odds(steps, rows))
+    assert np.array_equal(found, network.probabilities(1, rows))
 
 
 def test_features_that_tell_nothing_give_no_gain():
@@ -56,22 +53,6 @@ def test_features_that_tell_nothing_give_no_gain():
     paths = Paths(features, score, violated, np.ones(3000), np.arange(3000))
     # The last feature is the score so far, below all levels.
     paths.features[:, :, -1] = -9.0
-    found = learn([paths], np.array([5, 10, 15]), (2,))
+    found = learn([paths], (2,))
     assert found is not None
     assert found.useful == []
-    assert (
-        Potentials.from_dict(json.loads(json.dumps(found.to_dict()))).chances.tolist()
-        == found.chances.tolist()
-    )
-
-
-def test_potentials_without_levels_are_damaged():
-    rng = np.random.default_rng(6)
-    features = rng.standard_normal((3000, 2, 2))
-    paths = Paths(features, features[:, 1, 1], features[:, 1, 0] > 1.0, np.ones(3000), np.arange(3000))
-    content = learn([paths], np.array([5, 10]), (2,)).to_dict()
-    network = content["network"]
-    network["layers"][4:] = [[] for _ in network["layers"][4]], []
-    network["offset"] = content["levels"] = content["chances"] = []
-    with pytest.raises(ValueError, match="levels of the potentials"):
-        Potentials.from_dict(content)

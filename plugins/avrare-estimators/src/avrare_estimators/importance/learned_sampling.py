@@ -16,7 +16,6 @@ from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.lessons.lessons import Lessons
-from avrare_estimators.common.lessons.stored_proposal import FILE, described
 from avrare_estimators.common.lessons.words import NoiseNames, describe_failures
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import (
@@ -39,7 +38,7 @@ from avrare_estimators.common.tapes.tail_atoms import tail_atoms, with_tail_atom
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.common.weights import stratified_variance
 from avrare_estimators.importance.config import IsConfig
-from avrare_estimators.importance.proposal_file import ProposalFile
+from avrare_estimators.importance.proposal_file import FILE, ProposalFile, to_entry
 
 _PILOT_SHARE, _LEARNING_SHARE, _LEARNING_SHARE_OF_GOAL = 6, 2, 3
 """The pilot takes at most 1 / 6 of the rollouts of a run, all learning at most half; where an error is asked
@@ -131,7 +130,7 @@ class LearnedSampling(WeightedSampler):
             learned = [mixture.learned or mixture for mixture in mixtures]
             frozen = blend(learned, [1.0 / len(learned)] * len(learned)) if several else learned[0]
             told["proposal"] = frozen.digest
-            artifacts = {FILE: described(frozen, self.names)}
+            artifacts = {FILE: to_entry(frozen, self.names)}
         if self.config.relative_error is not None:
             told["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
             if not result.relative_error <= _NEAR_GOAL * self.config.relative_error:

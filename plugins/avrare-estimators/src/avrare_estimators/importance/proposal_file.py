@@ -9,8 +9,12 @@ from pathlib import Path
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.plan.plan import Plan
-from avrare_estimators.common.lessons.stored_proposal import AGAIN, FILE, check_digest, check_shape
+from avrare_estimators.common.lessons.words import NoiseNames
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
+
+FILE = "learned.json"
+"""Name in the run folder."""
+_AGAIN = "give the learned.json of a run of this scenario, or leave `learned` out to learn again"
 
 
 @dataclass(frozen=True)
@@ -34,18 +38,19 @@ class ProposalFile:
         """
         if not Path(path).is_file():
             reason = "not a file" if Path(path).exists() else "no such file"
-            raise UsageError(f"learned: {path}: {reason}", AGAIN)
-        content = read_json(Path(path), AGAIN)
+            raise UsageError(f"learned: {path}: {reason}", _AGAIN)
+        content = read_json(Path(path), _AGAIN)
         if not content or not all(isinstance(entry, dict) for entry in content.values()):
-            raise UsageError(f"learned: {path}: holds no proposals", AGAIN)
+            raise UsageError(f"learned: {path}: holds no proposals", _AGAIN)
         mixtures = {}
         for name, entry in content.items():
             try:
                 mixtures[name] = TapeMixture.from_dict(entry)
             except UsageError as error:
-                raise UsageError(f"learned: {path}: {name}: {error.message}", AGAIN) from None
-            if "potentials" not in entry:  # smc's digest is of more than the proposal
-                check_digest(entry, mixtures[name].digest, f"{path}: {name}")
+                raise UsageError(f"learned: {path}: {name}: {error.message}", _AGAIN) from None
+            if entry.get("digest", mixtures[name].digest) != mixtures[name].digest:
+                text = f"learned: {path}: {name} is damaged: it was changed after it was written"
+                raise UsageError(text, _AGAIN)
         return ProposalFile(mixtures, str(path))
 
     def find(self, plan: Plan) -> TapeMixture:
@@ -57,7 +62,18 @@ class ProposalFile:
         name = plan.names[0]
         if name not in self.mixtures:
             known = ", ".join(self.mixtures)
-            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", AGAIN)
-        found = self.mixtures[name]
-        check_shape(found.shape, plan, self.path)
-        return found
+            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", _AGAIN)
+        mixture, shape = self.mixtures[name], (plan.steps + 1, plan.noise.noise_size)
+        if mixture.shape != shape:
+            theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (mixture.shape, shape))
+            text = f"learned: {self.path}: {name} is for {theirs}, but a rollout has {ours}"
+            raise UsageError(text, _AGAIN)
+        return mixture
+
+
+def to_entry(mixture: TapeMixture, names: NoiseNames) -> dict[str, object]:
+    """Return the content of a file's entry, with the names of the noise for people."""
+    content = mixture.to_dict()
+    for atom in content["atoms"]:
+        atom["noise"] = names.noise[atom["channel"]]
+    return {**content, "digest": mixture.digest}

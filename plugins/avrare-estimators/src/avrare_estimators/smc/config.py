@@ -18,11 +18,6 @@ class SmcConfig(RunsConfig):
         description="learned: particles draw their noise from a proposal that is learnt on the tape, as `is` "
         "does, where it gains; none: from the target",
     )
-    learned: str | None = Field(
-        default=None,
-        description="file of a learned proposal and potentials (learned.json of a run of smc): no pilot",
-        json_schema_extra={"file": True},
-    )
     pilot: int = Field(
         default=3000,
         ge=LEAST_PILOT,

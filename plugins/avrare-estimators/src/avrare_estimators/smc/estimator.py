@@ -11,21 +11,19 @@ from avrare.base.errors import UsageError
 from avrare.base.memory import allowance
 from avrare.estimation.plan.memory import Demand
 from avrare.estimation.plan.plan import Estimator, Info, Plan
-from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result, Worst
 from avrare.protocols import Floats
 from avrare.rollout.child_process import run_guarded
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
-from avrare_estimators.common.committor.learned_file import Learned, LearnedFile
+from avrare.stack.features import system_features
 from avrare_estimators.common.config import LEAST_PILOT
-from avrare_estimators.common.feature_count import FEATURES, count_features
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
 from avrare_estimators.common.lessons.words import NoiseNames
 from avrare_estimators.common.looks import Looks
-from avrare_estimators.common.samples.sampling import PartialSample, wave_bytes
+from avrare_estimators.common.samples.sampling import wave_bytes
 from avrare_estimators.smc.config import SmcConfig
-from avrare_estimators.smc.learning import Learning, law_of
+from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Particles
 from avrare_estimators.smc.summary import Counted, summarise
 
@@ -39,6 +37,8 @@ _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
 _CARRY = 4096
 """Bytes of a particle's carry where they are not known."""
+_FEATURES = 32
+"""Number of features where it is not known before the first rollout."""
 
 
 def build(config: SmcConfig, scene: object | None = None) -> SequentialMonteCarlo:
@@ -52,27 +52,21 @@ class SmcState:
 
     Attributes:
         plan: The task.
-        learning: Learning under way or done; None: a file was given.
-        learned: What was learnt, frozen; None while learning.
+        learning: Learning under way or done.
         particles: Runs under way; None while learning, and at the end.
         course: What the runs that count share; None while learning.
         looks: Numbers of runs at which the estimate may end; None while learning.
         counted: Runs that have ended.
         tally: Cost so far.
-        first: Robustness of the pilot's rollouts, NaN for errors.
-        fresh: Counts of the rollouts of the target that were learnt from.
     """
 
     plan: Plan
-    learning: Learning | None = None
-    learned: Learned | None = None
+    learning: Learning
     particles: Particles | None = None
     course: Course | None = None
     looks: Looks | None = None
     counted: tuple[Counted, ...] = ()
     tally: Info = field(default_factory=Info)
-    first: Floats = field(default_factory=lambda: np.zeros(0))
-    fresh: FreshRows = field(default_factory=FreshRows)
 
 
 class SequentialMonteCarlo(Estimator):
@@ -87,9 +81,8 @@ class SequentialMonteCarlo(Estimator):
 
     def __init__(self, config: SmcConfig) -> None:
         self.config = config
-        self.file = LearnedFile.read(config.learned) if config.learned is not None else None
         self.names: NoiseNames | None = None
-        self.features: int | None = None
+        self.features = _FEATURES
         self.carry = _CARRY
         self.problem: Problem | None = None
 
@@ -97,16 +90,12 @@ class SequentialMonteCarlo(Estimator):
         """Return the problem unchanged; its noise names are for the report, and failures are replayed."""
         self.problem = problem
         self.names = NoiseNames.of(problem)
-        self.features = count_features(problem)
+        self.features = _count_features(problem)
         return problem
 
     def init(self, plan: Plan) -> tuple[SmcState, Info]:
         """Return the state before the first rollout, and what to show."""
-        affordable = self._affordable(plan)
-        state = SmcState(plan)
-        if self.file is not None:
-            return self._begin_counting(replace(state, learned=self.file.find(plan, self.features))), Info()
-        return replace(state, learning=Learning.begin(self.config, plan, affordable)), Info()
+        return SmcState(plan, Learning.begin(self.config, plan, self._affordable(plan))), Info()
 
     def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
         """Return one run with its learning that cost about ``rollouts`` rollouts."""
@@ -127,34 +116,24 @@ class SequentialMonteCarlo(Estimator):
         """Ask for the next wave of learning, or for the next segment of all particles."""
         if state.particles is not None:
             return state.particles.request()
-        return state.learning.pending if state.learning is not None and state.learned is None else None
+        return state.learning.pending if state.course is None else None
 
     def tell(self, state: SmcState, rollouts: Rollouts) -> tuple[SmcState, Info]:
         """Take in the rollouts and go on."""
         state = replace(state, tally=state.tally.plus(rollouts))
         if state.particles is not None:
-            state = self._told_particles(state, rollouts)
+            state = self._advance(state, state.particles, rollouts)
         else:
-            state = self._told_learning(state, rollouts)
+            state = self._learn(state, rollouts)
         return state, self._info(state)
 
     def estimate(self, state: SmcState) -> list[Result]:
         """Return the mean of the runs with its interval, what was learnt, and the file of it."""
         assert self.names is not None
-        assert state.learned is not None
         assert state.looks is not None
         assert self.problem is not None
         result = summarise(
-            self.name,
-            state.plan,
-            state.learned,
-            state.counted,
-            state.looks,
-            state.learning,
-            state.tally,
-            state.first,
-            state.plan.seen + state.fresh,
-            self.names,
+            self.name, state.plan, state.learning, state.counted, state.looks, state.tally, self.names
         )
         kept, worst = result.failures, result.worst
         robustness = _complete(self.problem, kept.noise, kept.robustness)
@@ -166,9 +145,8 @@ class SequentialMonteCarlo(Estimator):
         """Return the memory of the rollouts to learn from and of the runs that advance together."""
         config, self.carry = self.config, carry or _CARRY
         rows = config.pilot * (2 + config.stages) // 2
-        row = 8 * (self.features or FEATURES) * config.times + 150
-        learning = 0 if self.file is not None else rows * row
-        if self.file is None and config.proposal == "learned":
+        learning = rows * (8 * self.features * config.times + 150)
+        if config.proposal == "learned":
             learning += dictionary_bytes(plan.steps)
         together = min(self._together(config.particles), config.most)
         counting = together * config.particles * (3 * self.carry + self._row)
@@ -183,42 +161,25 @@ class SequentialMonteCarlo(Estimator):
         """Return the number of runs that may advance together: they take half of the memory."""
         return max(1, allowance(self.config.memory) // (2 * particles * (3 * self.carry + self._row)))
 
-    def _told_learning(self, state: SmcState, rollouts: Rollouts) -> SmcState:
-        assert state.learning is not None
-        before, learning = state.learning, state.learning.tell(rollouts)
-        state = replace(state, learning=learning)
-        if isinstance(before.task, Particles) and before.task.segment:
-            state = replace(state, tally=_without(state.tally, len(rollouts.error)))
-        after = learning.task
-        if isinstance(before.task, Particles) and isinstance(after, Particles) and after.segment:
-            copies = after.copies - before.task.copies
-            state = replace(state, tally=_without(state.tally, -copies))
-        if isinstance(before.task, PartialSample) and before.task is not learning.task:
-            samples = learning.lessons.samples
-            if len(samples) > len(before.lessons.samples):
-                state = replace(state, fresh=state.fresh + samples[-1].fresh)
-                if len(samples) == 1:
-                    first = np.where(samples[0].error, np.nan, samples[0].robustness)
-                    state = replace(state, first=first)
-        if learning.task is None:
-            state = self._begin_counting(replace(state, learned=learning.learned()))
-        return state
+    def _learn(self, state: SmcState, rollouts: Rollouts) -> SmcState:
+        before, learning = state.learning.task, state.learning.tell(rollouts)
+        tally = state.tally
+        if isinstance(before, Particles):
+            # Nothing is copied after the last segment, where the next task begins.
+            task = learning.task
+            after = task if isinstance(task, Particles) and task.segment else before
+            tally = _count_copies(tally, before, after, len(rollouts.error))
+        state = replace(state, learning=learning, tally=tally)
+        return self._begin_counting(state) if learning.task is None else state
 
-    def _told_particles(self, state: SmcState, rollouts: Rollouts) -> SmcState:
-        before = state.particles
-        assert before is not None
-        assert state.looks is not None
+    def _advance(self, state: SmcState, before: Particles, rollouts: Rollouts) -> SmcState:
         particles = before.tell(rollouts)
-        # A particle that goes on is no rollout of its own, a copy is.
-        tally = _without(state.tally, len(rollouts.error) if before.segment else 0)
-        tally = replace(tally, rollouts=tally.rollouts + particles.copies - before.copies)
+        tally = _count_copies(state.tally, before, particles, len(rollouts.error))
         state = replace(state, tally=tally, particles=particles)
         if not particles.done:
             return state
-        assert state.learned is not None
-        counted = Counted.of(particles, state.learned.curve)
-        state = replace(state, counted=(*state.counted, counted), particles=None)
-        return self._next_runs(state)
+        counted = (*state.counted, Counted.of(particles))
+        return self._next_runs(replace(state, counted=counted, particles=None))
 
     def _next_runs(self, state: SmcState) -> SmcState:
         assert state.looks is not None
@@ -231,14 +192,10 @@ class SequentialMonteCarlo(Estimator):
         return replace(state, particles=Particles.begin(state.course, done, runs))
 
     def _begin_counting(self, state: SmcState) -> SmcState:
-        learned, config = state.learned, self.config
-        assert learned is not None
+        learning, config = state.learning, self.config
         particles, most = self._size(state)
-        schedule = learned.potentials.schedule if learned.potentials is not None else np.zeros(0, np.int64)
-        law = law_of(learned.mixture, config.defensive)
-        course = Course(
-            state.plan, particles, law, schedule, learned.potentials, _COUNTING_STAGE, learning=False
-        )
+        what = learning.law, learning.schedule, learning.potentials
+        course = Course(state.plan, particles, *what, _COUNTING_STAGE, learning=False)
         looks = Looks.until(config.relative_error, min(config.runs, most), most)
         return self._next_runs(replace(state, course=course, looks=looks))
 
@@ -267,8 +224,7 @@ class SequentialMonteCarlo(Estimator):
             )
         unit = max(plan.steps, 1) if budget.kind == "steps" else 1
         affordable = int(budget.amount // unit)
-        learning = affordable // 2 if config.learned is None else 0
-        if (affordable - learning) * unit // _cost(plan) < _LEAST_PARTICLES * config.runs:
+        if (affordable - affordable // 2) * unit // _cost(plan) < _LEAST_PARTICLES * config.runs:
             needed = 2 * config.runs * _LEAST_PARTICLES * _cost(plan)
             raise UsageError(
                 f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} runs of "
@@ -279,10 +235,8 @@ class SequentialMonteCarlo(Estimator):
 
     def _info(self, state: SmcState) -> Info:
         values = [one.probabilities for one in state.counted]
-        stages = len(state.learning.stages) if state.learning is not None else 0
-        return replace(
-            state.tally, stage=stages, probability=float(np.concatenate(values).mean()) if values else None
-        )
+        probability = float(np.concatenate(values).mean()) if values else None
+        return replace(state.tally, stage=len(state.learning.stages), probability=probability)
 
 
 def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
@@ -306,8 +260,19 @@ def _cost(plan: Plan) -> int:
     return max(plan.steps, 1) if plan.budget.kind == "steps" else _ROLLOUTS_OF_RUN
 
 
-def _without(tally: Info, rollouts: int) -> Info:
-    return replace(tally, rollouts=tally.rollouts - rollouts)
+def _count_copies(tally: Info, before: Particles, after: Particles, rows: int) -> Info:
+    """Return the cost after a segment: a particle that goes on is no rollout of its own, a copy is."""
+    continued = rows if before.segment else 0
+    return replace(tally, rollouts=tally.rollouts - continued + after.copies - before.copies)
+
+
+def _count_features(problem: Problem) -> int:
+    """Return the number of features of a state."""
+    try:
+        state = problem.system.initial(np.zeros((1, problem.noise_size)))
+        return int(system_features(problem.system, state).shape[1]) + 3
+    except Exception:  # the first rollout reports it
+        return _FEATURES
 
 
 def _relative_error(counted: tuple[Counted, ...]) -> float:

@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation.plan.plan import Plan
-from avrare.protocols import Floats
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
-from avrare_estimators.common.committor.learned_file import Learned
-from avrare_estimators.common.committor.potentials import Paths, Potentials, learn
 from avrare_estimators.common.lessons.lessons import Lessons
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_rows
 from avrare_estimators.common.samples.sources import TapeSource
@@ -26,13 +23,12 @@ from avrare_estimators.common.weights import effective_size
 from avrare_estimators.smc.config import SmcConfig
 from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.particles import Course, Particles
+from avrare_estimators.smc.potentials import Paths, Potentials, learn
 
 LEARNING_RUN = 2**31
 """Address of the noise of particles that only teach, far from those that count."""
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of what a budget pays for, all learning at most half."""
-_CURVE = 12
-"""Levels of the exceedance curve."""
 
 
 @dataclass(frozen=True)
@@ -90,12 +86,6 @@ class Learning:
             return state if task.pending is not None else state._after_sample(task.sample())
         return state._after_particles(task) if task.done else state
 
-    def learned(self) -> Learned:
-        """Return what was learnt, frozen."""
-        shape = (self.plan.steps + 1, self.plan.noise.noise_size)
-        pilot = self.lessons.samples[0]
-        return Learned(self.mixture, self.potentials, _curve(pilot), shape)
-
     def _sample(self, rows: int, mixture: TapeMixture | None) -> Learning:
         target_rows = rows if mixture is None else round(self.config.defensive * rows)
         source = TapeSource(mixture, tuple(self.schedule.tolist()))
@@ -146,7 +136,7 @@ class Learning:
         if not len(self.schedule):
             return replace(self, task=None)
         seed = (self.plan.noise.seed, LEARNING_RUN, len(self.stages))
-        found = learn(self.paths, self.schedule, seed)
+        found = learn(self.paths, seed)
         before = self.potentials
         state = replace(self, potentials=found or before, task=None)
         stuck = found is None or (before is not None and found.chances[-1] > 0.7 * before.chances[-1])
@@ -159,13 +149,10 @@ class Learning:
 
     @property
     def law(self) -> TapeLaw | None:
-        """Law of the tapes of particles."""
-        return law_of(self.mixture, self.config.defensive)
-
-
-def law_of(mixture: TapeMixture | None, defensive: float) -> TapeLaw | None:
-    """Return the law of tapes under a proposal; None: the target's."""
-    return TapeLaw(DefendedMixture(mixture, defensive)) if mixture is not None else None
+        """Law of the tapes of particles; None: the target's."""
+        if self.mixture is None:
+            return None
+        return TapeLaw(DefendedMixture(self.mixture, self.config.defensive))
 
 
 def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> tuple[Paths, ...]:
@@ -178,12 +165,3 @@ def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> 
 
     weights = np.where(joined("error"), 0.0, lessons.weights)
     return (Paths(features, joined("score"), joined("violated"), weights, np.arange(len(weights))),)
-
-
-def _curve(pilot: Sample) -> tuple[float, ...]:
-    """Return robustness levels from the pilot's median down to 0."""
-    known: Floats = pilot.robustness[~pilot.error & np.isfinite(pilot.robustness)]
-    middle = float(np.median(known)) if len(known) else 0.0
-    if middle <= 0.0:
-        return (0.0,)
-    return tuple(float(f"{level:.6g}") for level in np.linspace(middle, 0.0, _CURVE))

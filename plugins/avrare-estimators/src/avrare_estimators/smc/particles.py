@@ -20,8 +20,8 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, widen
 from avrare.rollout.tape_law import TapeLaw
 from avrare.rollout.tape_source import draw_lineage
-from avrare_estimators.common.committor.potentials import Paths, Potentials
 from avrare_estimators.common.weights import effective_size, resample
+from avrare_estimators.smc.potentials import Paths, Potentials
 
 _LEAST_EFFECTIVE = 0.7
 """Share of a run's particles below whose effective number they are resampled."""
@@ -39,7 +39,6 @@ class Rows:
         root: (n,) number of the first ancestor.
         lineage: (n, S) particle for which the noise of each segment was drawn; -1 after the end.
         features: (n, K, F) features at the schedule's steps, or (n, 0, 0) where they are not kept.
-        committor: (n, K) learnt probability of the deepest level at the potentials' steps; NaN elsewhere.
     """
 
     run: Integers
@@ -47,7 +46,6 @@ class Rows:
     root: Integers
     lineage: NDArray[np.int32]
     features: Floats
-    committor: Floats
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,6 @@ class Particles:
             np.arange(n),
             np.full((n, len(course.ends)), -1, dtype=np.int32),
             np.full((n, scheduled if course.learning else 0, 0), np.nan),
-            np.full((n, scheduled), np.nan),
         )
         none = np.zeros(n, dtype=bool)
         return Particles(course, first_run, runs, 0, rows, None, none, None, np.zeros(n))
@@ -250,9 +247,7 @@ class Particles:
         k = course.stops[self.segment - 1]
         h = np.ones(len(rows.run))
         if course.potentials is not None and k in course.potentials.useful:
-            h, committor = course.potentials(k, features)
-            rows = replace(rows, committor=rows.committor.copy())
-            rows.committor[:, k] = committor
+            h = course.potentials(k, features)
         parents, weights, resampled = [], [], 0
         for run in range(self.runs):
             low, high = np.searchsorted(rows.run, (run, run + 1))

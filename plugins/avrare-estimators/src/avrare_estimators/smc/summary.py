@@ -1,4 +1,4 @@
-"""Summary of the runs of ``smc``: mean, interval, exceedance curve, committor over time, and health."""
+"""Summary of the runs of ``smc``: mean, interval, causes of failures, and health."""
 
 from __future__ import annotations
 
@@ -19,23 +19,17 @@ from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Floats
-from avrare.rollout.noise_words import format_time
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
-from avrare_estimators.common.committor.learned_file import Learned
-from avrare_estimators.common.committor.potentials import Potentials
 from avrare_estimators.common.lessons.coverage import find_differing
-from avrare_estimators.common.lessons.stored_proposal import FILE
 from avrare_estimators.common.lessons.words import Cause, NoiseNames, describe_tapes
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.weights import effective_size, resample
-from avrare_estimators.smc.defended_mixture import DefendedMixture
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
 
 _KEPT, _MOST_TOLD = 40, 300
 """Failures of each run that are kept, and of all runs together that the words are about."""
-_LOST = 0.5
 _PLAIN = Note(
     "learning",
     "Nothing was learnt that tells failures from other rollouts: the particles are independent rollouts of "
@@ -51,7 +45,6 @@ class Counted:
         course: What the runs share.
         first_run: Address of the first run's noise.
         probabilities: (R,) unbiased but for the cut at 1.
-        exceedance: (R, C) probabilities of a robustness at or below each level of the curve.
         errors: (R,) weight of the particles that broke down.
         roots: (R,) first particles with failing descendants.
         contributions: Of these first particles, in all runs.
@@ -64,7 +57,6 @@ class Counted:
     course: Course
     first_run: int
     probabilities: Floats
-    exceedance: Floats
     errors: Floats
     roots: Integers
     contributions: Floats
@@ -81,7 +73,7 @@ class Counted:
         return FreshRows(self.rows, failures, errors)
 
     @staticmethod
-    def of(particles: Particles, curve: Sequence[float]) -> Counted:
+    def of(particles: Particles) -> Counted:
         """Sum up runs that have ended."""
         ends, runs, course = particles.ended(), particles.runs, particles.course
         run, weight = ends.rows.run, ends.rows.weight
@@ -95,12 +87,10 @@ class Counted:
         by_root = sums.reshape(runs, size)
         alive = np.flatnonzero(~ends.error)
         least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
-        below = [by_run(~ends.error & (ends.violated | (ends.robustness <= level))) for level in curve]
         return Counted(
             course,
             particles.first_run,
             np.minimum(1.0, by_run(ends.violated)),
-            np.stack(below, axis=1),
             by_run(ends.error),
             (by_root > 0.0).sum(axis=1),
             by_root[by_root > 0.0],
@@ -129,13 +119,10 @@ def _some_failures(ends: Ends, runs: int) -> Ends:
 def summarise(
     name: str,
     plan: Plan,
-    learned: Learned,
+    learning: Learning,
     counted: Sequence[Counted],
     looks: Looks,
-    learning: Learning | None,
     tally: Info,
-    first: Floats,
-    fresh: FreshRows,
     names: NoiseNames,
 ) -> Result:
     """Return the result of runs that have ended.
@@ -143,13 +130,10 @@ def summarise(
     Args:
         name: Name of the estimator.
         plan: The task.
-        learned: What was learnt before.
+        learning: Learning that went before.
         counted: The runs.
         looks: Numbers of runs at which the estimate could end.
-        learning: How it was learnt; None: it was given.
         tally: Cost of all rollouts.
-        first: Robustness of the pilot.
-        fresh: Counts of the rollouts of the target that were learnt from.
         names: Names of the noise.
     """
     values = _joined(counted, "probabilities")
@@ -159,6 +143,8 @@ def summarise(
     # One resampled run suffices: its particles are not independent, whichever batch it advanced with.
     plain = all(one.plain for one in counted)
     own_fresh = sum((one.fresh for one in counted), FreshRows())
+    samples = learning.lessons.samples
+    fresh = sum((sample.fresh for sample in samples), plan.seen)
     if plain:
         fresh = fresh + own_fresh
     interval_at = looks.interval(
@@ -166,9 +152,9 @@ def summarise(
     )
     warnings = _health(plan, plain, values, contributions, roots, tally)
     if mean > 0.0 and not plain:
-        warnings |= find_differing(learning.lessons.samples if learning is not None else (), mean, relative)
-    causes = _find_causes(learned, counted, names)
-    diagnostics = _diagnostics(counted, learned, learning, causes) | looks.diagnostics(math.sqrt(relative))
+        warnings |= find_differing(samples, mean, relative)
+    causes = _find_causes(learning, counted, names)
+    diagnostics = _diagnostics(counted, learning, causes) | looks.diagnostics(math.sqrt(relative))
     notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
     return build_result(
         plan,
@@ -180,35 +166,28 @@ def summarise(
         health=warnings,
         failures=_failures(plan, counted, mean, plain, tally),
         worst=_worst(plan, counted),
-        robustness=first,
+        robustness=np.where(samples[0].error, np.nan, samples[0].robustness),
         fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
         notes=(*notes, *(cause.note for cause in causes)),
         diagnostics=diagnostics,
-        artifacts={FILE: learned.to_dict(names)},
     )
 
 
 def _diagnostics(
-    counted: Sequence[Counted], learned: Learned, learning: Learning | None, causes: Sequence[Cause]
+    counted: Sequence[Counted], learning: Learning, causes: Sequence[Cause]
 ) -> dict[str, object]:
     contributions = _joined(counted, "contributions")
-    found = {
+    return {
         "particles": counted[0].course.particles,
         "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
         "roots": _joined(counted, "roots").tolist(),
         "effective_failures": effective_size(contributions),
         "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
-        "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages) if learning else 0,
-        "stages": list(learning.stages) if learning else [],
-        "exceedance": _curve(counted, learned.curve),
+        "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages),
+        "stages": list(learning.stages),
         "learnt": [cause.data for cause in causes],
-        "learned": learned.digest,
     }
-    if learned.potentials is not None:
-        steps, gains = learned.potentials.schedule.tolist(), learned.potentials.gains.tolist()
-        found["gains"] = dict(zip(map(str, steps), gains, strict=True))
-    return found
 
 
 def _joined(counted: Sequence[Counted], name: str) -> Any:
@@ -261,19 +240,6 @@ def _health(
     return found
 
 
-def _curve(counted: Sequence[Counted], levels: Sequence[float]) -> list[dict[str, float | None]]:
-    """Return the probability of a robustness at or below each level, with its relative error."""
-    table = _joined(counted, "exceedance")
-    found: list[dict[str, float | None]] = []
-    for level, column in zip(levels, table.T, strict=True):
-        mean = float(column.mean())
-        spread = (
-            float(column.std(ddof=1)) / math.sqrt(len(column)) / mean if mean and len(column) > 1 else None
-        )
-        found.append({"robustness": level, "probability": mean, "relative_error": spread})
-    return found
-
-
 def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, tally: Info) -> Failures:
     total = sum(len(one.failing.robustness) for one in counted)
     parts = _chosen(counted, spread(np.arange(total), plan.kept_failures))
@@ -311,37 +277,11 @@ def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
     return Worst(tape, float(least.worst.robustness[0]))
 
 
-def _find_causes(learned: Learned, counted: Sequence[Counted], names: NoiseNames) -> list[Cause]:
-    """Return which noise led to the failures, and when they were lost."""
-    causes: list[Cause] = []
+def _find_causes(learning: Learning, counted: Sequence[Counted], names: NoiseNames) -> list[Cause]:
+    """Return which noise led to the failures."""
     weights = np.concatenate([one.failing.rows.weight for one in counted])
-    if not weights.any():
-        return causes
+    if learning.mixture is None or not weights.any():
+        return []
     chosen = np.sort(resample(weights, min(len(weights), _MOST_TOLD), 0.5))
-    parts = _chosen(counted, chosen)
-    law = counted[0].course.law
-    if learned.mixture is not None and law is not None and isinstance(law.proposal, DefendedMixture):
-        tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
-        causes += describe_tapes(learned.mixture, np.concatenate(tapes), law.proposal.share, names)
-    if learned.potentials is not None and learned.potentials.reached and learned.potentials.useful:
-        along = np.concatenate([some.rows.committor for _, some in parts])
-        causes.append(_describe_loss(learned.potentials, along, names))
-    return causes
-
-
-def _describe_loss(potentials: Potentials, along: Floats, names: NoiseNames) -> Cause:
-    """Return the learnt probability of failure over time along failures (n, K), and a sentence about it."""
-    steps = potentials.schedule[potentials.useful]
-    # A failure that has happened is certain.
-    along = np.nan_to_num(along[:, potentials.useful], nan=1.0)
-    typical = [np.quantile(along[:, k], (0.1, 0.5, 0.9)).round(6).tolist() for k in range(len(steps))]
-    lost = [int(step) for step, (_, middle, _) in zip(steps, typical, strict=True) if middle >= _LOST]
-    before = [int(step) for step in steps if not lost or step < lost[0]]
-    if lost:
-        when = f"Half of the failures are lost at {format_time(int(lost[0]), names.dt)}"
-        text = f"{when}: from there on the rollout fails with a learnt probability above {_LOST:.0%}."
-    else:
-        when = format_time(int(before[-1]), names.dt)
-        text = f"Half of the failures are not yet lost at {when}: they come suddenly."
-    data = {"noise": [], "share": 1.0, "steps": steps.tolist(), "committor": typical}
-    return Cause(Note("cause", text), data)
+    tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in _chosen(counted, chosen)]
+    return describe_tapes(learning.mixture, np.concatenate(tapes), learning.config.defensive, names)

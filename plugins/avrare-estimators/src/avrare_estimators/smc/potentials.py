@@ -7,18 +7,17 @@ Whiteley and Lee (2014) and Guarniero et al. (2017). Any positive h leaves the e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.common.committor.network import MOST_STEPS, Examples, Network, fit
 from avrare_estimators.common.weights import effective_size
+from avrare_estimators.smc.network import Examples, Network, fit
 
-FLOOR = 0.2
+_FLOOR = 0.2
 """a0: share that does not depend on learning."""
 _LEAST_HITS = 15.0
 """Effective rollouts beyond a level that is learnt."""
@@ -26,7 +25,7 @@ _MOST_LEVELS = 6
 _LADDER = 10.0 ** (-np.arange(1, 25) / 2.0)
 _LEAST_NATS = 0.1
 """Gain of a step's potential, in nats, below which particles are not resampled there."""
-HELD_OUT = 5
+_HELD_OUT = 5
 """One rollout in so many, by its first ancestor, is held out of training."""
 
 
@@ -75,14 +74,12 @@ class Potentials:
 
     Attributes:
         network: Network for all steps of the schedule.
-        schedule: (K,) steps of a rollout that the network knows.
-        gains: (K,) gain of the potential at each of them, in nats, on rollouts held out.
+        gains: (K,) gain of the potential at each step of the schedule, in nats, on rollouts held out.
         levels: (L,) score of each level; inf stands for failure.
         chances: (L,) probability of reaching each.
     """
 
     network: Network
-    schedule: Integers
     gains: Floats
     levels: Floats
     chances: Floats
@@ -97,63 +94,19 @@ class Potentials:
         """True where the deepest level is failure."""
         return bool(np.isinf(self.levels[-1]))
 
-    def __call__(self, step: int, features: Floats) -> tuple[Floats, Floats]:
-        """Return h (n,) at scheduled step number ``step``, and the probability (n,) of the deepest level."""
+    def __call__(self, step: int, features: Floats) -> Floats:
+        """Return h (n,) at scheduled step number ``step``."""
         reached = self.network.probabilities(step, features)
         reached = np.where(features[:, -1:] >= self.levels, 1.0, reached)
-        value = FLOOR + (1.0 - FLOOR) * (reached / self.chances).mean(axis=1)
-        return value, reached[:, -1]
-
-    def log_odds(self, step: int | Integers, features: Floats) -> Floats:
-        """Return the log odds (n,) of reaching the deepest level at scheduled step number ``step``."""
-        return self.network.log_odds(step, features)[:, -1]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return JSON data."""
-        levels = [None if np.isinf(level) else level for level in self.levels.tolist()]
-        return {
-            "schedule": self.schedule.tolist(),
-            "gains": self.gains.tolist(),
-            "levels": levels,
-            "chances": self.chances.tolist(),
-            "network": self.network.to_dict(),
-        }
-
-    @staticmethod
-    def from_dict(content: Mapping[str, Any]) -> Potentials:
-        """Return the potentials of JSON data; KeyError, TypeError or ValueError where they are damaged."""
-        levels = [np.inf if level is None else float(level) for level in content["levels"]]
-        potentials = Potentials(
-            Network.from_dict(content["network"]),
-            np.array(content["schedule"], dtype=np.int64),
-            np.array(content["gains"], dtype=np.float64),
-            np.array(levels),
-            np.array(content["chances"], dtype=np.float64),
-        )
-        steps, count = potentials.schedule, len(potentials.levels)
-        if (
-            not len(steps) == len(potentials.gains) == len(potentials.network.centre)
-            or (np.diff(steps) <= 0).any()
-        ):
-            raise ValueError("the steps of the potentials do not ascend, or are not those of the network")
-        if (
-            not 0 < count == len(potentials.chances) == len(potentials.network.offset)
-            or (potentials.chances <= 0.0).any()
-        ):
-            raise ValueError("the levels of the potentials are not those of the network")
-        return potentials
+        return np.asarray(_FLOOR + (1.0 - _FLOOR) * (reached / self.chances).mean(axis=1))
 
 
-def learn(
-    stages: Sequence[Paths], schedule: Integers, seed: tuple[int, ...], most_steps: int = MOST_STEPS
-) -> Potentials | None:
+def learn(stages: Sequence[Paths], seed: tuple[int, ...]) -> Potentials | None:
     """Return potentials learnt from the stages so far; None where no level has rollouts enough.
 
     Args:
         stages: Rollouts of each.
-        schedule: (K,) steps of their features.
         seed: Seed of the training.
-        most_steps: Most steps of the training.
     """
     paths = Paths.join(stages)
     if not paths.weights.any():  # every rollout broke down
@@ -162,13 +115,14 @@ def learn(
     if not len(levels):
         return None
     reached = np.where(np.isinf(levels), paths.violated[:, None], _depth(paths)[:, None] >= levels)
-    examples = Examples(paths.features, reached, paths.weights, paths.root % HELD_OUT == 0)
+    examples = Examples(paths.features, reached, paths.weights, paths.root % _HELD_OUT == 0)
     if not all(reached[part].any(axis=0).all() for part in (examples.held_out, ~examples.held_out)):
         return None
-    network = fit(examples, seed, most_steps)
-    potentials = Potentials(network, schedule, np.zeros(len(schedule)), levels, chances)
-    gains = np.array([_gain(potentials, examples, k) for k in range(len(schedule))])
-    return Potentials(network, schedule, np.round(gains, 4), levels, chances)
+    network = fit(examples, seed)
+    steps = examples.features.shape[1]
+    potentials = Potentials(network, np.zeros(steps), levels, chances)
+    gains = np.array([_gain(potentials, examples, k) for k in range(steps)])
+    return replace(potentials, gains=np.round(gains, 4))
 
 
 def _depth(paths: Paths) -> Floats:
@@ -206,7 +160,7 @@ def _gain(potentials: Potentials, examples: Examples, step: int) -> float:
     weights, hit = examples.weights[rows], examples.reached[rows, -1]
     if effective_size(weights[hit]) < 2.0:
         return 0.0
-    h, _ = potentials(step, examples.features[rows, step].astype(np.float64))
+    h = potentials(step, examples.features[rows, step].astype(np.float64))
     nats = np.log(h / np.average(h, weights=weights))[hit]
     mean = float(np.average(nats, weights=weights[hit]))
     spread = float(np.average((nats - mean) ** 2, weights=weights[hit]))

@@ -8,19 +8,16 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 
 _WIDTH = 32
 _BATCH, _RATE, _DECAY = 256, 4e-3, 1e-4
-_LEAST_STEPS, MOST_STEPS, _EPOCHS = 300, 1500, 20
+_LEAST_STEPS, _MOST_STEPS, _EPOCHS = 300, 1500, 20
 _CHECK = 100
 """Steps between two looks at the rows held out."""
 _LIMIT = 6.0
@@ -64,69 +61,23 @@ class Network:
     layers: Layers
     offset: Floats
 
-    def log_odds(self, step: int | Integers, features: Floats) -> Floats:
-        """Return the log odds (n, L) of features (n, F) at the step number ``step``, or one each."""
-        steps, found = np.broadcast_to(step, len(features)), np.empty((len(features), len(self.offset)))
-        first, b1, second, b2, third, b3 = self.layers
-        for begin in range(0, len(features), _BLOCK):
-            part = slice(begin, begin + _BLOCK)
-            values = self.inputs(steps[part], features[part])
-            values = np.tanh(np.einsum("ni,io->no", values, first) + b1)
-            values = np.tanh(np.einsum("ni,io->no", values, second) + b2)
-            found[part] = np.einsum("ni,io->no", values, third) + b3 + self.offset
-        return found
-
     def probabilities(self, step: int, features: Floats) -> Floats:
-        """Return the probabilities (n, L) of reaching each level."""
-        return sigmoid(self.log_odds(step, features))
+        """Return the probabilities (n, L) of reaching each level from features (n, F) at the step number."""
+        blocks = range(0, max(1, len(features)), _BLOCK)
+        return np.concatenate([self._evaluate(step, features[begin : begin + _BLOCK]) for begin in blocks])
+
+    def _evaluate(self, step: int, features: Floats) -> Floats:
+        first, b1, second, b2, third, b3 = self.layers
+        values = self.inputs(np.full(len(features), step), features)
+        values = np.tanh(np.einsum("ni,io->no", values, first) + b1)
+        values = np.tanh(np.einsum("ni,io->no", values, second) + b2)
+        return sigmoid(np.einsum("ni,io->no", values, third) + b3 + self.offset)
 
     def inputs(self, steps: Integers, features: Floats) -> Floats:
-        """Return the inputs (n, I) of the first layer from features (n, F) at scheduled steps (n,).
-
-        Raises:
-            UsageError: It was taught other features.
-        """
-        learnt, given = self.centre.shape[1], features.shape[1]
-        if learnt != given:
-            text = f"learned: it has potentials of {learnt} features, but the system has {given}"
-            raise UsageError(text, "give the learned.json of this scenario, or leave `learned` out")
+        """Return the inputs (n, I) of the first layer from features (n, F) at scheduled steps (n,)."""
         standard = (features - self.centre[steps]) / self.spread[steps]
         standard = np.clip(np.nan_to_num(standard, nan=0.0, posinf=_LIMIT, neginf=-_LIMIT), -_LIMIT, _LIMIT)
         return np.concatenate([standard, _times(len(self.centre))[steps]], axis=1)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return JSON data."""
-        return {
-            "centre": self.centre.tolist(),
-            "spread": self.spread.tolist(),
-            "layers": [layer.tolist() for layer in self.layers],
-            "offset": self.offset.tolist(),
-        }
-
-    @staticmethod
-    def from_dict(content: Mapping[str, Any]) -> Network:
-        """Return the network of JSON data; ValueError where they do not fit each other."""
-        found = Network(
-            np.array(content["centre"], dtype=np.float64),
-            np.array(content["spread"], dtype=np.float64),
-            tuple(np.array(layer, dtype=np.float64) for layer in content["layers"]),
-            np.array(content["offset"], dtype=np.float64),
-        )
-        numbers = (found.centre, found.spread, *found.layers, found.offset)
-        if len(found.layers) != 6 or not all(np.isfinite(part).all() for part in numbers):
-            raise ValueError("a network has three layers of finite numbers")
-        steps, features = found.centre.shape
-        widths = (
-            features + _times(steps).shape[1],
-            len(found.layers[1]),
-            len(found.layers[3]),
-            len(found.offset),
-        )
-        fits = [len(found.layers[5]) == widths[3], found.spread.shape == found.centre.shape]
-        fits += [found.layers[2 * k].shape == widths[k : k + 2] for k in range(3)]
-        if not all(fits) or (found.spread <= 0.0).any():
-            raise ValueError("the layers of a network do not fit each other")
-        return found
 
 
 def sigmoid(values: Floats) -> Floats:
@@ -134,7 +85,7 @@ def sigmoid(values: Floats) -> Floats:
     return np.asarray(0.5 + 0.5 * np.tanh(0.5 * values))
 
 
-def fit(examples: Examples, seed: tuple[int, ...], most_steps: int = MOST_STEPS) -> Network:
+def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
     """Return the network with the least loss on the rows held out; the same bits for the same ``seed``."""
     rng = np.random.default_rng(seed)
     chance = _chance(examples)
@@ -145,7 +96,7 @@ def fit(examples: Examples, seed: tuple[int, ...], most_steps: int = MOST_STEPS)
     layers, moments = list(network.layers), [np.zeros_like(layer) for _ in (0, 1) for layer in network.layers]
     best, least = network, _loss(network, test)
     epoch = len(trained) * examples.features.shape[1] / _BATCH
-    steps = int(np.clip(_EPOCHS * epoch, _LEAST_STEPS, most_steps))
+    steps = int(np.clip(_EPOCHS * epoch, _LEAST_STEPS, _MOST_STEPS))
     for turn in range(1, steps + 1):
         batch = sampler.draw(_BATCH, rng)
         rate = _RATE * 0.5 * (1.0 + np.cos(np.pi * turn / steps))

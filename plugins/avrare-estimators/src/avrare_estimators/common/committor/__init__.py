@@ -1,1 +1,0 @@
-"""Learned probability of a failure from the features of a state."""
