@@ -85,7 +85,6 @@ tiny:
   is learned: {plugin: is, rollouts: 6000, pilot: 500, stages: 3}
   is relative_error: {plugin: is, relative_error: 0.1}
   is gaussian: {plugin: is, rollouts: 2000, proposal: {name: gaussian, mean: 0.4}}
-  ce gaussian: {plugin: ce, rollouts: 500}
   smc learned: {plugin: smc, particles: 200, pilot: 500, stages: 2, runs: 4}
   smc: {plugin: smc, particles: 200, pilot: 500, stages: 2, runs: 4, proposal: none}
   auto: {plugin: auto}
@@ -104,7 +103,7 @@ scenarios/lane_change_published.yaml:
   published is naive:
     {plugin: is, rollouts: 60, proposal: {plugin: naive}, specifications: [safe_distance], chunk: 15}
   published ce network:
-    {plugin: ce, rollouts: 50, stages: 2, family: network, specifications: [safe_distance], chunk: 25}
+    {plugin: ce, rollouts: 50, stages: 2, specifications: [safe_distance], chunk: 25}
 scenarios/double_integrator.yaml:
   double_integrator: {}
 scenarios/constrained_gaussian.yaml:

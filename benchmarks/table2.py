@@ -46,7 +46,7 @@ REPEAT = 20
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "Raw-MC": ("mc", {"rollouts": 250}),
     "Imp-Naive": ("is", {"rollouts": 250, "defensive": 0.1, "proposal": {"plugin": "naive"}}),
-    "Imp-CE": ("ce", {"rollouts": 250, "defensive": 0.1, "stages": 10, "elite": 0.1, "family": "network"}),
+    "Imp-CE": ("ce", {"rollouts": 250, "defensive": 0.1, "stages": 10, "elite": 0.1}),
     "STL-AMS": ("ams", {"particles": 250, "discard": 25, "runs": 1}),
     "MC 900": ("mc", {"rollouts": 900}),
     "AMS 500/50": ("ams", {"particles": 500, "discard": 50, "runs": 1}),

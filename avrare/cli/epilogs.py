@@ -38,7 +38,7 @@ NAMES are estimators separated by commas; options of a variant follow after colo
 mc,ams,ams:particles=100:discard=10
 
 examples:
-  avrare compare problem:d_rw_L3.8 --estimators mc,ams,ce --budget steps=1e6
+  avrare compare problem:d_rw_L3.8 --estimators mc,ams,is --budget steps=1e6
   avrare compare drive.yaml --specification no_collision --estimators mc,ams \\
       --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
   avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000

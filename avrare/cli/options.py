@@ -149,7 +149,7 @@ OPTIONS: dict[str, Options] = {
         "scenario SCENARIO": "scenario file, or problem:ID",
         "--against OTHER": "second version of the scenario, run on the same noise tapes: a file, or "
         "CONTROLLER=MODEL, such as reference_driver=fsm, which drives in place of the stack",
-        "--estimators NAMES": "estimators to compare, e.g. mc,ams,ce; with --against that of both versions "
+        "--estimators NAMES": "estimators to compare, e.g. mc,ams,is; with --against that of both versions "
         "(default: Monte Carlo on the same noise)",
         "--budget KIND=N": "budget per estimate: steps=N or rollouts=N",
         "--repeat R": (f"estimates per estimator (default {REPEAT})", {"type": at_least(1)}),

@@ -119,7 +119,7 @@ def test_an_interruption_shows_finished_repetitions_and_exits_2(monkeypatch, cap
             4,
             "setting scenario.KEY",
         ),
-        (["problem:d_rw_L2.5", "--estimators", "ce:family=network", *SMALL], 4, "no estimator can take"),
+        (["problem:d_rw_L2.5", "--estimators", "ce", *SMALL], 4, "no estimator can take"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL], 4, "choose one"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--specification", "no_colision"], 4, "no_collision"),
     ],

@@ -120,7 +120,7 @@ def test_too_small_a_share_runs_nothing_and_says_so():
         ("ess", {"chains": 10, "runs": 1}, {}, "ams"),
         ("ess", {"chains": 20, "runs": 2}, {"steps": 0, "limit": -0.1}, "mc"),
         ("mc", {"rollouts": 300}, {"limit": 0.9}, "ams"),
-        ("ce", {"rollouts": 200}, {}, "ess"),
+        ("is", {"rollouts": 2000, "proposal": {"name": "gaussian", "mean": 0.3}}, {}, "ess"),
     ],
 )
 def test_another_family_checks(name, options, changes, checker):

@@ -24,7 +24,6 @@ OPTIONS = {
     "mc": {"rollouts": 400},
     "ams": {"particles": 60, "discard": 10, "runs": 2},
     "is": {"rollouts": 300, "proposal": {"name": "gaussian", "mean": 0.3}},
-    "ce": {"rollouts": 120},
     "smc": {"particles": 40, "runs": 2, "pilot": 200, "stages": 1, "times": 3},
 }
 

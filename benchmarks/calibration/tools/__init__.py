@@ -69,7 +69,6 @@ def _avrare() -> tuple[Tool, ...]:
         Tool("avrare ams", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: tuned}, size, needs_steps),
         Tool("avrare ess", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"kernel": "shrink"}}, size),
         Tool("avrare is", _HERE, _AVRARE, own, {RECOMMENDED: {}, TUNED: {"check": 0.3}}, "`rollouts` B"),
-        Tool("avrare ce", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size),
         Tool("avrare smc", _HERE, _AVRARE, own, {RECOMMENDED: {}}, size, needs_steps, dear=10_000),
         Tool("avrare auto", _HERE, _AVRARE, own, {RECOMMENDED: {}}, "`rollouts` B"),
     )

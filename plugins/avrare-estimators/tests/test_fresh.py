@@ -17,7 +17,6 @@ SIZES = {
     "ams": {"particles": 40, "discard": 8, "runs": 3},
     "ess": {"chains": 6, "runs": 3, "level_probability": 0.2},
     "is": {"rollouts": 300, "proposal": {"name": "gaussian", "mean": 0.3}},
-    "ce": {"rollouts": 300, "stages": 2},
 }
 LIKELY = reference_problem("d_rw_L2.5").problem()
 NEVER = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1e9)"), 20)
@@ -56,13 +55,6 @@ def test_fresh_failures_raise_the_bound():
     failures = int((result.robustness <= 0.0).sum())
     assert failures > 0
     assert result.blind_bound == bound(failures, 800)
-
-
-def test_target_rows_of_every_stage_count():
-    result = avrare.estimate(LIKELY, "ce", check=0.0, **SIZES["ce"])
-    assert len(result.diagnostics["stages"][0]) == 2
-    target = 300 + 60 + 60  # the first stage, and the defensive rows of the second and of the final sample
-    assert bound(0, target) <= result.blind_bound < bound(20, target)
 
 
 def test_without_a_fresh_row_nothing_is_excluded():

@@ -19,7 +19,6 @@ SIZES = {
     "ams": {"particles": 300, "discard": 100, "runs": 3},
     "ess": {"chains": 30, "runs": 3},
     "is": {"rollouts": 3000, "proposal": {"name": "gaussian", "mean": 0.05, "std": 1.0}},
-    "ce": {"rollouts": 600},
     "smc": {"particles": 600, "runs": 3, "pilot": 600},
 }
 
@@ -100,7 +99,6 @@ def test_the_value_that_is_named_is_enough():
         ("ess", {"chains": 1_000_000}),
         ("mc", {"rollouts": 10**15, "relative_error": 0.01}),
         ("is", {**SIZES["is"], "rollouts": 10**12}),
-        ("ce", {"rollouts": 10**9}),
     ],
 )
 def test_what_the_machine_cannot_hold_is_refused_at_once(monkeypatch, name, options):

@@ -13,8 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import toy_closed_loop as toy
 
 LIMIT = 7.0
-NETWORK = {"name": "network", "epochs": 60, "rate": 5e-3, "hidden": 20}
-QUICK = {"family": NETWORK, "rollouts": 400}
+QUICK = {"epochs": 60, "rate": 5e-3, "hidden": 20, "rollouts": 400}
 
 
 def network(scale=0.1, seed=0):
@@ -92,7 +91,7 @@ def test_it_learns_and_stays_unbiased():
 @pytest.mark.slow
 def test_training_gives_the_same_bits():
     task = toy.final_only(LIMIT, chunk=64)
-    options = {"family": {**NETWORK, "epochs": 20}, "rollouts": 150, "stages": 2}
+    options = {**QUICK, "epochs": 20, "rollouts": 150, "stages": 2}
     one, again, two = (avrare.estimate(task, "ce", workers=w, **options) for w in (1, 1, 2))
     assert one.to_dict() | {"seconds": 0} == again.to_dict() | {"seconds": 0}
     assert one.to_dict() | {"seconds": 0} == two.to_dict() | {"seconds": 0}
@@ -100,7 +99,7 @@ def test_training_gives_the_same_bits():
 
 def test_a_target_without_law_is_refused():
     with pytest.raises(avrare.UsageError, match="no law"):
-        avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce", family="network")
+        avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce")
 
 
 @pytest.mark.slow
@@ -112,5 +111,5 @@ def test_without_torch_there_is_a_pip_command(monkeypatch):
         importlib.util, "find_spec", lambda name, *rest: None if name == "torch" else find(name, *rest)
     )
     with pytest.raises(avrare.PluginError) as caught:
-        avrare.estimate(toy.final_only(LIMIT), "ce", family="network")
+        avrare.estimate(toy.final_only(LIMIT), "ce")
     assert "avrare-estimators[torch]" in caught.value.hint

@@ -8,7 +8,6 @@ import yaml
 import avrare
 from avrare.cli.main import main
 from avrare.testing.problems import linear
-from avrare_estimators.ce.config import CeConfig, NetworkFamilyConfig
 from avrare_estimators.ess.config import BayesianConfig, EiConfig, EssConfig, PcnConfig, ShrinkConfig
 from avrare_estimators.importance.config import IsConfig
 
@@ -74,11 +73,6 @@ estimator:
                 "hint: did you mean 'learned'?",
             ],
         ),
-        (
-            "ce",
-            "family: {name: network, epoch: 3}",
-            ["9:27: estimator.family.epoch: unknown key", "hint: did you mean 'epochs'?"],
-        ),
     ],
 )
 def test_a_mistake_has_its_place_and_a_hint(plugin, option, mistakes, tmp_path, capsys):
@@ -95,7 +89,6 @@ def test_a_name_alone_has_the_defaults():
     assert EssConfig(kernel="shrink").kernel == ShrinkConfig()
     bayesian = EssConfig(kernel={"name": "bayesian", "points": 3, "acquisition": "ei"}).kernel
     assert bayesian == BayesianConfig(points=3, acquisition=EiConfig())
-    assert CeConfig(family="network").family == NetworkFamilyConfig()
 
 
 @pytest.mark.parametrize(
@@ -104,7 +97,6 @@ def test_a_name_alone_has_the_defaults():
         ("ess", "kernel: {name: shrink, bracket: 3.0}"),
         ("ess", "kernel: bayesian"),
         ("is", "proposal: {name: gaussian, mean: 0.4}"),
-        ("ce", "family: {name: gaussian, components: 2}"),
     ],
 )
 def test_a_run_folder_holds_all_options(name, option, tmp_path):

@@ -1,4 +1,4 @@
-"""The conformance suite for importance sampling and cross-entropy."""
+"""The conformance suite for importance sampling."""
 
 from typing import ClassVar
 
@@ -19,15 +19,3 @@ class TestImportance(EstimatorConformance):
         Study(conjunction(-1.5), 200),
     )
     seeds = Study(walk(1.0, 20), 100, {"rollouts": 400})
-
-
-@pytest.mark.slow
-class TestCrossEntropy(EstimatorConformance):
-    estimator = "ce"
-    options: ClassVar = {"rollouts": 100, "check": 0.0}
-    studies = (Study(walk(1.0, 20), 150), Study(conjunction(-1.5), 150))
-    seeds = Study(walk(1.0, 20), 60, {"rollouts": 400})
-    unsupported: ClassVar = {
-        "test_budget_is_kept": "it learns in fewer stages than a budget must allow for",
-        "test_unbiased_with_errors": "TestImportance runs it; the sample is the same",
-    }

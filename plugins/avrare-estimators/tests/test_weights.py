@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from avrare_estimators.ce.gaussian_family import default_components, fit_mixture, limit_divergence
 from avrare_estimators.common.tapes.gaussian_mixture import GaussianMixture
 from avrare_estimators.common.weights import (
     annealed,
@@ -92,45 +91,6 @@ def test_log_ratio_rows_do_not_depend_on_their_neighbours():
     whole = law.log_ratio(tapes)
     for part in (slice(0, 1), slice(13, 31), [4, 40]):
         assert law.log_ratio(tapes[part]).tobytes() == whole[part].tobytes()
-
-
-def test_fit_finds_what_matters_and_leaves_the_rest():
-    rng = np.random.default_rng(4)
-    tapes = rng.standard_normal((400, 10, 10))
-    tapes[:, 3, 4] = 2.0 + 0.5 * tapes[:, 3, 4]
-    law = fit_mixture(tapes, np.full(400, 1 / 400), None, 1, 0.1)
-    assert law.mean[0, 3, 4] == pytest.approx(2.0, abs=0.1)
-    assert law.std[0, 3, 4] == pytest.approx(0.5, abs=0.1)
-    others = np.ones((10, 10), bool)
-    others[3, 4] = False
-    assert (law.mean[0][others] == 0.0).mean() > 0.5
-    assert fit_mixture(tapes, np.full(400, 1 / 400), None, 1, 0.8).std.min() == 0.8
-
-
-def test_the_divergence_of_a_learnt_law_is_limited():
-    rng = np.random.default_rng(6)
-    law = GaussianMixture(np.ones(1), rng.normal(0, 0.3, (1, 40, 12)), rng.uniform(0.8, 1.1, (1, 40, 12)))
-    tapes = limit_divergence(law, 3.0).sample(rng, 4000)
-    far = -limit_divergence(law, 3.0).log_ratio(tapes)
-    assert far.mean() == pytest.approx(3.0, abs=0.2)
-    near = GaussianMixture(np.ones(1), 0.1 * law.mean, np.ones((1, 40, 12)))
-    np.testing.assert_array_equal(limit_divergence(near, 3.0).mean, near.mean)
-
-
-def test_mixture_finds_two_modes():
-    rng = np.random.default_rng(5)
-    tapes = 0.4 * rng.standard_normal((300, 1, 2))
-    tapes[:100, 0, 0] += 3.0
-    tapes[100:, 0, 0] -= 3.0
-    law = fit_mixture(tapes, np.full(300, 1 / 300), None, 2, 0.1)
-    order = np.argsort(law.mean[:, 0, 0])
-    np.testing.assert_allclose(law.mean[order, 0, 0], [-3, 3], atol=0.15)
-    np.testing.assert_allclose(law.share[order], [2 / 3, 1 / 3], atol=0.02)
-
-
-@pytest.mark.parametrize(("rows", "components"), [(2, 1), (199, 1), (200, 2), (500, 4), (5000, 4)])
-def test_few_tapes_are_fitted_by_one_gaussian(rows, components):
-    assert default_components(rows) == components
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_a_budget_that_pays_for_no_run_is_refused_before_anything_runs():
 
 
 def test_an_estimator_that_does_not_fit_gets_a_row_with_the_reason():
-    comparison = run(case(), "mc,ce:family=network")
+    comparison = run(case(), "mc,ce")
     mc, network = comparison.arms
     assert len(mc.repetitions) == 3
     assert network.repetitions == ()

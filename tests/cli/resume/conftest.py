@@ -26,7 +26,6 @@ ESTIMATORS = {
     "mc": "{plugin: mc, rollouts: 400}",
     "ams": "{plugin: ams, particles: 40, discard: 8, runs: 3}",
     "is": "{plugin: is, rollouts: 200, proposal: {name: gaussian, mean: 0.3}}",
-    "ce": "{plugin: ce, rollouts: 100}",
     "smc": "{plugin: smc, particles: 50, runs: 2, pilot: 200, stages: 1, times: 3}",
 }
 

@@ -48,7 +48,7 @@ def avrare_components() -> list[Component]:
             name="ce",
             config="avrare_estimators.ce.config:CeConfig",
             factory="avrare_estimators.ce.cross_entropy:build",
-            summary="cross-entropy: learns its proposal, Gaussian or (with torch) a network",
+            summary="cross-entropy: learns, with torch, how to tilt perception towards failures",
             warnings=WARNINGS,
         ),
         Component(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from avrare_estimators.ce.config import NetworkFamilyConfig
+from avrare_estimators.ce.config import CeConfig
 from avrare_estimators.ce.tilted_perception import INPUTS, OUTPUTS, TiltNetwork, TrainingBatch
 
 _RIDGE = 0.05
@@ -16,7 +16,7 @@ _RIDGE = 0.05
 
 
 def train(
-    batch: TrainingBatch, start: TiltNetwork | None, options: NetworkFamilyConfig, seed: int, nats: float
+    batch: TrainingBatch, start: TiltNetwork | None, options: CeConfig, seed: int, nats: float
 ) -> TiltNetwork:
     """Return the network after ``options.epochs`` steps of Adam; the same bits for the same seed.
 
@@ -26,7 +26,7 @@ def train(
     Args:
         batch: Observations to make likely.
         start: First network; None: random hidden layers, and the target itself as output.
-        options: Options of the network.
+        options: Options of the estimator.
         seed: Seed of the hidden layers.
         nats: Largest divergence of a rollout's law from the target's.
     """
@@ -48,7 +48,7 @@ def _untrained(batch: TrainingBatch, hidden: int, seed: int) -> TiltNetwork:
     return TiltNetwork(batch.inputs.mean(axis=0), np.where(spread > 1e-6, spread, 1.0), (*layers, *output))
 
 
-def _descend(batch: TrainingBatch, start: TiltNetwork, options: NetworkFamilyConfig) -> TiltNetwork:
+def _descend(batch: TrainingBatch, start: TiltNetwork, options: CeConfig) -> TiltNetwork:
     layers = [torch.tensor(layer, requires_grad=True) for layer in start.layers]
     inputs = torch.tensor((batch.inputs - start.centre) / start.spread)
     optimiser = torch.optim.Adam(layers, lr=options.rate)
