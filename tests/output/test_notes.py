@@ -62,7 +62,6 @@ MAKERS = {
     "pilot": lambda: estimate("ams", particles=20, discard=4, grow=True),
     "learning": lambda: estimate("is", problem(0.05, Scrambled(STEPS)), rollouts=3000),
     "ties": lambda: estimate("ams", count_down(4, 9, "1/5").problem(), particles=50, discard=2, runs=2),
-    "cause": lambda: estimate("is", rollouts=3000),
     "twin": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=2000),
     "twin in vain": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=200),
     "counts": lambda: estimate("mc", problem(system=Solved()), rollouts=50),

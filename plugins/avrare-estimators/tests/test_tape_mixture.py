@@ -13,10 +13,8 @@ from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.rollout.tape_law import CHOICES, TapeLaw
-from avrare_estimators.common.lessons.stored_proposal import described
-from avrare_estimators.common.lessons.words import NoiseNames, describe_tapes
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
-from avrare_estimators.importance.proposal_file import ProposalFile
+from avrare_estimators.importance.proposal_file import ProposalFile, to_entry
 
 GROUP = {wide(1, t): 1.0 / 3.0 for t in (1, 2, 3)}
 PAIRED = TapeMixture.frozen(
@@ -123,7 +121,7 @@ def test_a_law_of_tapes_needs_the_evidence_of_branches():
 
 def test_frozen_mixtures_survive_their_file(tmp_path):
     path = tmp_path / "learned.json"
-    path.write_text(json.dumps({"specification": described(PAIRED, NoiseNames(("a", "b", "c"), None))}))
+    path.write_text(json.dumps({"specification": to_entry(PAIRED, ("a", "b", "c"))}))
     read = ProposalFile.read(path).mixtures["specification"]
     assert read.digest == PAIRED.digest
     tapes = np.random.default_rng(0).standard_normal((20, STEPS + 1, 3))
@@ -168,20 +166,3 @@ def test_files_must_fit(tmp_path):
         avrare.estimate(outliers("always (first < 4)", steps=9), "is", learned=str(path))
     with pytest.raises(UsageError, match="no such file"):
         avrare.estimate(outliers("always (first < 4)"), "is", learned=str(tmp_path / "none.json"))
-
-
-def test_overlapping_windows_of_one_noise_are_one_cause():
-    windows = (1.0, 5.0), (3.0, 8.0), (7.0, 11.0), (20.0, 24.0)
-    steps = 30
-    components = [(0.25, [{(0, *window, 1.0, 0.0, 4.0, 1.0): 1.0}]) for window in windows]
-    mixture = TapeMixture.frozen(components, (steps + 1, 2))
-    tapes = np.random.default_rng(1).standard_normal((200, steps + 1, 2))
-    for row, tape in enumerate(tapes):
-        first, last = map(int, windows[row % len(windows)])
-        tape[first : last + 1, 0] += 4.0 / np.sqrt(last - first + 1.0)
-    causes = describe_tapes(mixture, tapes, 0.0, NoiseNames(("radar", "wind"), 0.1))
-    assert [cause.note.text.rpartition(",")[0] for cause in causes] == [
-        "Cause: radar above 3 sigma in sum for 1.1 s from t = 0.1 s",
-        "Cause: radar above 3 sigma in sum for 0.5 s from t = 2.0 s",
-    ]
-    assert causes[0].data["share"] == pytest.approx(0.75, abs=0.05)

@@ -14,9 +14,9 @@ from avrare.estimation.plan.plan import GaveUp, Info, Plan
 from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
 from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
+from avrare.stack.noise_names import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.lessons.lessons import Lessons
-from avrare_estimators.common.lessons.words import NoiseNames, describe_failures
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import (
     PartialSample,
@@ -85,15 +85,15 @@ class LearnedSampling(WeightedSampler):
 
     name = "is"
     config: IsConfig
-    names: NoiseNames | None = None
+    names: tuple[str, ...] = ()
 
     def __init__(self, config: IsConfig, file: ProposalFile | None = None) -> None:
         self.config = config
         self.file = file
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem unchanged; its noise names are for the report."""
-        self.names = NoiseNames.of(problem)
+        """Return the problem unchanged; its noise names are for the file."""
+        self.names = find_noise_names(problem.system)
         return problem
 
     def init(self, plan: Plan) -> tuple[LearnedState, Info]:
@@ -109,16 +109,13 @@ class LearnedSampling(WeightedSampler):
         return affordable_rollouts(plan, self.config.most_rollouts, self.config.runs, stages=1)
 
     def estimate(self, state: LearnedState) -> list[Result]:  # type: ignore[override]
-        """Return the estimate from the final samples, what was learnt, and the file of the proposal."""
-        assert self.names is not None
+        """Return the estimate from the final samples, and the file of the proposal."""
         result = super().estimate(state)[0]
         samples = [run.sample for run in state.finished]
-        causes = describe_failures(samples, self.names)
-        told = {
-            "learning_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages),
-            "learnt": [cause.data for cause in causes],
+        told: dict[str, object] = {
+            "learning_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages)
         }
-        notes = [cause.note for cause in causes]
+        notes: list[Note] = []
         mixtures = [mixture for sample in samples if (mixture := mixture_of(sample)) is not None]
         artifacts = {}
         if not mixtures:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.plan.plan import Plan
-from avrare_estimators.common.lessons.words import NoiseNames
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 
 FILE = "learned.json"
@@ -71,9 +70,9 @@ class ProposalFile:
         return mixture
 
 
-def to_entry(mixture: TapeMixture, names: NoiseNames) -> dict[str, object]:
+def to_entry(mixture: TapeMixture, names: Sequence[str]) -> dict[str, object]:
     """Return the content of a file's entry, with the names of the noise for people."""
     content = mixture.to_dict()
     for atom in content["atoms"]:
-        atom["noise"] = names.noise[atom["channel"]]
+        atom["noise"] = names[atom["channel"]]
     return {**content, "digest": mixture.digest}

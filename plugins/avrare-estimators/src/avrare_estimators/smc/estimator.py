@@ -19,7 +19,6 @@ from avrare.rollout.request import Request, Rollouts
 from avrare.stack.features import system_features
 from avrare_estimators.common.config import LEAST_PILOT
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
-from avrare_estimators.common.lessons.words import NoiseNames
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.samples.sampling import wave_bytes
 from avrare_estimators.smc.config import SmcConfig
@@ -81,15 +80,13 @@ class SequentialMonteCarlo(Estimator):
 
     def __init__(self, config: SmcConfig) -> None:
         self.config = config
-        self.names: NoiseNames | None = None
         self.features = _FEATURES
         self.carry = _CARRY
         self.problem: Problem | None = None
 
     def prepare(self, problem: Problem) -> Problem:
-        """Return the problem unchanged; its noise names are for the report, and failures are replayed."""
+        """Return the problem unchanged; its failures are replayed."""
         self.problem = problem
-        self.names = NoiseNames.of(problem)
         self.features = _count_features(problem)
         return problem
 
@@ -129,12 +126,9 @@ class SequentialMonteCarlo(Estimator):
 
     def estimate(self, state: SmcState) -> list[Result]:
         """Return the mean of the runs with its interval, what was learnt, and the file of it."""
-        assert self.names is not None
         assert state.looks is not None
         assert self.problem is not None
-        result = summarise(
-            self.name, state.plan, state.learning, state.counted, state.looks, state.tally, self.names
-        )
+        result = summarise(self.name, state.plan, state.learning, state.counted, state.looks, state.tally)
         kept, worst = result.failures, result.worst
         robustness = _complete(self.problem, kept.noise, kept.robustness)
         (least,) = _complete(self.problem, worst.noise[None], np.array([worst.robustness])).tolist()

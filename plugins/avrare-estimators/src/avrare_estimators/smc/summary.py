@@ -1,4 +1,4 @@
-"""Summary of the runs of ``smc``: mean, interval, causes of failures, and health."""
+"""Summary of the runs of ``smc``: mean, interval and health."""
 
 from __future__ import annotations
 
@@ -22,14 +22,13 @@ from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
 from avrare_estimators.common.lessons.coverage import find_differing
-from avrare_estimators.common.lessons.words import Cause, NoiseNames, describe_tapes
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
 
-_KEPT, _MOST_TOLD = 40, 300
-"""Failures of each run that are kept, and of all runs together that the words are about."""
+_KEPT = 40
+"""Failures of each run that are kept."""
 _PLAIN = Note(
     "learning",
     "Nothing was learnt that tells failures from other rollouts: the particles are independent rollouts of "
@@ -123,7 +122,6 @@ def summarise(
     counted: Sequence[Counted],
     looks: Looks,
     tally: Info,
-    names: NoiseNames,
 ) -> Result:
     """Return the result of runs that have ended.
 
@@ -134,7 +132,6 @@ def summarise(
         counted: The runs.
         looks: Numbers of runs at which the estimate could end.
         tally: Cost of all rollouts.
-        names: Names of the noise.
     """
     values = _joined(counted, "probabilities")
     mean, runs = float(values.mean()), len(values)
@@ -153,9 +150,8 @@ def summarise(
     warnings = _health(plan, plain, values, contributions, roots, tally)
     if mean > 0.0 and not plain:
         warnings |= find_differing(samples, mean, relative)
-    causes = _find_causes(learning, counted, names)
-    diagnostics = _diagnostics(counted, learning, causes) | looks.diagnostics(math.sqrt(relative))
-    notes = [*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *([_PLAIN] if plain else [])]
+    diagnostics = _diagnostics(counted, learning) | looks.diagnostics(math.sqrt(relative))
+    notes = (*looks.notes(tally.rollouts, mean, math.sqrt(relative)), *((_PLAIN,) if plain else ()))
     return build_result(
         plan,
         name,
@@ -169,14 +165,12 @@ def summarise(
         robustness=np.where(samples[0].error, np.nan, samples[0].robustness),
         fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
-        notes=(*notes, *(cause.note for cause in causes)),
+        notes=notes,
         diagnostics=diagnostics,
     )
 
 
-def _diagnostics(
-    counted: Sequence[Counted], learning: Learning, causes: Sequence[Cause]
-) -> dict[str, object]:
+def _diagnostics(counted: Sequence[Counted], learning: Learning) -> dict[str, object]:
     contributions = _joined(counted, "contributions")
     return {
         "particles": counted[0].course.particles,
@@ -186,7 +180,6 @@ def _diagnostics(
         "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
         "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages),
         "stages": list(learning.stages),
-        "learnt": [cause.data for cause in causes],
     }
 
 
@@ -275,13 +268,3 @@ def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
     least = min(known, key=lambda one: float(one.worst.robustness[0]))
     tape = draw_tapes(least.course, least.first_run, least.worst.rows)[0]
     return Worst(tape, float(least.worst.robustness[0]))
-
-
-def _find_causes(learning: Learning, counted: Sequence[Counted], names: NoiseNames) -> list[Cause]:
-    """Return which noise led to the failures."""
-    weights = np.concatenate([one.failing.rows.weight for one in counted])
-    if learning.mixture is None or not weights.any():
-        return []
-    chosen = np.sort(resample(weights, min(len(weights), _MOST_TOLD), 0.5))
-    tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in _chosen(counted, chosen)]
-    return describe_tapes(learning.mixture, np.concatenate(tapes), learning.config.defensive, names)

@@ -1,1 +1,1 @@
-"""Learning of a proposal on the noise tape, and its description in words."""
+"""Learning of a proposal on the noise tape."""

@@ -104,12 +104,7 @@ class Atoms:
 
 
 def log_ratios(atoms: Atoms, tapes: Floats) -> Floats:
-    """Return log g/p (E, A) of complete tapes under each atom; for learning, not for weights."""
-    return atoms.logs(along_atoms(atoms, tapes), np.ones(1))
-
-
-def along_atoms(atoms: Atoms, tapes: Floats) -> Floats:
-    """Return x (E, A) of complete tapes (E, steps + 1, noise_size) along each atom's direction."""
+    """Return log g/p (E, A) of tapes (E, steps + 1, noise_size) under each atom; not for weights."""
     index, direction = atoms.directions
     vectors = atoms.vectors(tapes.shape[1] - 1)
     channels = atoms.channel[index]
@@ -117,4 +112,4 @@ def along_atoms(atoms: Atoms, tapes: Floats) -> Floats:
     for channel in np.unique(channels):
         here = np.flatnonzero(channels == channel)
         along[:, here] = tapes[:, :, channel] @ vectors[here].T
-    return along[:, direction]
+    return atoms.logs(along[:, direction], np.ones(1))
