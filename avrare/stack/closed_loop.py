@@ -158,7 +158,7 @@ class ClosedLoop(System):
 
     def show(self, world: Any) -> Any:
         """Return what a controller sees of a world: its ``ego``, else its signals (N, d)."""
-        return world.ego if hasattr(world, "ego") else flattened(self.simulator.signals(world))
+        return world.ego if hasattr(world, "ego") else flatten(self.simulator.signals(world))
 
     def act(self, state: LoopState, noise: Floats | None = None) -> tuple[object, object]:
         """Return the action of the next step and the controller's memory after it, None without one."""
