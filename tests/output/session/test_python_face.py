@@ -31,7 +31,7 @@ def test_a_result_is_one_readable_line(split):
     numbers = f"{format_probability(split.probability)} ({format_interval(split.interval)})"
     assert repr(split).startswith(f"<Result below_1.5: {numbers}, ams, ")
     assert "\n" not in repr(split)
-    assert "few_roots" in repr(split)
+    assert "few_roots" in repr(replace(split, health={"few_roots": "a reason"}))
 
 
 def test_all_specifications_at_once_equal_one_at_a_time(several):
