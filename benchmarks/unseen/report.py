@@ -116,12 +116,13 @@ def list_goals(outcomes: Sequence[Outcome], hidden: Collection[str] = ()) -> lis
     frequent = [outcome for outcome in warned if outcome.truth >= LEAST_PROBABILITY]
     works = {name: measure_work(group) for name, group in judged.items()}
     rare = [works[name][0] for name, group in judged.items() if group[0].truth < SMALL_PROBABILITY]
-    scores = filter(None, (_z([outcome.ratio for outcome in group]) for group in judged.values()))
+    trusted = [[outcome.ratio for outcome in group if not outcome.warnings] for group in judged.values()]
+    scores = filter(None, (_z(ratios) for ratios in trusted if len(ratios) >= LEAST_RESULTS))
     low = [f"{name} {sum(hits)}/{len(hits)}" for name, hits in _hits(groups) if _covers_too_little(hits)]
     dear = [f"{name} {work:.2f} (<= {most:.2f})" for name, (work, most) in works.items() if most > 1.5]
     passes = [outcome for outcome in combined if outcome.verdict == "pass" and not outcome.covers]
     return [
-        ["largest |z| of a mean", "<= 3.5", _largest(abs(float(score)) for score in scores)],
+        ["largest |z| of an unwarned mean", "<= 3.5", _largest(abs(float(score)) for score in scores)],
         ["problems whose quiet coverage is too low", "none", ", ".join(low) or "none"],
         ["coverage without a warning [%]", ">= 94.5", _percent([outcome.covers for outcome in quiet], 1)],
         ["confidently wrong", "<= 1 in 1,000", _share([outcome.misleads for outcome in plain])],
