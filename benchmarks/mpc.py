@@ -67,7 +67,7 @@ def collect(path: Path, rollouts: int, seed: int, settings: list[str]) -> tuple[
     rows: list[tuple[Floats, ...]] = []
 
     def recorded(memory: Any, ego: Any, prediction: Any) -> Any:
-        use, others = memory.solved, controller._predicted(prediction)
+        use, others = memory.solved, controller._list_predictions(prediction)
         start = start_of(ego, memory.plan_inputs[:, 0, 1])
         old = shift(memory.plan_states, memory.plan_inputs, scene.dt)
         parts = (start, *others, *old)

@@ -1,4 +1,4 @@
-"""``avrare new``: a complete plugin package, or a scenario file."""
+"""``avrare new``: a complete plugin package, a scenario file, or a catalogue of a folder's scenes."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ import shlex
 from pathlib import Path
 
 from avrare.analysis.check.validation import first_steps
+from avrare.analysis.rates.new_catalogue import CatalogueWriter, write_catalogue
 from avrare.base.errors import AvrareError, UsageError
+from avrare.base.late_import import late_import
+from avrare.base.number_format import format_count
 from avrare.cli.output import say
 from avrare.plugin.new_package import check_name, write
-from avrare.plugin.registry import default_registry
+from avrare.plugin.registry import Registry, default_registry
 from avrare.rollout.loaded_scenario import load
 from avrare.stack.builder import try_stack
-from avrare.stack.new_scenario import write_python_scenario, write_scenario
+from avrare.stack.new_scenario import write_python_scenario, write_scenario, write_stack
 
 
 def execute(args: argparse.Namespace) -> None:
-    """Write the package or the scenario and print the next commands."""
+    """Write the package, the scenario or the catalogue and print the next commands."""
+    if args.what == "catalogue":
+        _write_catalogue(args)
+        return
+    if args.ego is not None or args.stack is not None:
+        raise UsageError("--ego and --stack are for catalogues", "avrare new catalogue FOLDER")
     if args.what == "scenario":
         _write_scenario(args)
         return
@@ -66,6 +74,46 @@ def _write_scenario(args: argparse.Namespace) -> None:
     else:
         step = f"{error.hint or 'add a `controller:`'}; or repeat with --act, which writes a first controller"
     say(f"it does not run yet: {error.message}", f"next: {step}; then {commands}")
+
+
+def _write_catalogue(args: argparse.Namespace) -> None:
+    if args.kind is not None or args.no_driving or args.act or args.set:
+        raise UsageError(
+            "a catalogue takes --simulator, --ego, --stack and --out", "avrare new catalogue FOLDER"
+        )
+    source = Path(args.name)
+    for given in (args.name, args.stack):
+        if given is not None and not Path(given).exists():
+            raise UsageError(f"{given}: no such file or folder", "give a folder of scenes, or a file")
+    registry = default_registry()
+    component = registry.require("simulator", args.simulator or _choose_reader(registry))
+    path = Path(args.out) / f"{source.resolve().stem}.yaml"
+    stack = Path(args.stack or path.with_name(f"{path.stem}_stack.yaml"))
+    if args.stack is None:
+        write_stack(stack)
+        say(f"{stack}: the stack; {stack.with_suffix('.py')}: act(observation), its controller")
+    writer = CatalogueWriter(component, str(stack))
+    scenes = writer.list_scenes(late_import(component.scenes)(str(source), args.ego))
+    for (file, reason), cells in writer.reasons.items():
+        say(f"left out: {file} ({format_count(cells, 'cell')}): {reason}", error=True)
+    if not scenes:
+        raise UsageError(
+            f"{source}: has no scene that the stack can drive in", "see `avrare scenes` for what is read"
+        )
+    write_catalogue(path, scenes, str(stack))
+    total = format_count(sum(scene.cells for scene in scenes), "cell")
+    say(
+        f"{path}: {format_count(len(scenes), 'scene')} of {total}",
+        f"next: avrare rate {shlex.quote(str(path))}",
+    )
+
+
+def _choose_reader(registry: Registry) -> str:
+    names = [row.name for row in registry.rows() if row.component is not None and row.component.scenes]
+    if len(names) != 1:
+        hint = f"--simulator {' | '.join(names)}" if names else "pip install avrare-openscenario"
+        raise UsageError("choose a simulator that reads files of scenes", hint)
+    return names[0]
 
 
 def _find_obstacle(path: Path) -> AvrareError | None:

@@ -253,14 +253,18 @@ OPTIONS: dict[str, Options] = {
         "--json": "print a JSON list",
     },
     "new": {
-        "what": ("what to create", {"choices": ["plugin", "scenario"]}),
-        "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario",
+        "what": ("what to create", {"choices": ["plugin", "scenario", "catalogue"]}),
+        "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario; of a "
+        "catalogue, the folder of scenes, or a file",
         "--kind KIND": (
             f"kind of a plugin's component: {', '.join(KINDS)}; several with commas, or repeated",
             REPEATABLE,
         ),
         "--no-driving": "write a perception model, tracker or controller for simulators without vehicles",
         "--simulator NAME": "simulator of the scenario (default: the only one that is installed)",
+        "--ego NAME": "with a catalogue: the ego's name in the files of scenes",
+        "--stack FILE": "with a catalogue: scenario whose stack and specifications all scenes have (default: "
+        "a new one with a controller in Python)",
         "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", REPEATABLE),
         "--act": "also write a controller for the scenario: a function in a Python file",
         "--python": "write a scenario with a Python file of its own: simulator and controller",

@@ -121,6 +121,21 @@ class AutoRole:
 
 
 @dataclass(frozen=True)
+class FoundScene:
+    """Scene of a file, or several that differ in the values of some options.
+
+    Attributes:
+        path: The file.
+        options: Options of the simulator.
+        axes: Choices that multiply; each is a list of the options, as written, that it sets.
+    """
+
+    path: str
+    options: Mapping[str, object]
+    axes: tuple[tuple[Mapping[str, str], ...], ...] = ()
+
+
+@dataclass(frozen=True)
 class Component:
     """Part that a scenario can name with ``plugin:``.
 
@@ -142,6 +157,9 @@ class Component:
             called as ``complete(options, folder)`` when a scenario is loaded, with the options as written and
             the folder that their paths may be relative to; returns options to add or to put in their place,
             laws among them. Raises a ``UsageError`` where such a file is wrong. Must import nothing heavy.
+        scenes: ``"package.module:function"`` of a simulator whose scenes are files of others: called as
+            ``scenes(path, ego)`` with a file or folder and the name of the ego (None: the default), it
+            returns a list of ``FoundScene``, for ``avrare new catalogue``.
         driving: True for components of road vehicles; they are refused if the simulator has no ``Scene``.
         warnings: Health warnings that the component may raise, name to text; a scenario may suppress them.
             A text may have {placeholders} (``avrare.base.health_messages.fill``).
@@ -166,6 +184,7 @@ class Component:
     rules: str = ""
     check: str = ""
     complete: str = ""
+    scenes: str = ""
     driving: bool = False
     warnings: Mapping[str, str] = field(default_factory=dict, hash=False)
     family: str = ""

@@ -144,6 +144,10 @@ class Simulator(_Dynamics):
         """Return the world at t = 0 with drawn values (N,) of the options; called in place of ``reset``."""
         raise NotImplementedError
 
+    def impossible(self, world: Any) -> Bools | None:
+        """Return (N,) True for drawn starts that are no scene: they are drawn again. Default: None, none."""
+        return None
+
 
 class PerceptionErrorModel(ABC):
     """Model of sensors and detector: true world in, erroneous observation out.

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, model_validator
 
-Unit = Literal["hour", "km"]
+Unit = Literal["hour", "km", "cell"]
+"""Unit of a rate; of a grid of scenes without exposures, a cell."""
 Positive = Annotated[float, Field(gt=0.0)]
 
 

@@ -103,7 +103,8 @@ class DrawnStart:
         if settings.broken_rule != "keep":
             drawn = DrawnValues(values, np.zeros(len(values), dtype=np.int64), none)
             broken = self._find_broken({**self._simulator.signals(world), **self.signals(drawn)})
-        again, refused = none.copy(), none.copy()
+        impossible = self._simulator.impossible(world)
+        again, refused = none.copy() if impossible is None else impossible.copy(), none.copy()
         for rows, rule in ((overlapping, settings.overlap), (broken, settings.broken_rule)):
             again |= rows & (rule == "resample")
             refused |= rows & (rule == "error")

@@ -76,7 +76,7 @@ def write_scenario(
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
     plain = "\n".join([*head, _NO_CONTROLLER, *tail]) + "\n"
     texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain
-    _write_new(texts, plain)
+    _write_files(texts, plain)
     return tuple(signals)
 
 
@@ -89,13 +89,30 @@ def write_python_scenario(path: Path) -> None:
     file = path.with_suffix(".py")
     texts = {name: (_TEMPLATES / f"stack.{name}.txt").read_text(encoding="utf-8") for name in ("py", "yaml")}
     scenario = texts["yaml"].replace("$name", path.stem).replace("$file", json.dumps(file.name))
-    _write_new({file: texts["py"], path: scenario})
+    _write_files({file: texts["py"], path: scenario})
 
 
-def _write_new(texts: Mapping[Path, str], earlier: str = "") -> None:
+def write_stack(path: Path) -> None:
+    """Write a scenario without a simulator: a controller in Python, for road vehicles, and a requirement.
+
+    Raises:
+        UsageError: The file exists.
+    """
+    lines = [
+        f"name: {path.stem}",
+        "steps: 200",
+        *_list_controller(path),
+        "specifications:",
+        '  no_contact: {stl: "forall o in others: always (distance > 0)"}   # add requirements of your own',
+    ]
+    controller = (_TEMPLATES / "act_driving.py.txt").read_text(encoding="utf-8")
+    _write_files({path.with_suffix(".py"): controller, path: "\n".join(lines) + "\n"})
+
+
+def _write_files(texts: Mapping[Path, str], plain: str = "") -> None:
+    # What this command itself has left, killed or without --act (``plain``), is no work of the user's.
     for file, text in texts.items():
-        # What this command itself has left, killed or without --act, is no work of the user's.
-        if file.exists() and file.read_bytes() not in (text.encode(), earlier.encode()):
+        if file.exists() and file.read_bytes() not in (text.encode(), plain.encode()):
             raise UsageError(f"{file}: already exists", "choose another name or --out")
     for file, text in texts.items():
         with explain_file_errors(f"{file}: cannot write", "choose another --out"):

@@ -11,6 +11,7 @@ from functools import partial
 from avrare.analysis.rates.catalogue import load_catalogue
 from avrare.base.error_place import find_place
 from avrare.base.errors import AvrareError, ExitCode, PluginError, ScenarioError, UsageError, require_path
+from avrare.base.number_format import format_count
 from avrare.base.records import Answer, Records
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
@@ -119,8 +120,11 @@ def _refuse_options(path: str, overrides: Sequence[str], estimator: str | None, 
 
 def _describe_catalogue(path: str) -> tuple[str, ...]:
     catalogue = load_catalogue(path)
-    scenes, rules = len(catalogue.document.scenes), len(catalogue.rules)
-    return catalogue.document.name, f"a catalogue of {scenes} scenes and {rules} rules"
+    scenes = format_count(len(catalogue.document.scenes), "scene")
+    return (
+        catalogue.document.name,
+        f"a catalogue of {scenes} and {format_count(len(catalogue.rules), 'rule')}",
+    )
 
 
 def _describe(scenario: Scenario, built: bool) -> tuple[str, ...]:

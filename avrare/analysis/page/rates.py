@@ -9,7 +9,13 @@ from avrare.analysis.page.rates_model import Rate, RatesModel, Table
 from avrare.analysis.rates.combination import Total
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates, RuleRate
 from avrare.analysis.rates.scene_estimates import SceneEstimate
-from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings, list_scenes
+from avrare.analysis.rates.sentences import (
+    describe_blind,
+    describe_grid,
+    describe_scenes,
+    describe_warnings,
+    list_scenes,
+)
 from avrare.base.chart import Scale, make_log_scale
 from avrare.base.number_format import (
     format_count,
@@ -33,6 +39,7 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
         format_count(sum(rates.rollouts), "rollout"),
         f"seed {document.seed}",
         f"{format_percent(document.confidence)} intervals",
+        *describe_grid(rates),
     )
     return RatesModel(
         document.name,
@@ -131,7 +138,9 @@ def _list_exposures(rates: CatalogueRates) -> Table:
         (
             entry.name,
             entry.scenario,
-            f"{format_typeset(exposure.value)} per {entry.exposure.unit}",
+            f"{format_typeset(exposure.value)} per {entry.unit}"
+            if entry.exposure
+            else f"{entry.cells:,} cells",
             format_typeset_interval((exposure.low, exposure.high)),
             f"{rollouts:,}",
         )

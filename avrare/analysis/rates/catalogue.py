@@ -76,7 +76,7 @@ class Catalogue:
             f"estimator.specifications=[{', '.join(rules)}]",
             f"confidence={self.document.confidence}",
             "thresholds=[]",
-            f"exposure={entry.exposure.model_dump_json(exclude_none=True)}",
+            f"exposure={entry.exposure.model_dump_json(exclude_none=True) if entry.exposure else 'null'}",
         ]
         tags = entry.model_dump(include={"requirements", "odd", "objective"}, exclude_defaults=True)
         common += [f"{key}={json.dumps(value)}" for key, value in tags.items()]

@@ -49,7 +49,13 @@ class SceneEntry(_Model):
     name: Slug = Field(description="name of the scene, and of its folder")
     scenario: str = Field(min_length=1, description="scenario file, relative to the catalogue")
     set: tuple[str, ...] = Field(default=(), description="KEY=VALUE overrides, as after --set")
-    exposure: Exposure = Field(description="how often the scene is met")
+    exposure: Exposure | None = Field(default=None, description="how often the scene is met")
+    cells: int | None = Field(
+        default=None,
+        ge=1,
+        description="cells of a grid that the scene stands for, in place of an exposure: rates are shares of "
+        "all cells",
+    )
     requirements: tuple[str, ...] = Field(default=(), description=REQUIREMENTS)
     odd: tuple[str, ...] = Field(default=(), description=ODD)
     objective: str | None = Field(default=None, description=OBJECTIVE)
@@ -69,6 +75,17 @@ class SceneEntry(_Model):
         if self.budget is not None and self.estimator is None:
             raise ValueError("a scene's budget is that of an estimator of its own: name the estimator")
         return self
+
+    @model_validator(mode="after")
+    def _exposure_or_cells(self) -> Self:
+        if (self.exposure is None) == (self.cells is None):
+            raise ValueError("give the scene's exposure; or, of a grid of scenes, its cells")
+        return self
+
+    @property
+    def unit(self) -> Unit:
+        """Unit that the scene's weight is per."""
+        return "cell" if self.exposure is None else self.exposure.unit
 
 
 def _positive_bound(value: str | float) -> str:
@@ -92,6 +109,7 @@ class RateThreshold(_Model):
     rule: str = Field(description="name of a specification of the scenes")
     per_hour: Bound | None = Field(default=None, description="upper bound such as '< 1e-3'")
     per_km: Bound | None = Field(default=None, description="upper bound such as '< 1e-5'")
+    per_cell: Bound | None = Field(default=None, description="upper bound of a share of cells")
     blind: Literal["assumed", "counted"] = Field(
         "assumed",
         description="failures that no score leads to: assumed away, as the verdict says, or counted: their "
@@ -100,30 +118,38 @@ class RateThreshold(_Model):
 
     @model_validator(mode="after")
     def _one_unit(self) -> Self:
-        if (self.per_hour is None) == (self.per_km is None):
-            raise ValueError("give per_hour or per_km")
+        if len(self._bounds) != 1:
+            raise ValueError("give one of per_hour, per_km and per_cell")
         return self
+
+    @property
+    def _bounds(self) -> dict[Unit, Bound]:
+        bounds: dict[Unit, Bound | None] = {"hour": self.per_hour, "km": self.per_km, "cell": self.per_cell}
+        return {unit: bound for unit, bound in bounds.items() if bound is not None}
 
     @property
     def unit(self) -> Unit:
         """Unit that the bounded rate is per."""
-        return "hour" if self.per_hour is not None else "km"
+        return next(iter(self._bounds))
+
+    @property
+    def _words(self) -> list[str]:
+        return str(self._bounds[self.unit]).split()
 
     @property
     def limit(self) -> float:
         """Bound as a number."""
-        return float(str(self.per_hour or self.per_km).split()[1])
+        return float(self._words[1])
 
     @property
     def strict(self) -> bool:
         """True for ``<``, False for ``<=``."""
-        return str(self.per_hour or self.per_km).startswith("< ")
+        return self._words[0] == "<"
 
     @property
     def text(self) -> str:
         """Bound as it is shown, such as ``< 0.001 per hour``."""
-        sign = str(self.per_hour or self.per_km).split()[0]
-        return f"{sign} {self.limit:g} per {self.unit}"
+        return f"{self._words[0]} {self.limit:g} per {self.unit}"
 
 
 class CatalogueDocument(_Model):
@@ -151,7 +177,11 @@ class CatalogueDocument(_Model):
         names = [scene.name for scene in self.scenes]
         if len(set(names)) < len(names):
             raise ValueError("every scene needs a name of its own")
-        units = {scene.exposure.unit for scene in self.scenes} | {one.unit for one in self.thresholds}
+        units = {scene.unit for scene in self.scenes} | {one.unit for one in self.thresholds}
+        if "cell" in units and len(units) > 1:
+            raise ValueError(
+                "scenes with exposures and cells of a grid are mixed: a share of cells is no rate"
+            )
         if self.speed is None and len(units) > 1:
             raise ValueError("hours and km are mixed: give the mean speed [km/h] that converts them")
         return self

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import variance
 
+from avrare.analysis.rates.catalogue_document import SceneEntry
 from avrare.base.special_functions import normal_factor, t_factor
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.scenario.exposure import Exposure
@@ -137,6 +138,14 @@ def from_interval(value: float, interval: Interval, given: float, confidence: fl
     low, high = interval
     below = value * math.exp(-factor * math.log(value / low)) if low > 0.0 else 0.0
     return Quantity(value, below, value * math.exp(factor * math.log(high / value)))
+
+
+def from_scene(entry: SceneEntry, confidence: float) -> Quantity:
+    """Return how often a scene is met, or the cells that it stands for."""
+    if entry.exposure is not None:
+        return from_exposure(entry.exposure, confidence)
+    cells = float(entry.cells or 0)
+    return Quantity(cells, cells, cells)
 
 
 def from_exposure(exposure: Exposure, confidence: float) -> Quantity:

@@ -11,7 +11,7 @@ from avrare.analysis.rates.allocation import allocate
 from avrare.analysis.rates.balance import RiskBalance, weigh
 from avrare.analysis.rates.catalogue import Catalogue
 from avrare.analysis.rates.catalogue_document import RateThreshold
-from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_exposure
+from avrare.analysis.rates.combination import FEW, Quantity, Total, combine, from_scene
 from avrare.analysis.rates.scene_estimates import SceneEstimate, SceneEstimates
 from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
@@ -60,7 +60,7 @@ class RuleRate:
 
     Attributes:
         rule: Name of the specification.
-        totals: By unit, ``hour`` and ``km``, as far as known.
+        totals: By unit, ``hour``, ``km`` and ``cell``, as far as known.
         decisions: Verdicts of its thresholds.
         blind: By unit, upper bound for failures that the scenes' own estimators do not lead to; empty where
             each rollout is drawn from its scene's law.
@@ -174,7 +174,7 @@ class CatalogueRates(Answer):
                 "name": entry.name,
                 "scenario": entry.scenario,
                 "exposure": asdict(exposure),
-                "unit": entry.exposure.unit,
+                "unit": entry.unit,
                 "rollouts": rollouts,
                 "failures": {
                     rule: estimate.result.failures.count
@@ -254,7 +254,7 @@ def divide(
         text = f"{cost} {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
-    rates = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
+    rates = [from_scene(entry, document.confidence) for entry in document.scenes]
     known = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
     exposures = _in_unit(catalogue, known, "hour") or _in_unit(catalogue, known, "km") or known
     seen = [[_counts(pilot[index].get(rule)) for rule in catalogue.rules] for index in sharing]
@@ -286,7 +286,7 @@ def compute(
 ) -> CatalogueRates:
     """Return the rates from the estimates of each scene."""
     document = catalogue.document
-    exposures = [from_exposure(entry.exposure, document.confidence) for entry in document.scenes]
+    exposures = [from_scene(entry, document.confidence) for entry in document.scenes]
     rates = tuple(_rule_rate(catalogue, rule, exposures, estimates) for rule in catalogue.rules)
     rollouts = tuple(
         max((estimate.result.rollouts for estimate in scene.values() if not estimate.cost), default=0)
@@ -304,7 +304,7 @@ def _rule_rate(
     parts = [estimate.quantity(document.confidence, few) for estimate in found]
     bounds = [None if estimate.follows_counts else estimate.result.blind_bound for estimate in found]
     totals, blind = {}, {}
-    for unit in ("hour", "km"):
+    for unit in ("hour", "km", "cell"):
         values = _in_unit(catalogue, [1.0] * len(exposures), unit)
         if values is None:
             continue
@@ -323,12 +323,13 @@ def _rule_rate(
 
 
 def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[float] | None:
-    # Exposures per hour or per km; None where no speed says how.
+    # Exposures per hour or per km, or shares of cells; None where no speed says how.
     speed, found = catalogue.document.speed, []
+    cells = math.fsum(entry.cells or 0 for entry in catalogue.document.scenes)
     for entry, value in zip(catalogue.document.scenes, values, strict=True):
-        if entry.exposure.unit == unit:
-            found.append(value)
-        elif speed is None:
+        if entry.unit == unit:
+            found.append(value / cells if unit == "cell" else value)
+        elif speed is None or "cell" in (unit, entry.unit):
             return None
         else:
             found.append(value / speed if unit == "km" else value * speed)

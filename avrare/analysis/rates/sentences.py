@@ -29,6 +29,12 @@ def describe_blind(rates: CatalogueRates) -> list[str]:
     return found
 
 
+def describe_grid(rates: CatalogueRates) -> list[str]:
+    """Return what the rates of a grid of scenes are, none where the scenes have exposures."""
+    cells = sum(entry.cells or 0 for entry in rates.catalogue.document.scenes)
+    return [f"share of {cells:,} cells, no exposure"] if cells else []
+
+
 def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
     """Return the scenes that contribute most to a rate, and the one that its interval owes most to."""
     total = next(iter(rate.totals.values()))

@@ -6,7 +6,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates
-from avrare.analysis.rates.sentences import describe_blind, describe_scenes, describe_warnings, list_scenes
+from avrare.analysis.rates.sentences import (
+    describe_blind,
+    describe_grid,
+    describe_scenes,
+    describe_warnings,
+    list_scenes,
+)
 from avrare.base.number_format import format_count, format_interval, format_percent, format_probability
 from avrare.output.terminal.console import colour_verdict, make_table, print_lines, print_table
 
@@ -32,7 +38,7 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
         _print_scenes(console, rates)
         _print_own(console, rates)
         print_lines(console, describe_warnings(rates), "yellow")
-        print_lines(console, describe_blind(rates))
+        print_lines(console, [*describe_blind(rates), *describe_grid(rates)])
     print_lines(console, [balance.describe(rates.driver) for balance in rates.balances], "bold")
     for rate in rates.rates:
         for decision in rate.decisions:

@@ -26,7 +26,7 @@ def rough(kind, size, seed=1):
         for network in train._networks(parts):
             for weight in network.parameters():
                 weight.data.normal_(0.0, 0.5)
-    flow = Flow(kind, train._exported(parts), np.linspace(-1.0, 1.0, size), np.linspace(0.5, 2.0, size), 7)
+    flow = Flow(kind, train._export(parts), np.linspace(-1.0, 1.0, size), np.linspace(0.5, 2.0, size), 7)
     return [transform for part in parts for transform in part], flow
 
 

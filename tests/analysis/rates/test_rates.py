@@ -199,3 +199,39 @@ def test_a_catalogue_is_checked_as_scenarios_are(catalogue):
     assert [row["required"] for row in outcome.table()] == ["< 10000 per hour"]
     with pytest.raises(UsageError, match="overrides is an option of scenarios"):
         avrare.check("c.yaml", overrides=["seed=3"])
+
+
+GRID = """\
+name: grid
+budget: {rollouts: 300}
+scenes:
+  - {name: low, scenario: tank.yaml, cells: 30}
+  - {name: high, scenario: tank.yaml, set: ["simulator.surge=0.5"], cells: 10}
+thresholds:
+  - {rule: calm, per_cell: "< 0.5"}
+"""
+
+
+def test_scenes_without_exposures_give_shares_of_cells(catalogue):
+    read = load_catalogue(catalogue(GRID))
+    estimates = [
+        dict.fromkeys(read.rules, SceneEstimate(plain_result(failures=failures, rollouts=100)))
+        for failures in (20, 60)
+    ]
+    rates = compute(read, estimates)
+    assert list(rates.rates[0].totals) == ["cell"]
+    assert rates.rates[0].totals["cell"].value == pytest.approx(0.75 * 0.2 + 0.25 * 0.6)
+    assert rates.verdict == "pass"
+    assert read.scenario(0, "scenes", 20).exposure is None
+    assert sum(divide(read, Budget("rollouts", 300.0), [3, 3], estimates)) in (99, 100)
+
+
+def test_a_share_of_cells_is_told_from_a_rate(catalogue, capsys):
+    assert main(["rate", catalogue(GRID)]) in (0, 1, 3)
+    assert "share of 40 cells, no exposure" in capsys.readouterr().out
+    mixed = GRID.replace("cells: 30", "exposure: {per_hour: 2.0}")
+    assert "a share of cells is no rate" in refused(catalogue(mixed))
+    assert "give the scene's exposure; or" in refused(catalogue(GRID.replace(", cells: 30", "")))
+    assert "give one of per_hour, per_km and per_cell" in refused(
+        catalogue(GRID.replace('per_cell: "< 0.5"', 'per_cell: "< 0.5", per_km: "< 1"'))
+    )

@@ -222,7 +222,7 @@ def _compare_rates(
 ) -> list[Comparison]:
     """Compare the rates of each rule; the exposures are those of the pack, and count as known."""
     speed, confidence, comparisons = summary["speed"] or 1.0, summary["confidence"], []
-    scale = {"hour": 1.0, "km": speed}
+    scale = {"hour": 1.0, "km": speed, "cell": 1.0}
     exposures = {x["name"]: x["exposure"]["value"] * scale[x["unit"]] for x in summary["scenes"]}
     for rule in (entry["rule"] for entry in summary["rules"]):
         totals = []

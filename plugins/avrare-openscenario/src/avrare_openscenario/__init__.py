@@ -13,6 +13,7 @@ def avrare_components() -> list[Component]:
             config="avrare_openscenario.config:OpenScenarioConfig",
             factory="avrare_openscenario.simulator:build",
             complete="avrare_openscenario.completion:complete",
+            scenes="avrare_openscenario.distributions:list_scenes",
             summary="OpenSCENARIO XML scene: a single-track ego among vehicles that act out its storyboard",
         ),
     ]

@@ -1,14 +1,95 @@
-"""Laws of parameters from OpenSCENARIO files of parameter distributions."""
+"""Laws and sets of parameters from OpenSCENARIO files of parameter distributions."""
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
-from avrare_openscenario.xml_tree import Element
+from avrare.base.errors import UsageError
+from avrare.plugin.component import FoundScene
+from avrare_openscenario.parameters import Parameters
+from avrare_openscenario.xml_tree import Element, parse_number, read_xml
 
 _KNOWN = (
     "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram, ProbabilityDistributionSet"
 )
+
+_Axis = tuple[dict[str, str], ...]
+
+
+def list_scenes(path: str, ego: str | None) -> list[FoundScene]:
+    """Return the scenes of a file, or of all files .xosc below a folder.
+
+    A file of parameter sets or laws stands for the scenario that it names. What is wrong in a file is told
+    where its scene is read.
+    """
+    options = {"entity": ego or "Ego", "ignore_ego_events": True}
+    plain: list[FoundScene] = []
+    varied: list[FoundScene] = []
+    templates: set[str] = set()
+    for file in sorted(map(str, Path(path).rglob("*.xosc"))) if os.path.isdir(path) else [path]:
+        named, axes = file, tuple[_Axis]()
+        try:
+            top = read_xml(file, "OpenSCENARIO")
+            if (block := top.find("ParameterValueDistribution")) is None:
+                if top.find("Catalog") is None:
+                    plain.append(FoundScene(file, {**options, "file": file}))
+                continue
+            named = _find_template(block)
+            templates.add(os.path.realpath(named))
+            if (sets := block.find("Deterministic")) is not None:
+                axes = tuple(map(_read_axis, sets.children))
+            else:
+                named = file
+        except UsageError:
+            axes = ()
+        varied.append(FoundScene(file, {**options, "file": named}, axes))
+    return [*(scene for scene in plain if os.path.realpath(scene.path) not in templates), *varied]
+
+
+def _find_template(block: Element) -> str:
+    file = block.child("ScenarioFile").attribute("filepath")
+    return os.path.normpath(os.path.join(os.path.dirname(block.path), file))
+
+
+def _read_axis(element: Element) -> _Axis:
+    match element.tag, element.choice().tag:
+        case "DeterministicSingleParameterDistribution", "DistributionSet":
+            name = f"parameters.{element.attribute('parameterName')}"
+            return tuple({name: _read_value(one)} for one in element.choice().list("Element"))
+        case "DeterministicSingleParameterDistribution", "DistributionRange":
+            name = f"parameters.{element.attribute('parameterName')}"
+            return tuple({name: value} for value in _list_range(element.choice()))
+        case "DeterministicMultiParameterDistribution", "ValueSetDistribution":
+            return tuple(
+                {
+                    f"parameters.{one.attribute('parameterRef')}": _read_value(one)
+                    for one in values.list("ParameterAssignment")
+                }
+                for values in element.choice().list("ParameterValueSet")
+            )
+    raise element.unknown("DistributionSet, DistributionRange, ValueSetDistribution")
+
+
+def _read_value(element: Element) -> str:
+    # As written; of an expression, its value.
+    written = element.attribute("value")
+    if not written.startswith("${"):
+        return written
+    return f"{Parameters(None, {}, element.path).fixed(element, 'value'):.12g}"
+
+
+def _list_range(element: Element) -> Iterator[str]:
+    step, bounds = (
+        parse_number(element, "stepWidth", element.attribute("stepWidth")),
+        _range(element.child("Range")),
+    )
+    if step <= 0.0 or bounds["high"] < bounds["low"]:
+        raise element.error("stepWidth should be above 0, and upperLimit not below lowerLimit")
+    count = math.floor((bounds["high"] - bounds["low"]) / step + 1e-9) + 1
+    return (f"{bounds['low'] + k * step:.12g}" for k in range(count))
 
 
 def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]:
@@ -22,11 +103,11 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]
     """
     top.child("FileHeader").skip()
     block = top.child("ParameterValueDistribution")
-    file = block.child("ScenarioFile").attribute("filepath")
+    file = _find_template(block)
     if deterministic := block.find("Deterministic"):
         raise deterministic.error(
             "values without probabilities are no distribution",
-            "give the parameters fixed `parameters: {...}` in one scenario each, as entries of a catalogue",
+            "`avrare new catalogue FILE` lists them as scenes of a catalogue",
         )
     stochastic = block.child("Stochastic")
     laws: dict[str, dict[str, object]] = {}
@@ -40,7 +121,7 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]
             raise one.error(f"a second distribution of {name!r}")
         laws[name] = _read_law(one.choice())
     top.refuse_unread()
-    return os.path.join(os.path.dirname(top.path), file), laws
+    return file, laws
 
 
 def _read_law(one: Element) -> dict[str, object]:

@@ -104,6 +104,11 @@ class OpenScenario(SingleTrack):
         story, others = self.acted.step(world.story, world.step, world.ego, world.others)
         return {"others": others, "story": story}
 
+    def impossible(self, world: StoryWorld) -> Bools:
+        """Return (N,) True where a ``ConstraintGroup`` forbids the drawn parameters."""
+        assert world.story is not None
+        return np.asarray(np.isnan(world.story.table).all(axis=1))
+
     def faults(self, world: World) -> Bools:
         """Return (N,) True where the state of a vehicle or a number of the file is not finite."""
         lost = ~(np.isfinite(world.others.x) & np.isfinite(world.others.y) & np.isfinite(world.others.speed))
