@@ -27,6 +27,7 @@ _MAX_TURN = 0.5  # of one clothoid piece [rad]: the quadrature then errs by less
 _ITERATIONS = 50
 _CLOSE = 1e-10  # last step of a projection, relative to the size of its station
 _SHORT = 1e-6  # points of a polyline nearer than this are one [m]
+_BACK = 0.5  # sum of the directions at a point where a line turns back: 151 degrees and more
 _GROUP = 32  # points of a polyline that are searched together
 _FEW = 100_000  # distances up to which all of them are computed
 _BLOCK = 1_000_000  # distances at a time in the search for the nearest sample
@@ -189,13 +190,12 @@ class PolygonalLine(ReferenceLine):
     points: Floats
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.points, dtype=np.float64)
-        distinct = np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > _SHORT])
-        if distinct.sum() < 2 or not np.isfinite(points).all():
+        points = _drop_turns(np.asarray(self.points, dtype=np.float64))
+        if len(points) < 2 or not np.isfinite(points).all():
             raise UsageError(
                 "a line needs two points that differ", "look for points that are repeated or NaN"
             )
-        object.__setattr__(self, "points", points[distinct])
+        object.__setattr__(self, "points", points)
 
     @cached_property
     def length(self) -> float:
@@ -293,6 +293,18 @@ class PolygonalLine(ReferenceLine):
         return s.reshape(x.shape), d.reshape(x.shape)
 
 
+def _drop_turns(points: Floats) -> Floats:
+    # Without points that are repeated, or at which a line turns back on itself: it has no direction there.
+    while len(points):
+        points = points[np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > _SHORT])]
+        steps = np.diff(points, axis=0) / np.hypot(*np.diff(points, axis=0).T)[:, None]
+        back = np.flatnonzero(np.hypot(*(steps[1:] + steps[:-1]).T) < _BACK)
+        if not len(back):
+            break
+        points = np.delete(points, back[0] + 1, axis=0)
+    return points
+
+
 def _advance(origin: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
     # x, y and heading at ``u`` from where pieces begin (rows of ``CurvedLine._table``)
     _, x, y, heading, curvature, slope = origin
@@ -336,8 +348,10 @@ def _project_on_segment(x: Floats, y: Floats, segment: Floats) -> tuple[Floats, 
         share = 2.0 * c / (b + np.sqrt(b * b + 4.0 * a * c))
         share = np.where(b > 0.0, share, np.nan)
     tx, ty = bx + share * dx, by + share * dy
+    size = np.hypot(tx, ty)
+    share = np.where(size > _SHORT, share, np.nan)  # no direction where a line turns back at once
     px, py = rx - share * forth_x, ry - share * forth_y
-    return share, (tx * py - ty * px) / np.hypot(tx, ty)
+    return share, (tx * py - ty * px) / np.maximum(size, _SHORT)
 
 
 def _nearest(x: Floats, y: Floats, sample_x: Floats, sample_y: Floats) -> Integers:

@@ -160,3 +160,24 @@ def test_many_points_find_the_segments_that_each_of_them_finds():
     single = [line.to_road(x[k : k + 1], y[k : k + 1]) for k in range(500)]
     for axis in range(2):
         np.testing.assert_array_equal(many[axis], np.concatenate([pose[axis] for pose in single]))
+
+
+def test_a_line_that_turns_back_on_itself_has_a_direction_everywhere():
+    spike = PolygonalLine(np.array([[0.0, 0.0], [10.0, 0.0], [9.5, 0.0], [20.0, 0.0]]))
+    s, d = spike.to_road(np.linspace(-5.0, 25.0, 200), np.full(200, 1.5))
+    np.testing.assert_allclose(s, np.linspace(-5.0, 25.0, 200))
+    np.testing.assert_allclose(d, 1.5)
+    with pytest.raises(UsageError, match="two points that differ"):
+        PolygonalLine(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 0.0]]))
+
+
+@pytest.mark.filterwarnings("error")
+def test_no_point_has_a_station_without_an_offset():
+    zigzag = PolygonalLine(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 4.0], [0.0, 4.0], [0.0, 8.0]]))
+    x, y = np.meshgrid(np.linspace(-5.0, 15.0, 81), np.linspace(-5.0, 13.0, 73))
+    s, d = zigzag.to_road(x, y)
+    np.testing.assert_array_equal(np.isnan(s), np.isnan(d))
+    # from the inside of a hairpin, whose tangents at both ends of the middle segment are opposed
+    hairpin = PolygonalLine(np.array([[0.0, 2.0], [10.0, 0.0], [10.0, 1e-3], [0.0, -2.0]]))
+    s, d = hairpin.to_road(x, y)
+    np.testing.assert_array_equal(np.isnan(s), np.isnan(d))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
+from avrare_recordings.drive import monitor
 from avrare_recordings.formats.commonroad import open_commonroad, open_problem, read_lanelets
 from avrare_recordings.formats.drives import list_recordings, open_drives
 from lanelet_scenes import KINDS
@@ -47,6 +48,12 @@ def test_a_scene_is_that_of_its_xml(convert, kind):
         road, other = expected.scene.road, found.scene.road
         assert other.lane_centres == pytest.approx(road.lane_centres)
         assert (other.access_ramp, other.opposing) == (road.access_ramp, road.opposing)
+
+
+def test_the_command_reads_one_drive(convert):
+    _, files = convert("bend")
+    result = monitor(files["dynamic"], rule="R_G1", ego="1")
+    assert result.violated
 
 
 def test_problems_and_lanelets(convert):

@@ -77,6 +77,13 @@ def test_steps_beyond_the_recording_are_refused_with_its_end(write, command, tmp
         Problem(ClosedLoop(sim), stl("always (gap > 2.0)"), 40)
 
 
+def test_a_vehicle_in_the_ego_s_place_is_named(write, caplog):
+    path = write("bend")
+    RecordedScene(RecordedConfig(file=path))
+    assert f"{path}: obstacle 1 is where the ego starts" in caplog.text
+    assert "`without: [1]`" in caplog.text
+
+
 def test_mistakes(write):
     path = write("bend")
     with pytest.raises(UsageError, match="no planning problem 3") as caught:

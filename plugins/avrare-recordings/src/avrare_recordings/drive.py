@@ -22,6 +22,7 @@ from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
 from avrare.stack.builder import build_block, build_formula, build_rule, build_specification
 from avrare_recordings.formats.commonroad import read_commonroad
+from avrare_recordings.formats.commonroad_2024 import SUFFIX
 from avrare_recordings.formats.csv_recording import read_csv
 from avrare_recordings.formats.drives import check_lanes, open_drives
 from avrare_recordings.formats.drone_recording import is_drone_recording
@@ -120,7 +121,7 @@ def _score(
 
 
 def _read(path: str, ego: str | None, road: Road | None, network: str | None) -> Recording:
-    if path.lower().endswith(".xml"):
+    if path.lower().endswith((".xml", SUFFIX)):
         return read_commonroad(path, ego, road)
     if is_drone_recording(Path(path)) or network is not None:
         if ego is None:

@@ -14,7 +14,7 @@ from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
 from avrare.protocols import Floats
 from avrare.results.recordings.recording import ABSENT, FIELDS, Recording, VehicleTrack
-from avrare_recordings.formats.commonroad import open_problem
+from avrare_recordings.formats.commonroad import open_problem, warn_once
 from avrare_recordings.formats.drives import open_drives
 from avrare_recordings.formats.drone_recording import is_drone_recording
 from avrare_recordings.roads.plane_drives import PlaneDrives
@@ -67,6 +67,11 @@ def _read_problem(config: RecordedConfig) -> RecordedFile:
     samples = last - first + 1
     if samples < 2:
         raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
+    for one in kept:
+        here = one.states[:2, (one.steps == first) | (not len(one.steps))] - start.states[:2]
+        if (np.hypot(*here) < 0.5 * one.width).any():
+            text = f"{path}: obstacle {one.name} is where the ego starts"
+            warn_once(f"{text}: if it is the ego itself, leave it out by `without: [{one.name}]`")
     others = [one.track(first, samples, angle, road.line) for one in kept]
     road, lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
     pose = start.track(first, 1, angle, road.line).states[:4, 0]

@@ -59,7 +59,7 @@ FILE is one of
   a CSV file of signals: a column 'time' and one column per signal
   a CSV file of vehicles, one row per vehicle and time: time, vehicle, x, y,
       heading, speed, length, width and, optionally, acceleration
-  a CommonRoad XML file
+  a CommonRoad file: XML of 2020a, or .pb of 2024
   NN_tracks.csv of a recording in the format of highD or inD, beside its two files of metadata
   a folder of such files: every vehicle is the ego in turn (as with --ego all for one file)
   a run folder, whose stored failures are replayed

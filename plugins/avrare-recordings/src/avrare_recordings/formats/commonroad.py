@@ -7,9 +7,14 @@ in the order of the scene.
 
 from __future__ import annotations
 
+import functools
 import importlib
+import logging
 import sys
+import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,8 +79,9 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
 
 
 def _read_drives(path: str, scenario: Scenario, road: Road | None) -> PlaneDrives:
-    obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in scenario.obstacles}
-    moving = tuple(sorted((str(one.obstacle_id) for one in scenario.dynamic_obstacles), key=int))
+    recorded = (*scenario.static_obstacles, *scenario.dynamic_obstacles)
+    obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in recorded}
+    moving = tuple(sorted((name for name, one in obstacles.items() if len(one.steps)), key=int))
     network = scenario.lanelet_network
     return PlaneDrives(path, float(scenario.dt), obstacles, moving, tuple(network.lanelets), road, network)
 
@@ -139,9 +145,10 @@ def _open_file(path: str) -> tuple[Scenario, PlanningProblemSet]:
         raise PluginError(text, "pip install 'avrare-recordings[commonroad]'") from error
     try:
         open(path, "rb").close()
-        if path.lower().endswith(SUFFIX):
-            return open_2024(path)
-        scenario, problems = reader.CommonRoadFileReader(path).open()
+        with _one_warning(path):
+            if path.lower().endswith(SUFFIX):
+                return open_2024(path)
+            scenario, problems = reader.CommonRoadFileReader(path).open()
     except UsageError:
         raise
     except FileNotFoundError:
@@ -154,20 +161,51 @@ def _open_file(path: str) -> tuple[Scenario, PlanningProblemSet]:
     return scenario, problems
 
 
-def _list_states(path: str, obstacle: RecordedObstacle) -> list[State]:
-    prediction = getattr(obstacle, "prediction", None)
-    if prediction is None:
-        return [obstacle.initial_state]
-    if not hasattr(prediction, "trajectory"):
-        text = f"{path}: obstacle {obstacle.obstacle_id} has no trajectory"
-        raise UsageError(text, "sets are not supported")
-    return [obstacle.initial_state, *prediction.trajectory.state_list]
+class _Keep(logging.Handler):
+    def __init__(self, texts: list[str]) -> None:
+        super().__init__()
+        self.texts = texts
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(record.getMessage())
+
+
+@contextmanager
+def _one_warning(path: str) -> Iterator[None]:
+    # commonroad-io has a line for each old element of a file.
+    texts: list[str] = []
+    logger, keep = logging.getLogger("commonroad"), _Keep(texts)
+    logger.addHandler(keep)
+    logger.propagate = False
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            yield
+    finally:
+        logger.removeHandler(keep)
+        logger.propagate = True
+    texts += [str(warning.message) for warning in caught]
+    if texts:
+        more = f", and {len(texts) - 1:,} more of this kind" if len(texts) > 1 else ""
+        warn_once(f"{path}: {' '.join(texts[0].split())}{more}")
+
+
+@functools.cache
+def warn_once(text: str) -> None:
+    """Say on stderr how a file is read, each sentence once."""
+    logging.getLogger(__name__).warning(text)
 
 
 def _read_obstacle(path: str, obstacle: RecordedObstacle) -> Obstacle:
+    # Without a trajectory of points, as where its future is a set, it stands where it starts.
     length, width = _read_size(path, obstacle)
-    static = str(obstacle.obstacle_role.value) == "static"
-    states = [obstacle.initial_state] if static else _list_states(path, obstacle)
+    trajectory = getattr(getattr(obstacle, "prediction", None), "trajectory", None)
+    later = [] if trajectory is None else trajectory.state_list
+    static = not later or not all(isinstance(state.position, np.ndarray) for state in later)
+    states = [obstacle.initial_state, *([] if static else later)]
+    if static and str(obstacle.obstacle_role.value) != "static":
+        text = f"{path}: obstacle {obstacle.obstacle_id} has no trajectory of points"
+        warn_once(f"{text}: it stands where it starts")
     name = f"obstacle {obstacle.obstacle_id}"
     poses = np.array([_read_pose(path, name, state, static) for state in states]).T
     steps = [] if static else [int(state.time_step) for state in states]

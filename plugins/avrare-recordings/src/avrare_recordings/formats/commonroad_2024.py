@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 SUFFIX = ".pb"
 _PROBLEMS = "-SC"
 _KINDS = ("dynamic", "map", "scenario")
+_OLDER, _HEADER = b"\x052020a", 16
+"""Version in the first bytes of the older files."""
 
 
 def is_companion(path: Path) -> bool:
@@ -79,4 +81,7 @@ def _parse(path: str) -> tuple[str, Any]:
             continue
         if data and message.IsInitialized():
             return kind, message
+    if _OLDER in data[:_HEADER]:
+        text = f"{path}: protobuf of format 2020a, in which map and obstacles are one file"
+        raise UsageError(text, "read it with commonroad-io 2023, write it as XML, and give that")
     raise UsageError(f"{path}: not a CommonRoad scenario: neither map, dynamic nor scenario of format 2024")
