@@ -61,7 +61,3 @@ def test_files_within_options_count(scenario):
     first = fingerprint(named)
     Path("map.xml").write_text("b")
     assert fingerprint(named) != first
-
-
-def test_what_is_no_path_names_no_file(scenario):
-    assert digests(scenario(model="x" * 5000, rules="a\0b")) == {}

@@ -51,19 +51,6 @@ def test_a_finding_that_is_not_an_error_is_a_warning(says, read, good):
     assert overridden[-1] == ("--set specifications.far.rule: odd", "write c")
 
 
-def test_the_step_of_the_simulator_is_passed_on(says, read, good):
-    calls = says()
-    read(good, ["simulator.dt=1"])
-    assert calls == [("R_G1", 1.0), ("R_G2", 1.0)]
-
-
-def test_wrong_options_are_not_checked_further(says, fails, good):
-    calls = says()
-    lines, _ = fails(good.replace("R_G2", "R_G3"))
-    assert "should be 'R_G1' or 'R_G2'" in lines[0]
-    assert calls == [("R_G1", 0.1)]
-
-
 def test_a_check_that_fails_is_the_plugins_fault(monkeypatch, fails, good):
     def broken(part, config, dt):
         raise RuntimeError("no\nidea")
@@ -72,9 +59,3 @@ def test_a_check_that_fails_is_the_plugins_fault(monkeypatch, fails, good):
     lines, code = fails(good)
     assert code == 5
     assert lines[0] == "s.yaml:9:3: specifications.near: the plugin's own check failed: RuntimeError: no idea"
-
-
-def test_a_component_names_its_check_by_a_string():
-    part = Component("specification", "s", "a:b", "a:b", "for tests", check="os.path:join")
-    assert part.find_faults("a", "b") == list("a/b")
-    assert Component("specification", "s", "a:b", "a:b", "for tests").find_faults(None, None) == []

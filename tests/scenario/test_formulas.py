@@ -4,17 +4,9 @@ import pytest
 
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.logic.syntax.parser import parse
-from avrare.scenario.schema import Formula
-from avrare.scenario.specification_checks import check_specification, reach_warnings
-from avrare.scenario.value_positions import Mark, Node
+from avrare.scenario.specification_checks import reach_warnings
 
 FAR = "{plugin: book, rule: R_G2}"
-
-
-def checked(text, dt=None, steps=40):
-    mark = Mark("s.yaml", 3, 14)
-    node = Node({"stl": Node(text, mark, mark)}, mark)
-    return check_specification(Formula(stl=text), node, ("specifications", "far"), dt, steps)
 
 
 def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):
@@ -26,24 +18,10 @@ def test_an_error_shows_the_place_in_the_file_and_in_the_formula(good, fails):
     assert caret.index("^") == formula.index(")")
 
 
-def test_a_formula_as_score_is_read_like_a_specification(good, fails):
-    lines, code = fails(
-        good.replace(FAR, '{stl: "always (gap > 2)", score: {stl: "always[0:0.25s] (gap > )"}}')
-    )
-    assert code == 4
-    assert lines[0].startswith("s.yaml:10:47: specifications.far.score.stl: line 1, column 24: ")
-
-
 def test_bounds_are_checked_against_the_simulators_step(good, fails, read):
     text = good.replace(FAR, '{stl: "always[0:0.25s] (gap > 2)"}')
     assert "not a whole multiple of dt = 0.1 s" in fails(text)[0][0]
     assert read(text.replace("dt: 0.1", "dt: 0.05")).warnings == ()
-
-
-def test_without_the_simulators_step_only_the_syntax_is_checked():
-    assert checked("always[0:0.25s] eventually[0:9s] (gap > 2)") == ([], [])
-    errors, _ = checked("always[0.25 (gap > 2)")
-    assert len(errors) == 1
 
 
 def test_a_bound_beyond_the_rollout_is_a_warning(good, read):
@@ -83,9 +61,3 @@ def test_warnings_of_the_formula_language_are_passed_on(good, read):
     assert message.startswith("s.yaml:10:14: specifications.far.stl: line 1, column 1: ")
     assert "always (... and ...)" in hint
     assert read(good.replace(FAR, '{stl: "(always gap > 2) and speed > 0"}')).warnings == ()
-
-
-def test_warnings_do_not_count_in_equality_of_scenarios(good, read):
-    doubtful = read(good.replace(FAR, '{stl: "always gap > 2 and speed > 0"}'))
-    assert doubtful.warnings
-    assert doubtful == type(doubtful)(**{**vars(doubtful), "warnings": ()})

@@ -1,12 +1,10 @@
 import dataclasses
 import os
-import pickle
 from pathlib import Path
 
 import pytest
 
 from avrare.base.errors import ScenarioError
-from avrare.plugin.registry import default_registry
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.schema import CrossCheck, Formula
@@ -95,20 +93,6 @@ def test_an_ensemble_has_a_scenario_for_each_draw(read, fails, good):
 def test_a_draw_changes_the_stack_alone(fails, good, path):
     lines, _ = fails(good + f"ensemble:\n  {path}: [1, 2, 3]\n")
     assert lines[0].startswith(f"s.yaml:15:3: ensemble.{path}: is no path in the stack")
-
-
-def test_each_draw_has_the_cheap_twin_of_the_scenario(read, good):
-    twin = "cheap: {tracker: {delay: 5}, cost: 0.1}\n"
-    scenario = read(good + twin + "ensemble: {simulator.gap: [19, 20, 21]}\n")
-    for member in scenario.members:
-        assert member.cheap.tracker.config.delay == 5
-        assert member.cheap.simulator.config.gap == member.simulator.config.gap
-        assert member.cheap_cost == 0.1
-
-
-def test_a_scenario_can_be_sent_to_a_worker(read, good):
-    scenario = read(good)
-    assert pickle.loads(pickle.dumps(scenario)) == scenario
 
 
 def test_the_fingerprint_covers_everything_but_seed_and_exposure(read, good):
@@ -240,25 +224,6 @@ def test_circular_missing_and_remote_bases_are_refused(tmp_path, monkeypatch, re
         assert words in line
 
 
-def test_a_missing_file_suggests_a_similar_one(tmp_path, monkeypatch, registry):
-    monkeypatch.chdir(tmp_path)
-    os.mkdir("scenarios")
-    write("scenarios", lane_change="name: x\n")
-    lines = refused("scenarios/lane_chnge.yaml", registry)
-    assert lines == [
-        "scenarios/lane_chnge.yaml: no such file",
-        "hint: did you mean 'scenarios/lane_change.yaml'?",
-    ]
-    assert refused("nowhere/a.yaml", registry)[1] == "hint: there is no folder nowhere"
-    write("scenarios", copy="extends: _base/road.yaml\n")
-    assert refused("scenarios/copy.yaml", registry) == [
-        "scenarios/copy.yaml:1:10: extends: scenarios/_base/road.yaml: no such file",
-        "hint: there is no folder scenarios/_base: a copy of a scenario needs a copy of what it extends",
-    ]
-    assert "cannot be read" in refused("scenarios", registry)[0]
-    assert "cannot be read" in refused("a\0b", registry)[0]
-
-
 def test_setting_another_plugin_drops_the_options_of_the_old_one(read, good):
     assert read(good, ["estimator.plugin=mc"]).estimator.config.rollouts == 1000
     assert read(good, ["tracker.plugin=straight"]).tracker.config.delay == 2
@@ -283,23 +248,3 @@ def test_the_switch_of_the_cross_check_keeps_the_options_of_the_file(read, good)
     assert read(good + "cross_check: false\n", ["cross_check=true"]).cross_check == CrossCheck()
     assert read(text, ["cross_check=false"]).cross_check is None
     assert read(text, ["cross_check={share: 0.5}"]).cross_check == CrossCheck(share=0.5)
-
-
-def test_the_fingerprint_has_the_version_of_what_may_check(read, good):
-    name = "avrare-estimators"
-    assert name not in read(good).versions
-    checked = read(good + "cross_check: true\n")
-    assert checked.versions[name] == default_registry().find("estimator", "ess").version
-    assert name not in read(good + "cross_check: {estimator: mc}\n").versions
-
-
-def test_a_cross_check_must_be_of_another_family(fails, good):
-    text = good.replace("estimator: {plugin: toy, rollouts: 1e3}", "estimator: {plugin: mc}")
-    lines, code = fails(text + "cross_check: {estimator: mc}\n")
-    assert lines == [
-        "s.yaml:14:26: cross_check.estimator: mc is of the same family as mc",
-        "hint: leave it out to have one chosen",
-    ]
-    assert code == 4
-    lines, _ = fails(text + "cross_check: {shares: 0.3}\n")
-    assert lines[0].startswith("s.yaml:14:15: cross_check.shares: unknown key")
