@@ -78,16 +78,3 @@ def test_it_agrees_with_a_fine_sweep(line):
     first = np.argmax(np.array(fine) <= 0.0, axis=0) / 800.0
     both = np.isfinite(share) & (least <= 0.0)
     assert np.quantile(np.abs(share - first)[both], 0.99) < 0.01
-
-
-def test_rows_do_not_depend_on_the_batch():
-    rng = np.random.default_rng(1)
-    before = car(rng.normal(0, 5, 20)), car(rng.normal(6, 5, (20, 2)), heading=rng.normal(0, 1, (20, 2)))
-    after = car(before[0].x + 3.0), car(before[1].x - 2.0, heading=before[1].heading)
-    whole = find_contacts(scene(2), before, after)
-    for row in range(20):
-        pair = [
-            tuple(Vehicles(*(part[row : row + 1] for part in vars(one).values())) for one in state)
-            for state in (before, after)
-        ]
-        np.testing.assert_array_equal(find_contacts(scene(2), *pair), whole[row : row + 1])

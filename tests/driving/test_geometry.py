@@ -99,12 +99,6 @@ def test_moving_by_the_depth_separates_the_rectangles():
     assert (signed_distance(moved, b)[:, inside] < 0.0).all()  # no shorter way out
 
 
-def test_corners_start_at_the_front_left():
-    x, y = rectangle(10.0, 5.0, np.pi / 2, 4.0, 2.0).corners()
-    np.testing.assert_allclose(x[0], [9.0, 11.0, 11.0, 9.0], atol=1e-12)
-    np.testing.assert_allclose(y[0], [7.0, 7.0, 3.0, 3.0], atol=1e-12)
-
-
 def scene(vehicles):
     sizes = np.linspace(3.0, 8.0, vehicles), np.linspace(1.5, 2.5, vehicles)
     names = tuple(f"car{v}" for v in range(vehicles))
@@ -133,9 +127,3 @@ def test_ego_and_others_broadcast_and_rows_are_independent():
             length, width = place.lengths[v], place.widths[v]
             its = rectangle(others.x[n, v], others.y[n, v], others.heading[n, v], length, width)
             assert signed_distance(mine, its)[0] == pytest.approx(together[n, v], abs=1e-12)
-
-
-def test_no_other_vehicles():
-    rng = np.random.default_rng(4)
-    ego, others, place = vehicles(rng, (5,)), vehicles(rng, (5, 0)), scene(0)
-    assert signed_distance(ego_rectangle(ego, place), other_rectangles(others, place)).shape == (5, 0)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
-from avrare.base.errors import UsageError
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine
 
 BENDS = CurvedLine(
@@ -48,11 +47,6 @@ class TestRoundTrip:
             assert (one[0], one[1]) == (found[0].ravel()[i], found[1].ravel()[i])
         assert BENDS.to_road(np.zeros((0, 2)), np.zeros((0, 2)))[0].shape == (0, 2)
 
-    def test_not_a_number_stays_that(self):
-        s, d = BENDS.to_road(np.array([np.nan, 30.0]), np.array([0.0, np.inf]))
-        assert np.isnan(s).all()
-        assert np.isnan(d).all()
-
 
 class TestExactShapes:
     def test_straight(self):
@@ -76,9 +70,6 @@ class TestExactShapes:
         np.testing.assert_allclose((x, y), np.sqrt(np.pi / rate) * np.stack([cosine, sine]), atol=1e-12)
         np.testing.assert_allclose(heading, 0.5 * rate * s**2, atol=1e-12)
         np.testing.assert_allclose(curvature[:-1], rate * s[:-1], atol=1e-15)  # it ends at the last one
-
-    def test_left_is_positive(self):
-        assert BENDS.to_road(*BENDS.to_plane(np.array([100.0]), np.array([2.0])))[1] > 0.0
 
 
 class TestProjection:
@@ -126,28 +117,6 @@ class TestAlongAnOffset:
     def test_straight_adds(self):
         line = CurvedLine((Piece(10.0),))
         assert line.advance(np.array([3.0]), np.array([9.0]), np.array([4.0]))[0] == 7.0
-
-
-class TestMistakes:
-    def test_a_piece_needs_a_length(self):
-        with pytest.raises(UsageError, match="0 m long"):
-            Piece(0.0)
-
-    def test_a_polygon_needs_two_points(self):
-        with pytest.raises(UsageError, match="two points that differ"):
-            PolygonalLine(np.zeros((3, 2)))
-
-    def test_repeated_points_are_one(self):
-        line = PolygonalLine(np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0]]))
-        assert line.length == 10.0
-
-
-def test_what_is_advanced_does_not_depend_on_its_neighbours():
-    line = CurvedLine((Piece(60.0), Piece(60.0, 0.0, 0.01), Piece(400.0, 0.01, 0.01)))
-    rng = np.random.default_rng(0)
-    s, d, way = (rng.uniform(*bounds, 500) for bounds in ((0.0, 300.0), (-6.0, 6.0), (0.0, 3.0)))
-    alone = [line.advance(s[k : k + 1], d[k : k + 1], way[k : k + 1])[0] for k in range(500)]
-    np.testing.assert_array_equal(line.advance(s, d, way), alone)
 
 
 def test_many_points_find_the_segments_that_each_of_them_finds():

@@ -5,7 +5,7 @@ import pytest
 
 from avrare.base.errors import PluginError, UsageError
 from avrare.plugin import Component, hookimpl
-from avrare.plugin.first_party import FIRST_PARTY, pip_line
+from avrare.plugin.first_party import FIRST_PARTY
 from avrare.plugin.registry import Registry
 
 
@@ -188,7 +188,3 @@ def test_our_own_plugins_are_known_where_they_are_not_installed(kind, name):
         f"unknown {kind} {name!r}: provided by {home}, which is not installed",
         f"hint: pip install {home}",
     ]
-
-
-def test_the_pip_command_uses_the_names_of_distributions():
-    assert pip_line("pyro.infer", "torch", "pyro") == "pip install pyro-ppl torch"

@@ -57,15 +57,3 @@ def test_a_device_is_written_to_and_not_replaced():
     finally:
         os.close(ours)
         os.close(theirs)
-
-
-@pytest.mark.skipif(not Path("/dev/fd").is_dir(), reason="a matter of Unix")
-def test_a_link_among_the_devices_is_followed():
-    ours, theirs = os.pipe()
-    try:
-        write_text(Path(f"/dev/fd/{theirs}"), "told")
-        os.set_blocking(ours, False)
-        assert os.read(ours, 100) == b"told"
-    finally:
-        os.close(ours)
-        os.close(theirs)

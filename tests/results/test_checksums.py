@@ -2,7 +2,6 @@
 
 import copy
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,6 @@ from avrare.base.stored_files import CHECKSUM
 from avrare.cli.main import main
 from avrare.estimation.loop.checkpoint import Checkpoint, read_index
 from avrare.results.run import Run
-from avrare.scenario.load import load
 
 WALK = """\
 name: walk
@@ -112,13 +110,6 @@ def test_another_layout_wall_time_or_an_old_file_is_read(kind, request):
         read()
 
 
-def test_equal_results_have_equal_checksums(night, result):
-    again = night / "again"
-    assert main(["run", str(night / "walk.yaml"), "--out", str(again), "--quiet", "--no-pictures"]) == 0
-    first, second = (json.loads((folder / "result.json").read_text()) for folder in (night / "run", again))
-    assert first[CHECKSUM] == second[CHECKSUM]
-
-
 def test_commands_name_the_file(night, result, baseline, capsys):
     for path in (result, baseline):
         text = path.read_text()
@@ -173,10 +164,3 @@ def test_a_changed_index_of_a_checkpoint_is_named(tmp_path):
     del old[CHECKSUM]
     index.write_text(json.dumps(old))
     assert read_index(folder)["task"]["budget"] == "steps=900"
-
-
-def test_the_digest_is_that_of_the_file(night):
-    run = Run.read(night / "run")
-    assert set(run.files) == {"scenario.yaml"}
-    assert run.changes == ()
-    assert load(Path(run.folder / "scenario.yaml")).name == "walk"

@@ -37,11 +37,6 @@ def test_runs_of_the_same_second_have_separate_folders(tmp_path, monkeypatch):
     assert all(folder.is_dir() and folder.name.startswith("lane_change-") for folder in folders)
 
 
-def test_several_scenarios_share_a_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert make_new_folder(["one", "two"]).name.startswith("2-scenarios-")
-
-
 def test_a_named_folder_is_reused(tmp_path):
     assert (
         make_folder(tmp_path, "drive", several=False)
@@ -72,12 +67,6 @@ def test_files_made_from_an_earlier_result_are_removed(run):
         assert files_of(run()) == first | ({"mine.txt"} & {name})
 
 
-def test_artifacts_are_written_again(run):
-    before = (run(*LEARNED) / "learned.json").read_text()
-    after = (run(*LEARNED, "--seed", "1") / "learned.json").read_text()
-    assert after != before
-
-
 @pytest.mark.parametrize("name", ["../mine.txt", "..", "", "checkpoint", "/etc/hostname"])
 def test_a_result_that_names_files_elsewhere_removes_nothing(run, name):
     folder = run()
@@ -89,14 +78,6 @@ def test_a_result_that_names_files_elsewhere_removes_nothing(run, name):
     (folder / "result.json").write_text(json.dumps(content))
     run()
     assert mine.read_text() == "mine"
-
-
-@pytest.mark.parametrize("content", ["{", "[]", '{"files": 3}', '{"files": ["learned.json"]}'])
-def test_a_damaged_result_is_replaced(run, content):
-    folder = run()
-    (folder / "result.json").write_text(content)
-    assert run() == folder
-    assert json.loads((folder / "result.json").read_text())["scenario"] == "plane"
 
 
 def test_a_run_that_was_read_is_written_again(tmp_path, monkeypatch):
@@ -124,12 +105,6 @@ def test_a_changed_artifact_is_named(run):
     assert Run.read(folder).changes == (
         f"{folder}/learned.json: it was changed after the run, or is missing",
     )
-
-
-def test_an_unknown_state_of_the_checkout_stays_unknown(run):
-    origin = run() / "provenance.json"
-    origin.write_text(json.dumps(json.loads(origin.read_text()) | {"uncommitted_changes": None}))
-    assert Run.read(origin.parent).provenance.to_dict()["uncommitted_changes"] is None
 
 
 def test_results_of_a_problem_are_written_without_a_scenario(tmp_path):

@@ -10,7 +10,7 @@ from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare.results.recordings.replayed_failure import replay_run_failure
 from avrare.results.run import Run
-from avrare.results.stored_results import read_failures, write_failures
+from avrare.results.stored_results import read_failures
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
@@ -93,30 +93,3 @@ def test_a_missing_failure(folder, specification, index, message, hint):
         replay_run_failure(Run.read(folder), specification, index)
     assert message in caught.value.message
     assert hint in caught.value.hint
-
-
-def test_a_folder_that_is_not_a_run(tmp_path):
-    with pytest.raises(UsageError, match=r"no result\.json in it"):
-        replay_run_failure(Run.read(tmp_path), None, None)
-
-
-@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"not an archive"])
-def test_a_damaged_file_is_a_message(folder, tmp_path, damage):
-    for name in ("scenario.yaml", "result.json"):
-        (tmp_path / name).write_bytes((folder / name).read_bytes())
-    (tmp_path / "failures.npz").write_bytes(damage)
-    with pytest.raises(UsageError, match=r"failures\.npz: cannot be read"):
-        replay_run_failure(Run.read(tmp_path), "near", None)
-
-
-def test_pickled_objects_are_not_loaded(tmp_path):
-    np.savez(tmp_path / "failures.npz", **{"a.noise": np.array([{}], dtype=object)})
-    with pytest.raises(UsageError, match="cannot be read"):
-        read_failures(tmp_path)
-
-
-def test_nothing_is_written_when_nothing_failed(folder, tmp_path):
-    (tmp_path / "failures.npz").write_bytes(b"of an earlier run")
-    write_failures(tmp_path, [])
-    assert list(tmp_path.iterdir()) == []
-    assert read_failures(tmp_path) == {}

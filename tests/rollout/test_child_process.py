@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 import traceback
 
@@ -79,11 +78,6 @@ def test_an_exception_is_raised_here_with_its_place(system):
     assert traceback.extract_tb(caught.value.__traceback__)[-1].filename == __file__
 
 
-def test_an_answer_that_cannot_be_sent_is_computed_here(system):
-    lock = threading.Lock()
-    assert run_guarded("a test", system, lambda: lock) is lock
-
-
 def test_a_child_that_hangs_is_replaced_by_this_process(system, monkeypatch):
     monkeypatch.setattr(child_process, "_CHILD_SECONDS", 0.1)
     home = os.getpid()
@@ -118,13 +112,6 @@ def test_a_child_does_not_talk_to_the_other_end_of_a_connection(system):
     assert there.recv() == os.getpid()
     assert not there.poll(0.1)
     assert there_socket.recv(10) == b"x"
-
-
-def test_a_large_system_is_looked_at_in_part():
-    system = type("Recorded", (), {})()
-    system.samples = [[float(k)] * 10 for k in range(5000)]
-    system.names = {str(k): str(k) for k in range(5000)}
-    assert len(child_process._kind_of(system)) <= child_process._MAX_PARTS + 1
 
 
 def test_systems_with_other_functions_or_texts_are_of_another_kind(system):

@@ -115,18 +115,6 @@ def test_rollouts_are_spread_over_the_workers_and_results_are_the_same():
     assert results[0] == results[1] == plain(avrare.estimate(problem(chunk=9), rollouts=1000, seed=2))
 
 
-def test_a_named_chunk_is_kept_to():
-    crew = Crew(3)
-    run(problem(chunk=400), MonteCarlo(McConfig(rollouts=1000)), crew, Settings())
-    assert crew.rows == [400, 400, 200]
-
-
-@pytest.mark.parametrize("options", [{"relative_error": 0.2}, {"threshold": 0.01}])
-def test_a_stopping_rule_costs_the_same_in_any_chunks(options):
-    found = [plain(avrare.estimate(problem(chunk=chunk), seed=3, **options)) for chunk in (None, 7, 300)]
-    assert found[0] == found[1] == found[2]
-
-
 def test_another_number_of_workers_resumes(tmp_path):
     estimator, looks = MonteCarlo(McConfig(rollouts=20_000)), iter([False, False, True])
     task = {"task": "same"}

@@ -54,19 +54,6 @@ def test_a_row_continues_until_every_specification_is_decided():
         assert not result.health
 
 
-@pytest.mark.slow
-def test_workers_and_chunks_do_not_change_results():
-    results = [
-        avrare.estimate(
-            avrare.Problem(systems.Walk(), avrare.stl("eventually (x > 0.5)"), steps=30, chunk=chunk),
-            rollouts=150, early_stop=True, workers=workers,
-        )
-        for chunk, workers in ((20, 1), (20, 2), (150, 1))
-    ]  # fmt: skip
-    first, *others = ({**result.to_dict(), "seconds": 0} for result in results)
-    assert all(other == first for other in others)
-
-
 class Reading:
     """A specification that reads its formula's signals from others."""
 

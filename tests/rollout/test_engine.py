@@ -8,7 +8,6 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base import batch
-from avrare.rollout import tape_source
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.testing import faulty_systems as systems
@@ -46,12 +45,6 @@ def test_rows_do_not_depend_on_their_neighbours(system):
     for cuts in ([0, 1, 40], [0, 13, 26, 40], list(range(41))):
         parts = [task.simulate(source, fresh(40).slice(a, b)) for a, b in itertools.pairwise(cuts)]
         assert_same(together, Rollouts.join(parts))
-
-
-def test_noise_blocks_do_not_change_results(monkeypatch):
-    before = problem().simulate(NOISE, fresh(50))
-    monkeypatch.setattr(tape_source, "_BLOCK", 120)
-    assert_same(before, problem().simulate(NOISE, fresh(50)))
 
 
 def test_branches_continue_their_parents():
@@ -115,10 +108,6 @@ def test_every_row_passed_to_step_is_counted():
     system = systems.Counting(systems.Walk())
     outcome = problem(system).simulate(NOISE, fresh(17))
     assert outcome.simulated_steps == system.rows == 17 * STEPS
-
-
-def test_nominal_is_the_rollout_without_noise():
-    assert problem().nominal().robustness.tolist() == [[0.5]]
 
 
 def test_several_specifications_share_a_pass():

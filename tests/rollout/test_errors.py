@@ -68,14 +68,6 @@ def test_errors_at_the_start(how):
     assert outcome.simulated_steps == (~expected).sum() * STEPS
 
 
-@pytest.mark.parametrize("how", HOWS)
-def test_all_rows_may_break_down(how):
-    for at_start in (False, True):
-        outcome = simulate(systems.Fragile(how, beyond=-np.inf, at_start=at_start))
-        assert outcome.error.all()
-        assert not outcome.violated.any()
-
-
 def test_only_rows_without_errors_are_stepped():
     """Pass the rows that raised never again, after the bisection at step 1."""
 
@@ -131,25 +123,10 @@ def test_nan_in_a_signal_that_no_formula_reads():
     assert 0 < outcome.error.sum() < 100
 
 
-def test_messages_name_the_cause_once():
-    assert simulate(systems.Fragile("raise")).messages == ("RuntimeError: the planner gave up",)
-    assert simulate(systems.Fragile("nan")).messages == ("NaN in signal x",)
-    assert simulate(systems.Fragile("fault")).messages == ("fault reported by the system",)
-    assert simulate(odd_systems.Broken()).messages == ("ZeroDivisionError: no row survives this",)
-
-
 def test_robustness_of_an_errored_row_is_nan():
     tape = np.zeros((2, STEPS + 1, 2))
     tape[1, 4, 1] = 9.0
     np.testing.assert_array_equal(problem(systems.Fragile("raise")).robustness(tape), [0.8, np.nan])
-
-
-@pytest.mark.parametrize("faults", [np.zeros((1, 4)), np.zeros(3, dtype=bool), False])
-def test_faults_of_the_wrong_shape(faults):
-    system = systems.Fragile("never")
-    system.faults = lambda state: faults
-    with pytest.raises(UsageError, match="faults"):
-        problem(system).robustness(np.zeros((4, STEPS + 1, 2)))
 
 
 class Manifold(systems.Walk):

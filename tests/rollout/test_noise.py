@@ -49,10 +49,6 @@ def test_channels_do_not_depend_on_how_many_there_are():
     np.testing.assert_array_equal(three, eight[:, :3])
 
 
-def test_no_noise():
-    assert NoiseSource(0, 0).normals(0, 0, np.arange(4)[:, None], np.arange(3)).shape == (4, 3, 0)
-
-
 def test_law_of_the_normals():
     x = NoiseSource(11, 4).normals(0, 0, np.arange(250_000), 3).ravel()
     n = len(x)
@@ -65,20 +61,6 @@ def test_law_of_the_normals():
     ):
         for hits in ((x > level).sum(), (x < -level).sum()):
             assert abs(hits - n * tail) < 4 * np.sqrt(n * tail)
-
-
-def test_addresses_are_independent():
-    """Find no correlation between neighbours in run, stage, particle, step, channel and seed."""
-    grid = np.ix_(np.arange(6), np.arange(6), np.arange(30), np.arange(30))
-    x = NoiseSource(5, 6).normals(*grid)
-    for axis in range(5):
-        first, second = (np.delete(x, edge, axis).ravel() for edge in (0, -1))
-        for f in (lambda v: v, lambda v: v**2 - 1):
-            product = f(first) * f(second)
-            assert abs(product.mean()) < 4 * product.std() / np.sqrt(product.size)
-    other = NoiseSource(6, 6).normals(*grid)
-    assert abs((x * other).mean()) < 4 / np.sqrt(x.size)
-    assert len(np.unique(x)) == x.size
 
 
 def test_large_seeds_share_no_streams_with_small_ones():
@@ -103,9 +85,3 @@ def test_choices_are_uniform_and_independent_of_the_noise():
 def test_seed_must_be_a_count(seed):
     with pytest.raises(UsageError, match="seed"):
         NoiseSource(seed, 1)
-
-
-def test_numpy_seed():
-    np.testing.assert_array_equal(
-        NoiseSource(np.int64(4), 1).normals(0, 0, 0, 0), NoiseSource(4, 1).normals(0, 0, 0, 0)
-    )

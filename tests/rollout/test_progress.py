@@ -160,26 +160,6 @@ def test_progress_by_name_needs_a_suitable_formula():
     assert isinstance(plain, FormulaMonitor)
 
 
-@pytest.mark.parametrize(
-    "text", ["eventually (x >= 1)", "eventually (y > 0 and x >= 1)", "not always (x < 1)"]
-)
-def test_a_margin_of_zero_holds_where_the_verdict_does(text):
-    signals = {"x": np.repeat([[0.0], [1.0]], 12, axis=1), "y": np.ones((2, 12))}
-    signals["x"][1, :5] = 0.0
-    scores, violated = course(scored(text), signals)
-    assert violated[:, -1].tolist() == [True, False]
-    assert (np.diff(scores[0]) > 0).all()
-    assert scores[1, -1] == scores[1, 4] == scores[0, 4] < scores[0, 5]
-
-
-def test_a_boolean_part_that_holds_does_not_mask_the_clock():
-    b, g = np.zeros((1, 12)), np.zeros((1, 12))
-    nominal = [{"x": b[:, 0], "y": g[:, 0]}] * 12
-    scores, violated = course(scored("(x < 0.5) until (y > 0.5)", nominal=nominal), {"x": b, "y": g})
-    assert violated[0, -1]
-    assert (np.diff(scores[0]) > 0).all()
-
-
 def test_a_part_that_holds_with_its_usual_margin_does_not_mask_the_clock_by_default():
     problem = Problem(Reach(), avrare.stl("(x < 100) until (x > 90)"), 5)
     scores = problem.simulate(NoiseSource(0, 1), Request.replay(np.zeros((1, 6, 1)))).scores[0]

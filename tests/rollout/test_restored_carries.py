@@ -9,7 +9,7 @@ import avrare
 import odd_systems
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Past, Request, Rollouts
+from avrare.rollout.request import Past, Request
 from avrare.testing import faulty_systems as systems
 
 STEPS, ROWS = 12, 9
@@ -66,17 +66,6 @@ def test_the_same_bits_as_with_the_carries(formula, missing, origins):
     again = task.simulate(NOISE, branched(task, list(missing), origins))
     assert_same(again, whole)
     assert again.simulated_steps == whole.simulated_steps + sum(100 + row for row in missing)
-
-
-@pytest.mark.parametrize("size", [1, 2, 4])
-@pytest.mark.parametrize(("missing", "origins"), CASES)
-def test_the_same_bits_in_chunks(size, missing, origins):
-    task = problem(FORMULAS[1])
-    request = branched(task, list(missing), origins)
-    parts = [task.simulate(NOISE, request.slice(at, at + size)) for at in range(0, ROWS, size)]
-    whole = task.simulate(NOISE, request)
-    assert_same(Rollouts.join(parts), whole)
-    assert sum(part.simulated_steps for part in parts) == whole.simulated_steps
 
 
 def test_a_replay_that_does_not_repeat_is_reported():

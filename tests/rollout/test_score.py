@@ -41,12 +41,6 @@ def test_score_does_not_change_the_verdict():
         np.testing.assert_array_equal(simulate(score).robustness, plain.robustness)
 
 
-def test_nan_in_a_score_counts_as_no_progress():
-    outcome = simulate(lambda signals, t: np.where(t % 2, np.nan, float(t)) * np.ones(len(signals["x"])))
-    assert (outcome.scores == (np.arange(STEPS + 1) // 2) * 2.0).all()
-    assert not outcome.error.any()
-
-
 @pytest.mark.parametrize("wrong", [lambda signals, t: signals["x"], lambda signals, t: 1.0])
 def test_function_of_the_wrong_shape(wrong):
     with pytest.raises(avrare.UsageError, match="score function"):
@@ -113,8 +107,3 @@ def test_a_formula_as_score_orders_by_nearness_to_failure():
     np.testing.assert_array_equal(guided.scores, own.scores)
     assert guided.violated.all()
     assert not own.violated.all()
-
-
-def test_a_formula_as_score_lacks_a_signal():
-    with pytest.raises(avrare.FormulaError, match="'y'"):
-        simulate(avrare.stl("always (y < 0.5)"))

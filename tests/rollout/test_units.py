@@ -157,20 +157,6 @@ def test_robustness_verdict_and_failures_are_those_of_the_formula():
     np.testing.assert_allclose(two.scores[:, 0], -1.0)
 
 
-@pytest.mark.parametrize("text", ["always (x < 3)", "always (x < 3 and y < 3)", "x < 3 and y > -3"])
-def test_a_single_term_and_equal_margins_keep_their_own_score(text):
-    problem = Problem(Pair(1.0, 1.0), avrare.stl(text), STEPS)
-    assert isinstance(problem.specifications[0], FormulaMonitor)
-
-
-def test_margin_measures_each_term_in_its_own_margin():
-    margin, own = (
-        Problem(Pair(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS, score)
-        for score in ("margin", None)
-    )
-    np.testing.assert_array_equal(ranks(margin), ranks(own))
-
-
 class Drift(Pair):
     """Without noise x passes 3 after some steps, so that its term changes its truth."""
 
@@ -234,22 +220,6 @@ def test_a_term_without_a_margin_is_measured_in_its_spread():
     assert np.abs(scores(small)).max() < 20.0
 
 
-class Fragile(Pair):
-    """Breaks down where there is no noise at all."""
-
-    def step(self, state, noise):
-        return np.where(noise == 0.0, np.nan, super().step(state, noise))
-
-
-def test_a_broken_noise_free_run_leaves_the_spread():
-    small, equal = (
-        Problem(Fragile(1.0, unit), avrare.stl(f"always (x < 3 and y < {3 * unit:g})"), STEPS)
-        for unit in (1e4, 1.0)
-    )
-    assert np.abs(scores(small)).max() < 20.0
-    np.testing.assert_allclose(scores(small), scores(equal), rtol=1e-9)
-
-
 def test_sizes_are_measured_once_and_travel_with_the_problem():
     Counting.rollouts = 0
     problem = Problem(Counting(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS)
@@ -259,14 +229,6 @@ def test_sizes_are_measured_once_and_travel_with_the_problem():
     copy = pickle.loads(pickle.dumps(problem))
     np.testing.assert_array_equal(scores(copy, 5), before)
     assert Counting.rollouts == 11
-
-
-def test_rollouts_without_a_score_measure_nothing():
-    Counting.rollouts = 0
-    problem = Problem(Counting(1.0, 100.0), avrare.stl("always (x < 3 and y < 300)"), STEPS)
-    problem.simulate(NOISE, Request.from_start(np.zeros(10, dtype=np.int64), np.arange(10)), scored=False)
-    assert Counting.rollouts == 10
-    assert problem._sizes is None
 
 
 def test_a_scenario_sends_its_sizes_to_the_workers():

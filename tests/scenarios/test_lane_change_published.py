@@ -7,13 +7,6 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import ScenarioError
-from avrare.driving.geometry import Rectangle, other_rectangles, signed_distance
-from avrare.estimation.loop.loop import run
-from avrare.estimation.monte_carlo.config import McConfig
-from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.plan.settings import Settings
-from avrare.rollout.executors.processes import ProcessExecutor
-from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
@@ -86,44 +79,6 @@ def test_the_noise_free_rollout_passes_the_parked_car_on_the_left_and_stays_on_t
 def test_no_solve_falls_back_without_noise(nominal):
     assert nominal.counts["fallback_solves"].sum() == 0
     assert nominal.counts["solves"].sum() >= 39
-
-
-@pytest.mark.parametrize("name", ["lane_change_published.yaml", "lane_change_paper.yaml"])
-def test_the_scripted_vehicles_never_overlap(name):
-    scenario = LoadedScenario(load(SCENARIOS / name))
-    others = scenario.stack.loop.simulator.traffic.at(np.arange(scenario.steps + 1))
-    boxes = other_rectangles(others, scenario.scene)
-    vehicles = range(len(scenario.scene.names))
-    one = [
-        Rectangle(boxes.x[:, v], boxes.y[:, v], boxes.heading[:, v], boxes.length[v], boxes.width[v])
-        for v in vehicles
-    ]
-    for a in vehicles:
-        for b in range(a):
-            assert signed_distance(one[a], one[b]).min() > 0.2, (a, b)
-
-
-@pytest.mark.slow
-def test_one_seed_gives_the_same_bits_for_one_worker_and_two():
-    scenario = LoadedScenario(load(LANE_CHANGE, ["steps=12", "chunk=3"]))
-    problem = scenario.problem(RULES)
-    results = [
-        run(problem, MonteCarlo(McConfig(rollouts=8)), executor, Settings(seed=4))
-        for executor in (SerialExecutor(), SerialExecutor(), ProcessExecutor(2))
-    ]
-    for other in results[1:]:
-        for a, b in zip(results[0], other, strict=True):
-            assert a.robustness.tolist() == b.robustness.tolist()
-            assert {**a.to_dict(), "seconds": 0} == {**b.to_dict(), "seconds": 0}
-
-
-@pytest.mark.slow
-def test_particles_do_not_depend_on_their_neighbours(scenario):
-    short = LoadedScenario(load(LANE_CHANGE, ["steps=8"])).problem(RULES)
-    tape = np.random.default_rng(5).normal(size=(5, short.steps + 1, short.noise_size))
-    together = short.replay(tape).robustness
-    alone = np.concatenate([short.replay(tape[i : i + 1]).robustness for i in range(len(tape))])
-    assert together.tolist() == alone.tolist()
 
 
 def test_a_rule_that_the_start_already_breaks_is_refused_by_rule_and_vehicle():

@@ -91,16 +91,6 @@ def test_the_numbers_of_a_channel_are_standard_normal_and_its_own():
     np.testing.assert_array_equal(burn_in._noise(np.zeros((1, 2)), 7), 0.0)
 
 
-@pytest.mark.parametrize("settings", [BURNING, PARAMETRIC])
-def test_a_row_does_not_depend_on_its_batch(settings):
-    loop = loop_of(*settings)
-    noise = first_row(loop, 7)
-    whole = loop.initial(noise).track
-    parts = batch.concatenate([loop.initial(noise[:2]).track, loop.initial(noise[2:]).track])
-    for one, other in zip(batch.leaves(whole), batch.leaves(parts), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_a_proposal_starts_from_the_burn_in_of_the_target():
     loop = loop_of(*PARAMETRIC)
     proposal = loop_of("perception={plugin: naive}").perception

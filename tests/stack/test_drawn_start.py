@@ -1,16 +1,12 @@
 """Scenes drawn from row 0 of the tape: correlated, drawn again where impossible, one estimate over all."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from avrare import estimate
-from avrare.base.batch import leaves, take
 from avrare.base.errors import PluginError
 from avrare.cli.main import main
 from avrare.rollout.loaded_scenario import load
-from avrare.stack.drawn_start import _square_root
 
 SCENE = """\
 name: drawn
@@ -72,16 +68,6 @@ def test_values_are_signals_with_their_law_and_correlation(loaded):
     assert loop.noise_names[:2] == ("draw of ego.speed", "draw of vehicles.van.x")
 
 
-def test_a_row_does_not_depend_on_the_others(loaded):
-    loop = loaded().stack.loop
-    tapes = noise(40, loop.noise_size)
-    whole = loop.initial(tapes)
-    for rows in (np.array([7]), np.arange(30, 40)):
-        alone = loop.initial(tapes[rows])
-        pairs = zip(leaves(alone), leaves(take(whole, rows)), strict=True)
-        assert all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-
-
 def test_impossible_scenes_are_drawn_again_and_counted(loaded):
     loop, state, signals = start(loaded())
     first = loaded(*KEPT[:1], "simulator.draws.overlap=error").stack.loop
@@ -137,17 +123,6 @@ def test_a_simulator_that_only_marks_its_options_is_refused(loaded, monkeypatch)
     monkeypatch.delattr("avrare_single_track.simulator.SingleTrack.reset_drawn")
     with pytest.raises(PluginError, match="marks options as drawable"):
         loaded().stack  # noqa: B018  # built on first use
-
-
-def test_fully_correlated_options_move_together():
-    factor = _square_root(np.array([[1.0, 1.0, 0.2], [1.0, 1.0, 0.2], [0.2, 0.2, 1.0]]))
-    assert factor @ factor.T == pytest.approx(np.array([[1, 1, 0.2], [1, 1, 0.2], [0.2, 0.2, 1]]))
-    assert factor[1, 1] == 0.0
-
-
-def test_the_shipped_scenario_keeps_its_laws():
-    scenario = load(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
-    assert len(scenario.definition.simulator.draws.laws) == 8
 
 
 def test_validate_draws_a_few_scenes(loaded, tmp_path, capsys):

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.base.errors import ScenarioError
 from avrare.driving import Action, Prediction, Road, Scene, Vehicles
 from avrare.protocols import Controller
 from avrare.rollout.loaded_scenario import LoadedScenario
@@ -106,11 +105,6 @@ def test_it_ends_with_the_danger_and_counts_each_time():
     assert (acceleration == 3.0).any()
 
 
-def test_an_option_that_never_begins_is_refused():
-    with pytest.raises(ValueError, match="never begins"):
-        Aeb(needed_deceleration=None)
-
-
 def test_the_block_of_a_scenario_is_resolved_and_counted():
     scenario = load(str(SCENARIO), ["aeb={needed_deceleration: 4.0}", "steps=3"])
     assert scenario.resolved["aeb"]["needed_deceleration"] == 4.0
@@ -118,9 +112,3 @@ def test_the_block_of_a_scenario_is_resolved_and_counted():
     nominal = LoadedScenario(scenario).problem(("no_collision",)).nominal()
     assert nominal.counts["aeb_interventions"].tolist() == [0]
     assert "fallback_solves" in nominal.counts
-
-
-def test_a_scenario_without_a_road_has_no_emergency_braking():
-    path = str(SCENARIO.parent / "double_integrator.yaml")
-    with pytest.raises(ScenarioError, match="aeb: "):
-        _ = LoadedScenario(load(path, ["aeb={}"])).stack

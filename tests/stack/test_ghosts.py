@@ -10,8 +10,6 @@ import avrare
 from avrare.cli.main import main
 from avrare.driving import Scene
 from avrare.rollout.loaded_scenario import load
-from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
@@ -54,13 +52,6 @@ def estimate(problem, **options):
 
 
 @pytest.mark.slow
-def test_splitting_with_ghosts_gives_the_same_bits_for_any_workers(problem):
-    one = estimate(problem())
-    assert 0 < one[0]["probability"] < 0.9  # it has risen through levels
-    assert estimate(problem(), workers=2) == one
-
-
-@pytest.mark.slow
 def test_splitting_with_ghosts_that_is_killed_goes_on_to_the_same_bits(problem, tmp_path):
     whole, lives, deaths = estimate(problem(10**9)), 120, 0
     while True:
@@ -92,15 +83,3 @@ def test_the_controller_is_built_for_all_tracks():
     state = loop.initial(np.zeros((2, loop.noise_size)))
     assert loop.tracker.predict(state.track, 2).x.shape == (2, 7, 3)
     assert loop.noise_size == 22 + 3 * 5
-
-
-@pytest.mark.slow
-def test_rollouts_with_ghosts_do_not_depend_on_their_batch():
-    scenario = load(LANE_CHANGE, (GHOSTS, ASSOCIATE, "steps=20"))
-    problem = scenario.problem(scenario.specifications[0])
-    tapes = np.random.default_rng(0).standard_normal((7, 21, problem.noise_size))
-    source = NoiseSource(0, problem.noise_size)
-    whole = problem.simulate(source, Request.replay(tapes))
-    for part in (slice(0, 1), slice(2, 6)):
-        alone = problem.simulate(source, Request.replay(tapes[part]))
-        assert alone.robustness.tobytes() == whole.robustness[part].tobytes()

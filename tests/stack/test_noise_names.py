@@ -71,11 +71,6 @@ def test_a_problem_refuses_declarations_of_another_type(members, words):
     assert f"or leave {next(iter(members))} out" in caught.value.hint
 
 
-def test_names_that_fit_and_none_are_accepted():
-    assert problem(noise_names=("gust", "rain"), perfect_noise=(0.0, 8.0)).noise_size == 2
-    assert problem(noise_names=None).noise_size == 2
-
-
 def test_declarations_that_fit_are_accepted():
     assert problem(warnings={"coarse": "a warning"}, lacks={"noise": "a clock"}).system.warnings == {
         "coarse": "a warning"

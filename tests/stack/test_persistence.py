@@ -12,7 +12,6 @@ from avrare.base import batch
 from avrare.driving import Action, Observation, Road, Scene, Vehicles
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
-from avrare.rollout.weighted_problem import WeightedProblem
 from avrare.stack.closed_loop import ClosedLoop
 from avrare_gp_pem.config import NaivePemConfig
 from avrare_gp_pem.runtime.models import build_naive
@@ -208,8 +207,3 @@ def test_a_density_given_the_past_is_refused_before_anything_runs(target, propos
     with pytest.raises(avrare.UsageError, match="last over steps") as caught:
         is_by(target, proposal)
     assert "gaussian" in caught.value.hint
-
-
-def test_a_learnt_proposal_is_refused_too():
-    with pytest.raises(avrare.UsageError, match="last over steps"):
-        WeightedProblem(problem(naive()), needs="law")

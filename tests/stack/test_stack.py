@@ -64,15 +64,6 @@ def test_a_start_that_raises_is_one_clear_line(monkeypatch, capsys):
     assert "the noise-free start raised ValueError: no battery at all" in error
 
 
-def test_a_start_that_fails_only_without_noise_is_estimated():
-    drawn = (
-        "simulator.initial.covariance=[1, 0, 0, 0]",
-        'specifications={clear: {stl: "always (x < -0.1)"}}',
-    )
-    path = str(SCENARIOS / "double_integrator.yaml")
-    assert LoadedScenario(load(path, drawn)).problem("clear").names == ("clear",)
-
-
 @pytest.mark.parametrize(
     ("seen", "predicted", "told"),
     [

@@ -1,28 +1,21 @@
 """Latency, periods, losses and actuators around the parts of a loop, against shifts and closed forms."""
 
 import dataclasses
-import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-import avrare
 from avrare import UsageError
 from avrare.base import batch
 from avrare.driving import Action, Observation, Prediction, Road, Scene, Vehicles
 from avrare.protocols import Controller, PerceptionErrorModel, Tracker, adapt
-from avrare.scenario.fingerprint import fingerprint
-from avrare.scenario.load import load
 from avrare.scenario.timing import Actuators, Timing
 from avrare.stack.clock import Clock, move_samples
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.timed_controller import Response
 from avrare.stack.timed_parts import Parts, time_parts
 
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 DT, STEPS = 0.1, 24
 SCENE = Scene(DT, Road((0.0,), 3.5), 4.5, 1.8, ("lead",), np.full(1, 4.5), np.full(1, 1.8), np.ones(1, bool))
 
@@ -133,12 +126,6 @@ def done(system, **options):
 TRUTH = np.arange(STEPS) ** 2.0
 
 
-def test_without_options_nothing_is_wrapped():
-    parts = make_parts(Sensor())
-    assert time_parts(Timing(), Actuators(), Clock(DT), SCENE, parts) == parts
-    np.testing.assert_array_equal(heard(loop()), TRUTH)
-
-
 @pytest.mark.parametrize("steps", [1, 3])
 def test_a_latency_shifts_what_is_heard(steps):
     late = heard(loop(perception_latency=steps * DT))
@@ -154,11 +141,6 @@ def test_a_delay_shifts_what_is_done(option, steps):
     np.testing.assert_array_equal(late[:steps], 0.0)
 
 
-def test_delays_add_up():
-    both = done(loop(planning_latency=0.1, actuation_delay=0.2))
-    np.testing.assert_array_equal(both, done(loop(actuation_delay=0.3)))
-
-
 def test_a_plan_is_kept_until_the_next_one():
     kept = done(loop(planner_period=0.3))
     np.testing.assert_array_equal(kept, TRUTH[3 * (np.arange(STEPS) // 3)])
@@ -169,12 +151,6 @@ def test_a_tracker_between_its_updates_predicts():
     last = 2 * (np.arange(STEPS) // 2)
     # half a step of the tracker after its update, which is 10 m in its prediction
     np.testing.assert_array_equal(heard(system), last**2.0 + 5.0 * (np.arange(STEPS) % 2))
-
-
-def test_a_slow_tracker_reads_the_newest_frame():
-    late = heard(loop(tracker_period=0.3, perception_latency=0.1))
-    updates = np.arange(3, STEPS, 3)
-    np.testing.assert_array_equal(late[updates], (updates - 1.0) ** 2)
 
 
 def test_a_stack_with_periods_is_the_same_at_half_the_step():
@@ -314,43 +290,6 @@ def test_rows_of_a_batch_and_branches_have_the_bits_of_the_whole(start):
         state = system.step(state, tape[t, rows])
         for leaf, expected in zip(batch.leaves(state), batch.leaves(batch.take(whole[t], rows)), strict=True):
             np.testing.assert_array_equal(leaf, expected)
-
-
-def test_a_scenario_with_times_has_the_same_bits_for_more_workers(tmp_path):
-    times = {name: value for name, value in ALL.items() if name != "planner_period"}
-    settings = [f"timing={json.dumps(times)}", "actuators.acceleration_lag=0.1", "steps=8", "chunk=4"]
-    scenario = avrare.load(SCENARIOS / "lane_change.yaml", settings)
-    task = scenario.problem("no_collision")
-    assert task.system.noise_names[-3:] == ("lateness of frames", "loss of frames", "loss of planning cycles")
-    one, two = (avrare.estimate(task, "mc", rollouts=10, workers=workers) for workers in (1, 2))
-    assert one.worst.robustness == two.worst.robustness
-    np.testing.assert_array_equal(one.worst.noise, two.worst.noise)
-    again = tmp_path / "again.yaml"
-    again.write_text(yaml.safe_dump(scenario.definition.resolved, sort_keys=False))
-    assert fingerprint(load(str(again))) == fingerprint(scenario.definition)
-
-
-class Astray(Sensor):
-    """Also errs in the ego's pose, by twice the noise of the start."""
-
-    def start(self, noise):
-        return {"error": 2.0 * noise[:, 0]}
-
-    def follow(self, world, noise, memory):
-        return self.observe(world, noise), memory
-
-    def locate(self, ego, memory):
-        return dataclasses.replace(ego, x=ego.x + memory["error"])
-
-
-@pytest.mark.parametrize("latency", [0.0, 0.2])
-def test_the_planner_is_where_perception_locates_it(latency):
-    parts = make_parts(Astray())
-    timing = Timing(perception_latency=latency)
-    system = ClosedLoop(Highway(), *time_parts(timing, Actuators(), Clock.of(timing, DT), SCENE, parts))
-    state = system.step(system.initial(np.full((1, 1), 3.0)), np.zeros((1, 1)))
-    np.testing.assert_array_equal(state.memory["x"], 6.0)
-    np.testing.assert_array_equal(state.world.ego.x, 2.0)
 
 
 def test_noise_is_named_and_perfect_noise_is_on_time():

@@ -1,9 +1,7 @@
 """The reference problems: what they are, how likely they fail, and that their systems do just that."""
 
-import itertools
 import json
 import math
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +9,11 @@ import pytest
 from scipy.special import ndtr
 
 import avrare
-from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request, Rollouts
 from avrare.testing import exact_chain_probabilities as chain
 from avrare.testing.problems import (
     conjunction,
     count_down,
     exponential_sum,
-    families,
     four_branch,
     linear,
     lognormal_product,
@@ -160,33 +155,6 @@ def test_reference_problems_against_monte_carlo(problem):
     truth = problem.probability
     found = avrare.estimate(problem.problem(), seed=5, rollouts=rollouts).probability
     assert abs(found - truth) < 4 * math.sqrt(truth * (1 - truth) / rollouts)
-
-
-@small
-def test_a_row_does_not_depend_on_its_neighbours(problem):
-    task, noise = problem.problem(), NoiseSource(1, problem.system.noise_size)
-    request = Request.from_start(np.zeros(30, dtype=np.int64), np.arange(30))
-    together = task.simulate(noise, request)
-    for cuts in ([0, 13, 30], range(31)):
-        parts = Rollouts.join(
-            [task.simulate(noise, request.slice(a, b)) for a, b in itertools.pairwise(cuts)]
-        )
-        np.testing.assert_array_equal(parts.robustness, together.robustness)
-        np.testing.assert_array_equal(parts.scores, together.scores)
-
-
-@by_id
-def test_problems_can_be_pickled(problem):
-    task = pickle.loads(pickle.dumps(problem.problem()))
-    noise = tapes(problem, 5)
-    np.testing.assert_array_equal(task.robustness(noise), problem.problem().robustness(noise))
-
-
-@small
-def test_every_family_names_its_generator(problem):
-    assert families()[problem.family].__name__ == problem.family
-    assert problem.id.startswith(problem.family)
-    assert {problem.family for problem in SMALL} == set(families())
 
 
 def test_generated_and_tabled_problems_agree():

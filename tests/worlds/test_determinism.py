@@ -9,7 +9,6 @@ import pytest
 
 import avrare
 from avrare.testing.faulty_systems import Walk
-from avrare.worlds import as_system
 from avrare.worlds.determinism import Findings, probe
 
 GENERATOR = np.random.default_rng(1)
@@ -148,12 +147,6 @@ def test_rounding_by_the_size_of_the_batch_is_a_mild_warning(estimator):
     assert "signal 'x' differs from step 1 on by up to 2e-08" in found
 
 
-def test_rounding_that_only_a_large_batch_shows_is_told_with_its_size():
-    health = estimate(Adds(lambda x: 1e-9 * (len(x) > 10))).health
-    assert set(health) == {"rounding"}
-    assert "replayed, differs by 1.1e-08" in health["rounding"]
-
-
 def test_a_system_that_changes_only_late_does_not_reproduce():
     health = estimate(Adds(lambda x: 0.1 * random.random() * (x.max() > 0.5))).health
     assert set(health) == {"not_deterministic"}
@@ -180,12 +173,6 @@ def test_it_goes_unnoticed():
     assert before == (random.getstate(), repr(np.random.get_state()))
 
 
-def test_a_world_that_draws_is_warned_of_by_estimators_that_do_not_branch(toys):
-    health = estimate(as_system(toys.Careless)).health
-    assert "the module random at toys.py" in health["not_deterministic"]
-    assert not estimate(as_system(toys.Walk)).health
-
-
 def test_each_health_warning_reaches_python():
     with pytest.warns(avrare.HealthWarning) as told:
         result = estimate(Adds(lambda x: time.time()))
@@ -194,10 +181,3 @@ def test_each_health_warning_reaches_python():
         f"specification: {name}: {text}" for name, text in result.health.items()
     ]
     assert {one.filename for one in told} == {__file__}
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_suppressed_warning_is_silent():
-    assert not estimate(Adds(lambda x: 10.0), suppress=["all_failed"]).health
-    with pytest.raises(avrare.HealthWarning, match="all_failed"):
-        estimate(Adds(lambda x: 10.0))

@@ -6,7 +6,7 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.worlds import NotDeterministic, as_system, capabilities, require
+from avrare.worlds import NotDeterministic, as_system, require
 
 FORMULA = "always (x < 0.9)"
 AMS = {"particles": 20, "discard": 4, "runs": 2}
@@ -34,22 +34,6 @@ def test_the_estimate_equals_that_of_the_batched_system(toys, copy, estimator):
     if estimator == "ams":
         assert 0.0 < found.probability < 0.2
         assert (found.counts.get("replayed_steps", 0) > 0) == (copy == "replay")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("copy", ["replay", "deepcopy"])
-def test_two_workers_give_the_same_bits(toys, copy):
-    system = as_system(toys.Hooked, toys.Push(), copy=copy)
-    one, two = estimate(system, **AMS), estimate(system, workers=2, **AMS)
-    assert plain(one) == plain(two)
-    assert one.counts == two.counts
-    assert (one.failures.noise == two.failures.noise).all()
-
-
-def test_less_memory_gives_the_same_estimate(toys):
-    system = as_system(toys.Walk)
-    few = estimate(system, memory=0.03, **AMS)
-    assert few.probability == estimate(system, **AMS).probability
 
 
 def test_other_estimators_accept_worlds(toys):
@@ -97,15 +81,6 @@ def test_what_cannot_be_copied(toys):
 
     with pytest.raises(UsageError, match="cannot be copied by deepcopy: TypeError: no"):
         estimate(as_system(Locked, copy="deepcopy"), **AMS)
-
-
-def test_capabilities(toys):
-    can = capabilities(as_system(toys.Walk))
-    assert (can.branches, can.noise, can.reason) == (True, True, "")
-    can = capabilities(as_system(toys.Careless))
-    assert (can.branches, can.noise) == (False, False)
-    assert "signal 'x' differs from step 1" in can.reason
-    assert capabilities(toys.BatchWalk()).branches
 
 
 def test_an_estimator_names_missing_capabilities_before_anything_runs(toys):

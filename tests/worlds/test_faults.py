@@ -63,11 +63,6 @@ def test_splitting_continues_after_errors(toys, name):
     assert result.rollouts > 60
 
 
-def test_a_time_limit_that_is_not_reached_changes_nothing(toys):
-    one, two = estimate(toys.Walk, step_timeout=30.0), estimate(toys.Walk)
-    assert one.to_json().split('"seconds"')[0] == two.to_json().split('"seconds"')[0]
-
-
 def test_a_world_that_raises_at_the_start(toys):
     class Stillborn(toys.Walk):
         def reset(self, noise):

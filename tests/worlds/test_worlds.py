@@ -83,13 +83,6 @@ def test_a_state_is_pickled_as_its_inputs(toys):
     np.testing.assert_array_equal(found, whole[:, 5:])
 
 
-def test_a_state_without_actions_is_pickled(toys):
-    system, noise = as_system(toys.Walk), tape(3)
-    _, middle = course(system, noise[:, :6])
-    found, _ = course(system, noise, pickle.loads(pickle.dumps(middle)), 5)
-    np.testing.assert_array_equal(found, course(system, noise)[0][:, 5:])
-
-
 def test_worlds_are_reused(toys):
     made = []
 
@@ -116,14 +109,6 @@ def test_without_reuse_every_rollout_has_a_new_world(toys):
     reused = as_system(toys.Leaky)
     course(reused, noise)
     assert not np.array_equal(course(reused, noise)[0], expected)
-
-
-def test_signals_of_any_shape_and_the_observation(toys):
-    state = Worlds(toys.Vector).reset(tape(3)[:, 0])
-    assert state.signals["both"].shape == (3, 2)
-    np.testing.assert_array_equal(state.seen[:, 0], state.signals["x"])
-    np.testing.assert_array_equal(state.seen[:, 1], 1.0)
-    np.testing.assert_array_equal(Worlds(toys.Walk).reset(tape(3)[:, 0]).ego, state.seen[:, :1])
 
 
 def test_a_world_in_a_closed_loop_equals_a_batched_system(toys):
@@ -156,11 +141,6 @@ def test_wrong_arguments(toys, arguments, message):
         Worlds(toys.Walk, **arguments)
 
 
-def test_no_world():
-    with pytest.raises(UsageError, match="lacks noise_size, reset, step, signals"):
-        as_system(dict)
-
-
 def test_a_world_in_place_of_a_factory_is_refused(toys):
     with pytest.raises(UsageError, match="by a class or a function, not by a Walk object") as caught:
         as_system(toys.Walk())
@@ -174,15 +154,6 @@ def test_signals_that_change(toys):
 
     with pytest.raises(UsageError, match="same signals"):
         course(as_system(Odd), tape(9))
-
-
-def test_an_action_that_is_not_an_array_is_refused(toys):
-    class Sentence(toys.Push):
-        def act(self, memory, seen, prediction):
-            return "left", memory
-
-    with pytest.raises(UsageError, match="returned str"):
-        course(as_system(toys.Walk, Sentence()), tape(3))
 
 
 def test_arrays_given_to_a_world_are_read_only(toys):

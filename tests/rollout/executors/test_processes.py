@@ -91,11 +91,6 @@ def test_a_row_that_raises_in_a_worker_is_an_error():
     np.testing.assert_array_equal(one.robustness, two.robustness)
 
 
-def test_an_avrare_error_arrives_with_its_hint():
-    with pytest.raises(avrare.FormulaError, match="'x' is missing"):
-        estimate(problem(odd_systems.Nameless()))
-
-
 @pytest.mark.slow
 def test_a_worker_that_dies_is_reported():
     with pytest.raises(WorkerDied, match="without an answer") as caught:
@@ -168,31 +163,6 @@ def test_an_unguarded_script_gets_a_hint_about_the_guard(tmp_path):
     assert done.stdout.count("UsageError worker processes import this script") == 2
     assert "__main__" in done.stdout
     assert "Traceback" not in done.stderr
-
-
-BARE = """
-import sys
-import avrare
-from avrare.testing.faulty_systems import Walk
-problem = avrare.Problem(Walk(), avrare.stl("always (x < 4)"), steps=5)
-avrare.estimate(problem, rollouts=100, workers=2, checkpoint=sys.argv[0] + ".saved")
-"""
-
-
-def test_a_script_with_a_checkpoint_gets_the_hint_about_the_guard(tmp_path):
-    """Say so before the folder of the checkpoint is opened, which the parent holds."""
-    done = run_script(tmp_path, BARE)
-    assert done.returncode == 1
-    *_, error, hint = done.stderr.splitlines()
-    assert error.endswith("UsageError: worker processes import this script, and would run it again")
-    assert hint.startswith('hint: put the call under `if __name__ == "__main__":`')
-    assert done.stderr.count("Traceback") == 1
-
-
-def test_a_script_from_standard_input_has_no_workers(tmp_path):
-    done = run_script(tmp_path, BARE.replace('sys.argv[0] + ".saved"', "None"), "stdin")
-    assert "this script, which is no file that they can read\nhint: save it as a file" in done.stderr
-    assert done.stderr.count("Traceback") == 1
 
 
 def test_errors_survive_pickling():

@@ -107,17 +107,6 @@ def site(tmp_path_factory):
     return folder, done
 
 
-def test_the_folder_of_the_site_is_ignored_by_git():
-    """Ask git for the folder of ``make docs``; below it is built elsewhere."""
-    from mkdocs.config import load_config
-
-    config = load_config(str(ROOT / "mkdocs.yml"))
-    ignored = subprocess.run(
-        ["git", "check-ignore", "--quiet", config.site_dir], cwd=ROOT, capture_output=True, check=False
-    )
-    assert ignored.returncode in (0, 128)  # 128: not a clone of the repository
-
-
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(site):
     folder, done = site

@@ -42,17 +42,6 @@ def installed(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_example_is_found_by_its_entry_point(installed):
-    python, environment = installed
-    where = run(python, "-c", "import avrare_example; print(avrare_example.__file__)", **environment)
-    assert where.startswith(str(python.parents[1])), "the source folder is used, not the wheel"
-    rows = json.loads(run(python, "-m", "avrare", "plugins", "--json", **environment))
-    found = {(row["kind"], row["name"]) for row in rows if row["distribution"] == "avrare-example"}
-    assert found == {("simulator", "tank"), ("specification", "spillage")}
-    assert {row["status"] for row in rows if row["distribution"] == "avrare-example"} == {"ok"}
-
-
-@pytest.mark.slow
 def test_the_scenario_of_its_readme_runs(installed, tmp_path):
     python, environment = installed
     (text,) = re.findall(r"```yaml\n(.*?)```", (EXAMPLE / "README.md").read_text(), flags=re.DOTALL)

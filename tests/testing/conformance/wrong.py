@@ -15,6 +15,12 @@ from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request, Rollouts
 
 
+def offer(kind):
+    """Let a factory without options have the lower-case name of a class."""
+    globals()[kind.__name__.lower()] = lambda config, scene=None: kind()
+    return kind
+
+
 class Weighted(Options):
     weight: float = Field(default=1.0, description="a pure number")
 
@@ -78,16 +84,19 @@ def good(config, scene=None):
     return Walk()
 
 
+@offer
 class Listing(Walk):
     def signals(self, world):
         return {"x": world.x.tolist()}
 
 
+@offer
 class Rolling(Walk):
     def step(self, world, action, noise):
         return World(world.x + noise[:, 0] + random.random())
 
 
+@offer
 class Remembering(Walk):
     calls = 0
 
@@ -96,17 +105,20 @@ class Remembering(Walk):
         return World(world.x + self.calls * noise[:, 0])
 
 
+@offer
 class Sociable(Walk):
     def step(self, world, action, noise):
         return World(world.x + noise[:, 0] - 0.1 * world.x.mean())
 
 
+@offer
 class Writing(Walk):
     def step(self, world, action, noise):
         world.x[:] += noise[:, 0]
         return World(world.x)
 
 
+@offer
 class Opaque(Walk):
     """Its states are no values."""
 
@@ -121,6 +133,7 @@ class Opaque(Walk):
         return self.Box(world.x + noise[:, 0])
 
 
+@offer
 class Fussy(Walk):
     def step(self, world, action, noise):
         if np.isnan(noise).any():
@@ -128,6 +141,7 @@ class Fussy(Walk):
         return super().step(world, action, noise)
 
 
+@offer
 class Steered(Walk):
     """Nothing is wrong with it: it reads what its controller says."""
 
@@ -135,16 +149,19 @@ class Steered(Walk):
         return World(world.x + noise[:, 0] + action[:, 0])
 
 
+@offer
 class Asking(Walk):
     def step(self, world, action, noise):
         raise UsageError("this walk needs a controller")
 
 
+@offer
 class Mistyped(Walk):
     def step(self, world, action, noise):
         raise TypeError("can only add numbers")
 
 
+@offer
 class Windless(Walk):
     """Stumbles over a None of its own."""
 
@@ -154,66 +171,34 @@ class Windless(Walk):
     wind = None
 
 
+@offer
 class Stepless:
     dt, noise_size = 0.1, 1
 
 
-def build(kind):
-    return lambda config, scene=None: kind()
+def lying(lie):
+    """Return the factory of Monte Carlo that changes each of its results."""
+
+    class Liar(MonteCarlo):
+        def estimate(self, state):
+            return [lie(result) for result in super().estimate(state)]
+
+    return lambda config, scene=None: Liar(config)
 
 
-_KINDS = (
-    Listing,
-    Rolling,
-    Remembering,
-    Sociable,
-    Writing,
-    Opaque,
-    Fussy,
-    Stepless,
-    Steered,
-    Asking,
-    Mistyped,
-    Windless,
-)
-for _kind in _KINDS:
-    globals()[_kind.__name__.lower()] = build(_kind)
+def halve(result):
+    return replace(result, probability=result.probability / 2, run_probabilities=result.run_probabilities / 2,
+                   interval_at=lambda c: tuple(x / 2 for x in result.interval_at(c)))  # fmt: skip
 
 
-class Half(MonteCarlo):
-    """Half of everything."""
-
-    def estimate(self, state):
-        results = super().estimate(state)
-        return [replace(one, probability=one.probability / 2, run_probabilities=one.run_probabilities / 2,
-                        interval_at=lambda c, one=one: tuple(x / 2 for x in one.interval_at(c)))
-                for one in results]  # fmt: skip
-
-
-class Overconfident(MonteCarlo):
-    def estimate(self, state):
-        results = super().estimate(state)
-        return [replace(one, interval_at=lambda c, one=one: (0.95 * one.probability, one.probability))
-                for one in results]  # fmt: skip
-
-
-class Pessimist(MonteCarlo):
-    """Never below one in a thousand."""
-
-    def estimate(self, state):
-        return [replace(one, probability=max(one.probability, 1e-3)) for one in super().estimate(state)]
-
-
-class Forgiving(MonteCarlo):
-    """Errors are not counted."""
-
-    def estimate(self, state):
-        return [replace(one, errors=0) for one in super().estimate(state)]
-
-
-class Cheap(MonteCarlo):
-    def estimate(self, state):
-        return [replace(one, simulated_steps=1) for one in super().estimate(state)]
+half = lying(halve)
+overconfident = lying(lambda r: replace(r, interval_at=lambda c: (0.95 * r.probability, r.probability)))
+pessimist = lying(lambda r: replace(r, probability=max(r.probability, 1e-3)))
+forgiving = lying(lambda r: replace(r, errors=0))
+cheap = lying(lambda r: replace(r, simulated_steps=1))
+rounding = lying(lambda r: replace(r, probability=round(r.probability, 3)))
+forging = lying(lambda r: replace(r, failures=replace(r.failures, noise=-r.failures.noise)))
+shuffling = lying(lambda r: replace(r, run_probabilities=r.run_probabilities[::-1]))
 
 
 class Spender(MonteCarlo):
@@ -222,71 +207,38 @@ class Spender(MonteCarlo):
 
 
 class Chunky(MonteCarlo):
-    """Part whose outcome depends on the size of the chunks."""
+    """Has outcomes that depend on the size of the chunks."""
 
     def init(self, plan):
         state, info = super().init(plan)
         return (replace(state, total=500, per_run=500), info) if plan.chunk < 100 else (state, info)
 
 
-class Shuffling(MonteCarlo):
-    """The runs are told in another order when there are more of them."""
-
-    def estimate(self, state):
-        return [
-            replace(one, run_probabilities=one.run_probabilities[::-1]) for one in super().estimate(state)
-        ]
+def spender(config, scene=None):
+    return Spender(config)
 
 
-class Rounding(MonteCarlo):
-    """The estimate is not the mean of its runs."""
-
-    def estimate(self, state):
-        return [replace(one, probability=round(one.probability, 3)) for one in super().estimate(state)]
-
-
-class Forging(MonteCarlo):
-    """The tapes of its failures are not those that failed."""
-
-    def estimate(self, state):
-        return [replace(one, failures=replace(one.failures, noise=-one.failures.noise))
-                for one in super().estimate(state)]  # fmt: skip
-
-
-def estimator(kind):
-    return lambda config, scene=None: kind(config)
-
-
-_ESTIMATORS = (
-    Half,
-    Overconfident,
-    Pessimist,
-    Forgiving,
-    Cheap,
-    Spender,
-    Chunky,
-    Shuffling,
-    Rounding,
-    Forging,
-)
-for _kind in _ESTIMATORS:
-    globals()[_kind.__name__.lower()] = estimator(_kind)
+def chunky(config, scene=None):
+    return Chunky(config)
 
 
 class Lenient(McConfig):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
+@offer
 class Backwards(SerialExecutor):
     def map(self, chunks):
         return iter(list(super().map(chunks))[::-1])
 
 
+@offer
 class Greedy(SerialExecutor):
     def map(self, chunks):
         return super().map(list(chunks))
 
 
+@offer
 class Once(SerialExecutor):
     used = False
 
@@ -299,6 +251,7 @@ class Once(SerialExecutor):
         self.used = True
 
 
+@offer
 class Deaf(SerialExecutor):
     """Errors are swallowed."""
 
@@ -310,15 +263,12 @@ class Deaf(SerialExecutor):
                 yield Rollouts
 
 
+@offer
 class Idle(SerialExecutor):
     """Errands are not run."""
 
     def map(self, chunks):
         return (self._work.run(chunk) if isinstance(chunk, Request) else None for chunk in chunks)
-
-
-for _kind in (Backwards, Greedy, Once, Deaf, Idle):
-    globals()[_kind.__name__.lower()] = build(_kind)
 
 
 class Drift:
@@ -338,6 +288,7 @@ class Drift:
         return self.observe(world, error), error
 
 
+@offer
 class Forgetful(Drift):
     """Keeps its memory in itself."""
 
@@ -349,6 +300,7 @@ class Forgetful(Drift):
         return observation, memory
 
 
+@offer
 class Smearing(Drift):
     """Errors begin at the mean of all particles."""
 
@@ -356,6 +308,7 @@ class Smearing(Drift):
         return noise - noise.mean(axis=0)
 
 
+@offer
 class Scribbling(Drift):
     """Writes into the memory."""
 
@@ -367,18 +320,6 @@ class Scribbling(Drift):
 
 def lasting(config, scene):
     return Drift()
-
-
-def forgetful(config, scene):
-    return Forgetful()
-
-
-def smearing(config, scene):
-    return Smearing()
-
-
-def scribbling(config, scene):
-    return Scribbling()
 
 
 def draw_words(result):
