@@ -2,8 +2,6 @@
 
 import importlib.util
 import random
-import subprocess
-import sys
 from collections import Counter
 
 import numpy as np
@@ -22,7 +20,7 @@ from benchmarks.calibration.problems.problem import rolled
 from benchmarks.calibration.report import KEPT
 from benchmarks.calibration.scope import BUDGETS
 from benchmarks.calibration.summary import Row, best, rows_of
-from benchmarks.calibration.tools import TOOLS, gams_tools
+from benchmarks.calibration.tools import TOOLS
 from benchmarks.studies import kept
 
 SAME = {
@@ -124,14 +122,6 @@ def test_intervals_from_deviations_and_runs():
     assert (low, high) == pytest.approx((3.0 - 1.9633, 3.0 + 1.9633), abs=1e-3)
 
 
-def test_textbook_splitting_is_unbiased():
-    problem = problems()["walk_T60_m14"]
-    answers = [gams_tools.estimate("gams", Counted(problem, 1000), 1000, seed, {}) for seed in range(8)]
-    ratios = np.array([one.probability for one in answers]) / problem.probability
-    assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std(ddof=1) / len(ratios) ** 0.5
-    assert ratios.std(ddof=1) < 1.0
-
-
 def test_every_tool_has_an_adapter():
     for tool in TOOLS.values():
         assert importlib.util.find_spec(tool.module)
@@ -141,17 +131,6 @@ def cell(estimate, low, high, warnings=(), seed=0, tool="avrare mc", evaluations
     return cells.Cell(
         tool, "1", "recommended", "walk_2.5", 1000, seed, estimate, low, high, warnings, evaluations, 0.1, ""
     )
-
-
-def test_shares_of_a_row():
-    p = problems()["walk_2.5"].probability
-    row = Row("avrare mc", "recommended", problems()["walk_2.5"], 1000, (
-        cell(p, 0.5 * p, 2 * p), cell(0.8 * p, 0.7 * p, 0.9 * p), cell(0.1 * p, 0.05 * p, 0.2 * p),
-        cell(0.1 * p, 0.05 * p, 0.2 * p, ("few_roots",)), cell(None, None, None), cell(0.0, None, None),
-    ))  # fmt: skip
-    assert (row.wrong, row.answered, row.covers) == (1, pytest.approx(4 / 6), pytest.approx(1 / 4))
-    assert row.warned == pytest.approx(1 / 6)
-    assert row.mean == pytest.approx((1 + 0.8 + 0.1 + 0.1 + 0.0) / 5)
 
 
 def test_first_is_the_cheapest_that_may_be_trusted():
@@ -177,73 +156,6 @@ def test_a_worker_that_does_not_answer_is_a_cell_with_a_reason(tmp_path, monkeyp
     assert not maker.workers
 
 
-def test_a_question_whose_first_seed_was_given_up_is_not_asked_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "_START", 0.0)
-    keys = [
-        ("avrare mc", "recommended", problem, 1000, seed)
-        for seed in (0, 1)
-        for problem in ("walk_2.5", "late")
-    ]
-    maker = runner.Runner(tmp_path, 0.0, {("avrare mc", "recommended", "late", 1000)})
-    maker.run(keys[:3], float("inf"))
-    first, again, third = cells.read(tmp_path)
-    assert first.hopeless
-    assert again.hopeless
-    assert third.reason == "not asked, as seed 0 had no answer within 0 CPU seconds"
-    assert third.time_limit == 0.0  # asked again by a run that gives more time
-    assert not third.hopeless
-
-
-def test_a_question_that_was_slow_at_a_tenth_of_its_budget_is_not_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "_START", 0.0)
-    question = ("avrare mc", "recommended", "walk_2.5", 1000)
-    keys = [(*question[:3], budget, seed) for budget in (10_000, 100_000) for seed in (0, 1)]
-    runner.Runner(tmp_path, 60.0, None, {question: 12.0}).run(keys[:2], float("inf"))
-    for found in cells.read(tmp_path):
-        assert found.reason == "not asked, as a tenth of the budget took 12 CPU seconds"
-        assert found.time_limit == 60.0  # asked by a run that gives more time
-        assert found.patience == float("inf")
-    asked = runner.Runner(tmp_path, 60.0, None, {question: 11.0})
-    assert "not asked" not in asked.cell(keys[0]).reason
-    assert "not asked" not in asked.cell(keys[2]).reason  # a hundredth of its budget says nothing
-
-
-def test_a_worker_that_hangs_is_told_from_one_that_works_too_long(tmp_path, monkeypatch):
-    pipe = subprocess.PIPE
-    sleeper = [sys.executable, "-c", "import time; time.sleep(60)"]
-    maker = runner.Runner(tmp_path, 5.0)
-    maker.workers["here"] = subprocess.Popen(sleeper, stdin=pipe, stdout=pipe, text=True)
-    monkeypatch.setattr(runner, "_CROWDED", 0.0)
-    found = maker.cell(("avrare mc", "recommended", "walk_2.5", 1000, 0))
-    assert found.reason.startswith("it hung: no answer within 0 seconds")
-    assert found.seconds < 5.0
-    assert found.time_limit == float("inf")
-
-
-def test_a_dead_worker_ends_no_run():
-    pipe = subprocess.PIPE
-    worker = subprocess.Popen([sys.executable, "-c", "pass"], stdin=pipe, stdout=pipe, text=True)
-    worker.wait()
-    assert runner._ask(worker, "{}", 1.0) == ""
-    runner._stop(worker)
-
-
-def test_cells_survive_a_torn_line(tmp_path):
-    cells.add(tmp_path, cell(1e-2, 1e-3, 2e-2))
-    with cells.file_of(tmp_path, "avrare mc").open("a") as file:
-        file.write('{"tool": "avr')
-    assert cells.read(tmp_path) == [cell(1e-2, 1e-3, 2e-2)]
-
-
-def test_coverage_without_a_warning_leaves_out_what_is_warned_of():
-    p = problems()["walk_2.5"].probability
-    held, missed = cell(p, 0.5 * p, 2 * p), cell(0.5 * p, 0.4 * p, 0.9 * p)
-    warned = cell(0.1 * p, 0.05 * p, 0.2 * p, ("few_roots",))
-    (line,) = report.tool_table(rows_of([held, held, missed, warned]))
-    assert (line["covers"], line["covers unwarned"], line["warned"]) == ("50.0", "66.7", "25.0")
-    assert (line["covers, d <= 10"], line["covers, d > 10"]) == ("", "50.0")
-
-
 def test_the_tables_have_every_row():
     p = problems()["walk_2.5"].probability
     tools = [*list(TOOLS)[:2], *list(TOOLS)[-5:]]
@@ -259,34 +171,11 @@ def test_the_tables_have_every_row():
     assert len(report.problem_table()) == len(problems())
 
 
-def test_a_tool_with_too_few_answers_is_not_judged():
-    p = problems()["walk_2.5"].probability
-    others = list(TOOLS)[-5:]
-    rows = rows_of(cell(p, p / 2, 2 * p, (), seed, tool) for seed in range(3) for tool in others)
-    rows += rows_of([cell(p, p / 2, 2 * p, (), 0, "avrare mc")])
-    judged = {line["tool"]: (line["trusted on"], line["first on"]) for line in report.tool_table(rows)}
-    assert judged.pop("avrare mc") == ("", "")
-    assert all(trusted == "1" for trusted, _ in judged.values())
-    assert sorted(first for _, first in judged.values()) == ["0", "0", "0", "0", "1"]
-
-
-def test_an_interval_from_zero_is_infinitely_wide():
-    p = problems()["walk_2.5"].probability
-    (row,) = rows_of([cell(p, p / 2, 2 * p), cell(0.0, 0.0, p, (), 1), cell(0.0, 0.0, p, (), 2)])
-    assert row.width == np.inf
-    assert report.tool_table([row])[0]["width"] == "inf"
-
-
 def agree(one, other):
     """Return whether two answers differ by no more than their errors explain."""
     small, large = sorted((one, other), key=lambda answer: answer.estimate)
     reach = np.hypot(small.high - small.estimate, large.estimate - large.low)
     return large.estimate - small.estimate <= reach
-
-
-def test_agreement_is_within_the_errors():
-    assert agree(cell(1.0, 0.9, 1.1), cell(1.1, 1.0, 1.2))
-    assert not agree(cell(1.0, 0.9, 1.1), cell(1.2, 1.1, 1.3))
 
 
 @pytest.mark.slow

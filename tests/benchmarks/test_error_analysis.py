@@ -10,9 +10,6 @@ from studies.error_analysis import (
     underestimate_bound,
 )
 
-import avrare
-from avrare.base.errors import UsageError
-from avrare.testing.static_problems import conjunction
 from avrare_estimators.common.chains.levels import effective_samples, r_hat
 
 
@@ -63,27 +60,6 @@ def test_the_bound_on_underestimates_is_useful():
     assert (found <= 0.5).mean() > 2.0 * (found >= 2.0).mean()  # the unsafe side is the likelier one
 
 
-def test_an_invalid_factor_or_share_is_refused():
-    with pytest.raises(UsageError, match="above 1"):
-        overestimate_bound(1.0, 10, 250)
-    with pytest.raises(UsageError, match="above 1"):
-        underestimate_bound(0.5, 10, 250)
-    with pytest.raises(UsageError, match="shares"):
-        relative_variance([0.5, 0.0], 10)
-
-
-def test_correlated_samples_are_worth_less():
-    free, bound = stuck(100, 10, 0.0, many=200), stuck(100, 10, 0.6, many=200)
-    assert autocorrelated_size(free).mean() == pytest.approx(1000, rel=0.1)
-    # Correlation 0.6^k at lag k in chains of ten.
-    growth = 2.0 * sum((1.0 - k / 10) * 0.6**k for k in range(1, 10))
-    assert autocorrelated_size(bound).mean() == pytest.approx(1000 / (1.0 + growth), rel=0.1)
-    scatter = bound.mean(axis=(1, 2)).var(ddof=1)
-    assert 0.3 * 0.7 / scatter == pytest.approx(1000 / (1.0 + growth), rel=0.35)
-    assert effective_samples(bound).mean() == pytest.approx(1000 / (1.0 + growth), rel=0.15)
-    assert autocorrelated_size(np.ones((1, 4, 5), dtype=bool)).tolist() == [20.0]
-
-
 def test_r_hat_is_that_of_arviz():
     import arviz_stats as stats
     from arviz_stats.base import array_stats
@@ -102,12 +78,3 @@ def test_effective_sizes_agree_with_arviz_on_long_chains():
     expected = float(array_stats.ess(hit[0].T.astype(float), chain_axis=0, draw_axis=1, method="mean"))
     assert autocorrelated_size(hit)[0] == pytest.approx(expected, rel=0.15)
     assert effective_samples(hit)[0] == pytest.approx(expected, rel=0.5)
-
-
-def test_diagnostics_describe_the_chains():
-    result = avrare.estimate(conjunction(-2.0).problem(), "ess", seed=1, runs=2, chains=20)
-    told = result.diagnostics
-    for shares, sizes, hats in zip(told["shares"], told["effective_sizes"], told["r_hat"], strict=True):
-        assert 0.0 < relative_variance(shares, sizes) < 2.0
-        assert relative_variance(shares, told["samples"]) <= relative_variance(shares, sizes) * (1 + 1e-9)
-        assert hats > 0.9

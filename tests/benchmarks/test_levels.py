@@ -7,7 +7,7 @@ import pytest
 
 from avrare import Problem
 from avrare.testing.problems import reference_problem
-from benchmarks.studies.levels import ROOT, Level, read_case, read_level
+from benchmarks.studies.levels import ROOT, Level, read_case
 
 
 def test_a_level_is_violated_where_robustness_falls_to_it():
@@ -19,16 +19,6 @@ def test_a_level_is_violated_where_robustness_falls_to_it():
     np.testing.assert_array_equal(shifted.violated[:, 0], known <= level)
     np.testing.assert_allclose(shifted.robustness[:, 0], known - level)
     assert 0 < shifted.violated.sum() < 60
-
-
-@pytest.mark.parametrize("wanted", [4e-4, 1e-4, 1e-5])
-def test_a_level_of_a_scenario_is_read_from_its_truth(wanted):
-    problem, probability = read_level("glider_actuator", "perches", wanted)
-    assert probability == pytest.approx(wanted, rel=0.01)
-    assert isinstance(problem.monitors[0], Level)
-    assert problem.monitors[0].level < 0
-    _, own = read_level("glider_actuator", "perches", None)
-    assert own == pytest.approx(7.86e-4)
 
 
 def test_a_case_is_a_name_or_a_path_and_has_a_truth_or_a_number():

@@ -11,7 +11,6 @@ from avrare.estimation.result import intervals
 from avrare.testing.static_problems import linear
 
 MC = {"rollouts": 40, "scenario": "a"}
-ESS = {"chains": 10, "level_probability": 0.25, "runs": 1}
 
 
 def finished(folder, name, options, count, problem=None):
@@ -28,21 +27,6 @@ def test_parts_of_monte_carlo_add_their_counts_up(tmp_path):
     assert parts.pool(found) == (failures / 120, one, [])
 
 
-def test_runs_stand_beside_each_other(tmp_path):
-    found = finished(tmp_path, "ess", ESS, 4)
-    values = [part["probability"] for part in found]
-    assert len(set(values)) > 1
-    mean, (low, high), warnings = parts.pool(found)
-    assert mean == pytest.approx(np.mean(values))
-    assert low < min(mean, np.median(values)) < high
-    assert "single_run" not in warnings
-    with_zero = [*found, found[0] | {"run_probabilities": [0.0]}]
-    assert parts.pool(with_zero)[0] == pytest.approx(0.8 * mean)
-    mostly_zero = [*found, *[found[0] | {"run_probabilities": [0.0]}] * 5]
-    assert "few_roots" in parts.pool(mostly_zero)[2]
-    assert "single_run" in parts.pool(found[:1])[2]
-
-
 def test_a_later_call_adds_only_the_missing_parts(tmp_path):
     first = finished(tmp_path, "mc", MC, 2)
     more = finished(tmp_path, "mc", MC, 3)
@@ -55,45 +39,6 @@ def test_a_later_call_adds_only_the_missing_parts(tmp_path):
         parts.read(tmp_path, "mc", MC | {"rollouts": 41})
     with pytest.raises(ValueError, match="other options"):
         parts.read(tmp_path, "mc", MC | {"scenario": "b"})
-
-
-def test_parts_made_elsewhere_leave_the_gaps_between_them(tmp_path):
-    whole = finished(tmp_path / "whole", "mc", MC, 3)
-    (tmp_path / "some").mkdir()
-    lines = (tmp_path / "whole" / "mc.jsonl").read_text().splitlines(keepends=True)
-    (tmp_path / "some" / "mc.jsonl").write_text(lines[0] + lines[2])
-    found = finished(tmp_path / "some", "mc", MC, 3)
-    assert [part["seed"] for part in found] == [0, 2, 1]
-    assert parts.pool(found) == parts.pool(whole)
-
-
-def test_an_interrupted_part_goes_on_and_keeps_its_cpu_time(tmp_path):
-    problem = linear(1.5, dim=5).problem(chunk=10)
-    whole = finished(tmp_path / "whole", "mc", MC, 1, problem)
-    times = [0.0, 60.0, 120.0]
-
-    def clock():
-        if not times:
-            raise InterruptedError
-        return times.pop(0)
-
-    with pytest.raises(InterruptedError):
-        parts.run(problem, "mc", MC, 1, tmp_path / "cut", clock)
-    again = finished(tmp_path / "cut", "mc", MC, 1, problem)
-    timed = ("cpu", "seconds")
-    assert [part | dict.fromkeys(timed) for part in again] == [part | dict.fromkeys(timed) for part in whole]
-    assert again[0]["cpu"] > 120.0
-    assert not list((tmp_path / "cut").glob("*.cpu"))
-
-
-def test_the_table_has_the_cost_of_all_parts(tmp_path):
-    found = finished(tmp_path, "mc", MC, 3)
-    rows = parts.table(tmp_path, {"mc": MC, "ess": ESS}).splitlines()[2:]
-    assert len(rows) == 1
-    assert "| `mc` | rollouts 40 | 3 |" in rows[0]
-    assert "| 120 |" in rows[0]
-    assert all(part["cpu"] >= 60.0 for part in found)  # a minute between two looks at the clock
-    assert f"| {sum(part['cpu'] for part in found) / 60:.1f} min |" in rows[0]
 
 
 def test_the_score_reads_delay_and_speed_and_is_0_where_a_failure_begins():

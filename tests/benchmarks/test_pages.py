@@ -26,15 +26,6 @@ def test_a_page_keeps_the_rows_that_a_study_does_not_have(pages, tmp_path, capsy
     assert "docs.md stays, its tables have 2 rows, not 1" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("old", [None, "| x | y |\n| 1 | 2 |\n"])
-def test_as_many_rows_replace_a_page(old, pages, tmp_path):
-    page, new = tmp_path / "docs.md", "| x | y |\n| 3 | 4 |\n"
-    if old is not None:
-        page.write_text(old)
-    assert pages.put(page, new, tmp_path / "results")
-    assert page.read_text() == new
-
-
 def test_lines_are_put_between_the_marks_of_a_page(pages):
     text = pages.fill("a\n<!-- t -->\nold\n<!-- end of t -->\nb\n", "t", ["new", "rows"])
     assert text == "a\n<!-- t -->\nnew\nrows\n<!-- end of t -->\nb\n"

@@ -45,25 +45,6 @@ def test_a_tail_knows_every_probability_below_its_end(values):
         tail.threshold(0.01)
 
 
-def test_equal_values_are_counted_together():
-    tail = truth.Tail.of(np.repeat([1.0, 2.0, 3.0], 1000), share=0.5)
-    assert tail.probability(1.0)[0] == pytest.approx(1 / 3)
-    assert tail.probability(0.999)[0] == 0.0
-
-
-def test_it_is_read_as_it_was_written(values, tmp_path):
-    tails = {"safe.1": truth.Tail.of(values), "low": truth.Tail.of(-values, 0.01)}
-    truth.write(tmp_path / "new" / "a.json", {"scenario": "a"}, tails)
-    assert json.loads((tmp_path / "new" / "a.json").read_text()) == {"scenario": "a"}
-    found = truth.read_tails(tmp_path / "new" / "a.json")
-    assert list(found) == list(tails)
-    for name, tail in tails.items():
-        np.testing.assert_array_equal(found[name].robustness, tail.robustness)
-        np.testing.assert_array_equal(found[name].particle, tail.particle)
-        assert found[name].rollouts == tail.rollouts
-    assert truth.read_tails(tmp_path / "none.json") == {}
-
-
 @pytest.mark.slow
 def test_a_stopped_truth_goes_on_to_the_same_numbers(tmp_path):
     scenario = tmp_path / "tank.yaml"
