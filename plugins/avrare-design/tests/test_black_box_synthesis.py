@@ -68,16 +68,6 @@ def test_numbers_have_names_sizes_and_settings(path):
     assert moved["dt"] == pytest.approx(numbers.start[4] + 0.05)
 
 
-def test_zeros_of_a_matrix_stay(path):
-    numbers = numbers_of(path, "simulator.process_noise", "simulator.initial.mean")
-    assert numbers.names[:2] == ("simulator.process_noise.0.0.0", "simulator.process_noise.0.1.1")
-    assert numbers.names[2:] == ("simulator.initial.mean.0", "simulator.initial.mean.1"), (
-        "zeros alone may move"
-    )
-    moved = numbers.at(numbers.start + 0.01).definition.resolved["simulator"]
-    np.testing.assert_allclose(moved["process_noise"], [[[0.03, 0.0], [0.0, 0.05]]])
-
-
 @pytest.mark.parametrize(
     ("parameter", "text"),
     [
@@ -180,12 +170,6 @@ def test_a_target_ends_it_and_maximising_climbs(path):
     assert [one.best for one in up] == [True, True]
 
 
-@pytest.mark.parametrize("bad", [{"iterations": 0}, {"step": 0.0}, {"step": 0.7}, {"directions": -1}])
-def test_searches_out_of_range_are_refused(bad):
-    with pytest.raises(UsageError, match="synthesis needs at least one iteration"):
-        Search("near", **bad)
-
-
 @pytest.mark.slow
 def test_the_command_proves_that_p_fell(path, tmp_path, capsys):
     out = tmp_path / "better" / "scenario.yaml"
@@ -230,12 +214,6 @@ def test_estimates_prove_it_where_the_start_is_rare(path, capsys):
 def test_mistakes_are_reported(path, arguments, text, capsys):
     assert main(["synthesise", str(path), "--specification", "near", *arguments]) == 4
     assert text in capsys.readouterr().err
-
-
-def test_a_start_at_the_target_is_told(path, capsys):
-    arguments = ["synthesise", str(path), "--specification", "near", "--parameter", GAIN]
-    assert main([*arguments, "--target", "0.9"]) == 3
-    assert "the start is at the target: nothing is changed" in capsys.readouterr().out
 
 
 def test_stored_failures_begin_the_descent(path, tmp_path, capsys):

@@ -7,7 +7,6 @@ import pytest
 
 from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.tape_runs import TapeRunner
-from avrare.base.errors import UsageError
 from avrare.estimation.result.result import Failures
 from avrare_design.failing_tapes import derive_from_failures
 from avrare_design.sensitivity import sample_failures
@@ -41,12 +40,6 @@ def test_errors_are_those_of_repetitions():
     assert abs(mean - exact_derivative()) < 4.0 * scatter / math.sqrt(40)
 
 
-def test_the_other_way_round_is_the_opposite():
-    (one, _), (other, _) = derived(3000), derived(3000, turned=-1.0)
-    assert other.value == -one.value
-    assert other.kept == one.kept[::-1]
-
-
 def test_what_changes_nothing_has_no_derivative():
     sample = sample_failures(noisy_problem(), 2000, 1, 0.95, TapeRunner())
     same = noisy_problem()
@@ -61,28 +54,3 @@ def test_one_failure_says_nothing():
     ends = noisy_problem(gain=0.5), noisy_problem(gain=1.5)
     found = derive_from_failures(ends, 0.5, sample, TapeRunner(), "gain")
     assert (found.error, found.shrunk) == (math.inf, 0.0)
-
-
-def test_tapes_of_another_shape_are_refused():
-    sample = sample_failures(noisy_problem(), 2000, 1, 0.95, TapeRunner())
-    ends = noisy_problem(), noisy_problem()
-    ends[1].steps += 1
-    with pytest.raises(UsageError, match="tapes of different shapes"):
-        derive_from_failures(ends, 0.1, sample, TapeRunner(), "steps")
-
-
-def test_a_single_chunk_starts_no_further_process(monkeypatch):
-    from avrare.analysis.causes import tape_runs
-
-    started = []
-
-    def build(workers):
-        started.append(workers)
-        return build_executor(1)
-
-    build_executor = tape_runs.build_executor
-    monkeypatch.setattr(tape_runs, "build_executor", build)
-    problem, tapes = noisy_problem(), np.zeros((3 * noisy_problem().chunk, 6, 1))
-    for count in (1, len(tapes)):
-        TapeRunner(workers=2)(problem, tapes[:count])
-    assert started == [1, 2]

@@ -17,8 +17,8 @@ from avrare.estimation.loop.checkpoint import FileJournal
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare_design.requirement import Trial
-from avrare_design.reweighed_trial import Nearby, Reweigher, Score
-from avrare_design.root_search import SHARES, _Search, find_requirement
+from avrare_design.reweighed_trial import Reweigher, Score
+from avrare_design.root_search import SHARES, find_requirement
 from noisy_loop import Sensor, exact, noisy_problem
 from pushed_point import pushed_point
 
@@ -88,11 +88,6 @@ def test_a_probability_with_two_roots_is_told():
     assert any("not monotone" in text for text in found.warnings) or found.kept is None
 
 
-def test_ends_in_the_wrong_order_are_refused():
-    with pytest.raises(UsageError, match="cannot be searched"):
-        search(0, between=(2.0, 1.0))
-
-
 @pytest.mark.slow
 def test_the_root_is_inside_in_95_of_100_repetitions():
     found = [search(seed, rollouts=20_000) for seed in range(100)]
@@ -117,20 +112,6 @@ def search_reweighed(seed, rollouts=20_000, limit=0.01):
     return find_requirement(evaluate, "sd", "low", limit, (0.2, 5.0))
 
 
-def search_made(intervals_of, between):
-    """Search with p = 0.01 value^2; ``intervals_of`` gives what the deciding run tells of values nearby."""
-    asked = []
-
-    def evaluate(value, share, number, level, nearby):
-        p = min(0.01 * value**2, 0.9)
-        low, high = intervals_of(value) if nearby else clopper_pearson(round(1e5 * p), 10**5, level)
-        found = tuple(Nearby(one, 0.01 * one**2, intervals_of(one)) for one in nearby)
-        asked.extend(nearby)
-        return make_trial(value, p, (low, high), 10**5, Score(2.0 / value, 0.01, 0.5 * value), found)
-
-    return find_requirement(evaluate, "sd", "low", 0.01, between), asked
-
-
 def search_exactly(probability, between, widths=(1.001, 1.001)):
     """Search with known estimates, whose intervals are so wide: those of the first two, and of the others."""
     number = itertools.count()
@@ -143,12 +124,6 @@ def search_exactly(probability, between, widths=(1.001, 1.001)):
     return find_requirement(evaluate, "sd", "low", 0.01, between)
 
 
-def test_a_line_that_is_nearly_flat_has_no_root():
-    found = search_exactly(lambda value, _: 0.02 - 1e-12 * value, (0.2, 5.0), (3.0, 3.0))
-    assert found.root is None
-    assert (found.kept, found.broken) == (None, None)
-
-
 def test_the_direction_is_that_of_estimates_that_lie_apart():
     # By chance the first two lie the wrong way round.
     found = search_exactly(
@@ -157,15 +132,6 @@ def test_the_direction_is_that_of_estimates_that_lie_apart():
     assert found.rising
     assert 0.8 < found.kept < 1.0 < found.broken
     assert not any("guess" in text for text in found.warnings)
-
-
-def test_a_direction_that_nothing_shows_is_called_a_guess():
-    found = search_exactly(lambda value, _: 0.0096 * value**0.1, (0.8, 1.25), (1.05, 1.03))
-    assert found.kept is not None
-    assert any("that the probability rises with the parameter is a guess" in text for text in found.warnings)
-    assert not any("guess" in text for text in search(0).warnings)
-    every = search_exactly(lambda value, _: 0.0096 * value**0.1, (0.8, 1.25), (1.01, 1.01))
-    assert (every.kept, every.warnings) == (1.25, ())
 
 
 def search_recorded(reach):
@@ -191,22 +157,6 @@ def test_the_risks_of_all_runs_add_up():
         assert sum(share for _, share, _, _ in asked[:6]) == pytest.approx(0.5)
 
 
-def test_a_root_outside_of_what_is_left_gives_way_to_the_middle():
-    trials = [
-        make_trial(value, p, (0.99 * p, 1.01 * p), 9)
-        for value, p in ((0.5, 0.001), (0.9, 0.009), (1.6, 0.02))
-    ]
-    search = _Search(None, 0.01, 0.05, True, (0.5, 1.6), trials)
-    assert search._inside(math.log(1.1)) == pytest.approx(1.1)
-    for outside in (math.log(0.8), math.log(3.0)):
-        assert search._inside(outside) == pytest.approx(1.2)
-
-
-def test_slopes_are_those_along_the_axis_of_the_search():
-    found, _ = search_recorded(lambda value: 0.5 * value)
-    assert found.root == pytest.approx(3.0, rel=1e-3)
-
-
 def test_values_reach_as_far_as_the_failures_nearest_to_the_bound():
     _, asked = search_recorded(lambda value: 0.3 * value if abs(math.log(value / 3.0)) < 0.2 else 0.9 * value)
     value, _, _, nearby = asked[-1]
@@ -220,22 +170,6 @@ def test_one_run_decides_only_where_its_failures_reach_beyond_its_interval():
     half = 1.96 / math.sqrt(0.01 * 0.5e6)  # of 500,000 rollouts, in log p; its slope is 2
     assert len(search_recorded(lambda value: 0.9 * half * value)[1]) == 7
     assert len(search_recorded(lambda value: 0.6 * half * value)[1]) == 8
-
-
-def test_values_to_reweigh_for_lie_between_the_ends():
-    _, asked = search_made(lambda one: (0.0099 * one**2, 0.0101 * one**2), (0.8, 1.2))
-    assert len(asked) > 5
-    assert 0.8 <= min(asked) < max(asked) <= 1.2
-
-
-def test_the_value_of_a_run_is_tested_in_its_place():
-    # The safest values cannot tell: fixed-sequence testing ends there, though the run's own could.
-    found, asked = search_made(lambda one: (0.0, 0.02 if one < 0.9 else 0.0095), (0.2, 5.0))
-    assert min(asked) < 0.9 < max(asked)
-    before = [one.value for one in found.trials[:-1] if one.interval[1] < 0.01]
-    assert found.kept == max(before)
-    found, asked = search_made(lambda one: (0.0, 0.0095 if one < 1.0001 else 0.02), (0.2, 5.0))
-    assert found.kept == max(one for one in asked if one < 1.0001)
 
 
 def test_reweighing_narrows_the_answer():
@@ -325,11 +259,6 @@ def test_an_answer_without_the_ensemble_says_so(plane):
     plain = avrare.require(plane, "simulator.initial.mean.0", "< 0.05", **words)
     assert numbers_of(found) == numbers_of(plain)
     assert not any("own model" in text for text in plain.warnings)
-
-
-def test_the_range_of_a_small_whole_number_begins_at_one(plane):
-    found = avrare.require(plane, "steps", "< 0.9", overrides=["steps=2"], rollouts=80)
-    assert [trial.value for trial in found.trials] == [1, 10]
 
 
 @pytest.mark.parametrize(

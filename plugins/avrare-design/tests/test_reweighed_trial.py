@@ -10,7 +10,6 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.base.special_functions import normal_factor
 from avrare.estimation.result.intervals import weighted_counts
-from avrare.estimation.result.result import Failures
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.testing.faulty_systems import Walk
 from avrare_design.require import _reweighable
@@ -55,15 +54,6 @@ def test_the_interval_of_what_is_reweighed_is_that_of_weighted_counts():
     assert high == pytest.approx(normal_factor(0.9) * math.sqrt(spread), rel=0.15)
 
 
-def test_too_few_failures_are_not_reweighed():
-    result = avrare.estimate(noisy_problem(0.7), "mc", rollouts=3_000, seed=0)
-    reweigher = Reweigher(noisy_problem(0.7), 0.7, Sensor)
-    assert 0 < result.failures.count < 20
-    few = Failures(result.failures.noise[:7], result.failures.robustness[:7], 7)
-    assert reweigher.score(few) is None
-    assert reweigher.reweigh(result, (0.7,), 0.95) == ()
-
-
 def test_rollouts_of_the_choice_are_no_trials_of_what_is_reweighed():
     result = avrare.estimate(noisy_problem(1.0), "auto", budget="rollouts=8000", seed=4)
     assert result.estimator == "mc"
@@ -79,12 +69,6 @@ def test_only_parameters_of_the_perception_are_reweighed_for():
     assert _reweighable(problem, "perception.sd", result)
     assert not _reweighable(problem, "controller.gain", result)  # failures weigh 1 at all of its values
     assert not _reweighable(other, "perception.sd", avrare.estimate(other, "mc", rollouts=300))
-
-
-def test_an_estimate_that_stopped_by_a_rule_is_not_reweighed():
-    result = avrare.estimate(noisy_problem(1.0), "mc", relative_error=0.2, seed=4)
-    assert result.failures.count > 20
-    assert Reweigher(noisy_problem(1.0), 1.0, Sensor).reweigh(result, (1.0,), 0.95) == ()
 
 
 def test_no_value_outside_the_ends_is_built():

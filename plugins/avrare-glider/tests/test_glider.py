@@ -7,8 +7,6 @@ import pytest
 from pydantic import ValidationError
 
 import avrare
-from avrare.base import batch
-from avrare.base.errors import UsageError
 from avrare_glider import aircraft
 from avrare_glider.config import FeedbackConfig, GliderConfig
 from avrare_glider.feedback import gains, linearise
@@ -64,15 +62,6 @@ def test_the_plates_have_the_lift_and_drag_of_flat_plates(i):
     rate = float(rng.normal() * 5)
     ours = aircraft.rates(tuple(state), rate)
     np.testing.assert_allclose(ours, by_lift_and_drag(state, rate), rtol=1e-9, atol=1e-9)
-
-
-def test_a_glider_without_air_would_fall_like_a_stone(monkeypatch):
-    monkeypatch.setattr(aircraft, "DENSITY", 0.0)
-    state = tuple(np.array([v]) for v in (0.0, 0.0, 0.3, 0.1, 3.0, 1.0, 0.5))
-    for _ in range(50):
-        state = aircraft.advance(state, np.array([0.2]))
-    expected = 1.5, 0.5 - 0.5 * 9.81 * 0.25, 0.55, 0.2, 3.0, 1.0 - 9.81 * 0.5, 0.5
-    np.testing.assert_allclose(np.array(state)[:, 0], expected, rtol=1e-12)
 
 
 def test_the_nominal_flight_is_the_published_problem_solved():
@@ -161,30 +150,6 @@ def test_the_servo_has_its_limits():
     low, high = aircraft.ELEVATOR_STOPS
     assert np.abs(np.diff(elevator, axis=0)).max() == pytest.approx(0.13)
     np.testing.assert_allclose(elevator[-1], [high, low], atol=1e-12)
-
-
-def test_after_the_end_the_servo_rests():
-    worlds = drive(glider(), np.zeros((1, 80, 1)))
-    elevator = np.array([world.motion[3][0] for world in worlds])
-    assert (elevator[66:] == elevator[66]).all()
-    assert worlds[-1].motion[0][0] > worlds[66].motion[0][0]
-
-
-def test_rows_do_not_depend_on_their_neighbours():
-    simulator, tape = glider(noise=NOISY), RNG.standard_normal((37, 67, 2))
-    together = drive(simulator, tape)
-    for i in (0, 5, 36):
-        alone = drive(simulator, tape[i : i + 1])
-        for one, all_of_them in zip(alone, together, strict=True):
-            row = batch.take(all_of_them, np.array([i]))
-            np.testing.assert_array_equal(np.array(row.motion), np.array(one.motion))
-            np.testing.assert_array_equal(row.step, one.step)
-
-
-def test_a_controller_is_refused():
-    simulator = glider()
-    with pytest.raises(UsageError, match="controller of its own"):
-        simulator.step(simulator.reset(np.zeros((1, 1))), object(), np.zeros((1, 1)))
 
 
 @pytest.mark.parametrize(

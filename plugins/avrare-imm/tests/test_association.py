@@ -5,10 +5,8 @@ import pytest
 from pydantic import ValidationError
 from scipy.optimize import linear_sum_assignment
 
-from avrare.base.batch import take
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
-from avrare_imm import filterpy_tracker
 from avrare_imm.assignment import assign
 from avrare_imm.config import ImmConfig
 from avrare_imm.tracker import build
@@ -31,13 +29,6 @@ def test_the_assignment_is_scipys():
             pairs = [(t, s) for t, s in enumerate(given.tolist()) if s >= 0]
             assert len({s for _, s in pairs}) == len(pairs)
             assert sum(row[pair] for pair in pairs) == pytest.approx(best)
-
-
-def test_an_assignment_does_not_depend_on_its_batch():
-    gain = np.random.default_rng(1).normal(size=(40, 5, 6))
-    whole = assign(gain)
-    for part in (slice(0, 1), slice(7, 19), slice(39, 40)):
-        np.testing.assert_array_equal(assign(gain[part]), whole[part])
 
 
 def cars(places, speed=20.0):
@@ -126,14 +117,6 @@ def test_nothing_is_known_at_an_empty_start():
     assert tracker.estimate(track).exists[0].tolist() == [True, True, False, False, False, False]
 
 
-def test_a_road_without_vehicles_has_no_tracks():
-    tracker, none = build(ImmConfig(**OPTIONS), scene(0)), np.zeros((3, 0))
-    track = tracker.start(world(none, none, none, none, none))
-    track = tracker.update(track, Observation(none.astype(bool), none, none, none))
-    assert tracker.predict(track, 2).x.shape == (3, 4, 3)
-    assert np.isposinf(tracker.predict(track, 2).x).all()
-
-
 def test_a_detection_at_no_place_stays_an_error_and_no_other_is_given_twice():
     tracker = build(ImmConfig(**OPTIONS), scene(1))
     x, there = np.array([[12.0, np.nan]]), np.ones((1, 2))
@@ -141,25 +124,6 @@ def test_a_detection_at_no_place_stays_an_error_and_no_other_is_given_twice():
     found = tracker.estimate(tracker.update(track, Observation(there > 0, x, 1.75 * there, 20 * there)))
     assert found.x[0, 0] == pytest.approx(12.0, abs=0.01)
     assert np.isnan(found.x[0, 1])
-
-
-def test_a_row_does_not_depend_on_its_neighbours():
-    rng = np.random.default_rng(3)
-    tracker, n = build(ImmConfig(**OPTIONS | {"start": "empty", "birth": (1, 1)}), scene(3)), 30
-    x = rng.uniform(0, 15, (n, 3))
-    start = world(x, np.zeros_like(x), np.zeros_like(x), np.full_like(x, 5.0), np.zeros_like(x))
-    track = tracker.start(start)
-    part = take(track, np.arange(11, 17))
-    for _ in range(5):
-        detected = rng.uniform(size=(n, 6)) < 0.7
-        place = [np.where(detected, rng.uniform(0, 15, (n, 6)), np.nan) for _ in range(3)]
-        track, part = (
-            tracker.update(state, take(Observation(detected, *place), rows))
-            for state, rows in ((track, np.arange(n)), (part, np.arange(11, 17)))
-        )
-    for whole, alone in zip(vars(track.longitudinal).values(), vars(part.longitudinal).values(), strict=True):
-        assert whole[11:17].tobytes() == alone.tobytes()
-    np.testing.assert_array_equal(tracker.features(track)[11:17], tracker.features(part))
 
 
 def test_a_controller_is_told_of_the_spare_tracks():
@@ -207,14 +171,3 @@ def test_what_perception_does_not_report_cannot_be_measured():
     tracker = build(ImmConfig(lateral_speed="heading"), scene(1))
     with pytest.raises(UsageError, match="lateral_speed: heading needs a perception that reports it"):
         tracker.update(tracker.start(cars([[10.0, 1.75]])), seen([[12.0, 1.75]]))
-
-
-def test_filterpy_is_told_the_vehicle():
-    with pytest.raises(UsageError, match="is told which vehicle"):
-        filterpy_tracker.build(ImmConfig(**OPTIONS), scene(1))
-
-
-@pytest.mark.parametrize("options", [{}, OPTIONS])
-def test_options_with_all_defaults_written_out_are_accepted_again(options):
-    config = ImmConfig(**options)
-    assert ImmConfig(**config.model_dump()) == config  # as in the scenario of a run folder

@@ -1,12 +1,8 @@
 """The tracker on filterpy against ``imm``."""
 
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from avrare.base.batch import take
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
 from avrare.testing.conformance import sample_traffic
@@ -59,41 +55,8 @@ def test_gate_and_track_life_are_those_of_imm():
         compare(ours, theirs, track, other)
 
 
-def test_the_states_given_stay_as_they_are():
-    (_, theirs), (_, other) = both()
-    before = {name: values.copy() for name, values in vars(other.lateral).items()}
-    theirs.update(other, next(observations(1)))
-    for name, values in vars(other.lateral).items():
-        np.testing.assert_array_equal(values, before[name])
-
-
-def test_a_row_does_not_depend_on_its_neighbours():
-    (_, theirs), (_, other) = both()
-    seen = next(observations(1, 0.3))
-    whole = theirs.update(other, seen)
-    row = replace(
-        other,
-        **{
-            part: type(getattr(other, part))(*(v[1:2] for v in vars(getattr(other, part)).values()))
-            for part in ("longitudinal", "lateral")
-        },
-    )
-    alone = theirs.update(row, take(seen, np.arange(1, 2)))
-    np.testing.assert_array_equal(alone.lateral.mean[0], whole.lateral.mean[1])
-    np.testing.assert_array_equal(alone.longitudinal.probability[0], whole.longitudinal.probability[1])
-
-
 def test_a_single_model_is_refused():
     with pytest.raises(UsageError, match="at least two longitudinal models"):
         filterpy_tracker.build(ImmConfig(longitudinal_models=("cv",)), sample_traffic.scene())
     with pytest.raises(UsageError, match="'filterpy' needs a driving simulator"):
         filterpy_tracker.build(ImmConfig(), None)
-
-
-def test_it_can_be_sent_to_another_process():
-    (_, theirs), (_, other) = both()
-    seen = next(observations(1, 0.3))
-    copy = pickle.loads(pickle.dumps(theirs))
-    np.testing.assert_array_equal(
-        copy.update(other, seen).lateral.mean, theirs.update(other, seen).lateral.mean
-    )

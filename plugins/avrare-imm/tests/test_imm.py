@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from avrare.base.batch import take
 from avrare_imm.imm import Mixture, forecast, fuse, step
-from avrare_imm.models import lateral_models, longitudinal_models, look_ahead, transition_matrix
+from avrare_imm.models import lateral_models, longitudinal_models, look_ahead
 
 LATERAL = lateral_models((3.0, 4.0, 5.0), 7.0, (-1.75, 1.75, 5.25), 0.1, 0.1, 0.1, 0.95)
 LONGITUDINAL = longitudinal_models(("cv", "ca"), 0.1, 1.0, (0.1, 0.1), 0.95)
@@ -92,24 +91,6 @@ def test_missed_detection_only_mixes_and_predicts(models):
 
 
 @BOTH
-@pytest.mark.parametrize("rows", [[0], [7], [3, 4], [29, 1, 17, 17, 5], list(range(29))])
-def test_rows_do_not_depend_on_their_batch(models, rows):
-    rng = np.random.default_rng(4)
-    full = begin(models, rng, (30, 3))
-    part = take(full, np.array(rows))
-    ahead = look_ahead(models, 20)
-    for _ in range(4):
-        measurement, detected = observe(models, rng, (30, 3))
-        full = step(models, full, measurement, detected)
-        part = step(models, part, measurement[rows], detected[rows])
-        for name in ("mean", "covariance", "probability"):
-            np.testing.assert_array_equal(getattr(full, name)[rows], getattr(part, name))
-        np.testing.assert_array_equal(forecast(ahead, full)[rows], forecast(ahead, part))
-        for whole, alone in zip(fuse(full), fuse(part), strict=True):
-            np.testing.assert_array_equal(whole[rows], alone)
-
-
-@BOTH
 def test_vehicles_do_not_depend_on_each_other(models):
     rng = np.random.default_rng(5)
     full = begin(models, rng, (5, 4))
@@ -151,24 +132,6 @@ def test_long_runs_stay_positive_definite_and_normalised(models):
         np.testing.assert_allclose(track.probability.sum(-1), 1, rtol=0, atol=1e-12)
 
 
-@BOTH
-def test_an_update_does_not_modify_its_input(models):
-    rng = np.random.default_rng(8)
-    track = begin(models, rng, (2, 2))
-    once = step(models, track, *observe(models, rng, (2, 2), missing=0))
-    copies = [leaf.copy() for leaf in (once.mean, once.covariance, once.probability)]
-    step(models, once, *observe(models, rng, (2, 2)))
-    fuse(once)
-    forecast(look_ahead(models, 5), once)
-    for leaf, copy in zip((once.mean, once.covariance, once.probability), copies, strict=True):
-        np.testing.assert_array_equal(leaf, copy)
-
-
-def test_constant_velocity_neither_uses_nor_keeps_the_acceleration():
-    cv = LONGITUDINAL.dynamics[0]
-    np.testing.assert_allclose(cv @ [10.0, 5.0, 3.0], [10.5, 5.0, 0.0])
-
-
 def test_process_noise_is_one_random_acceleration_a_step():
     g = np.array([0.005, 0.1, 1.0])
     np.testing.assert_allclose(LONGITUDINAL.noise[1], np.outer(g, g))
@@ -179,8 +142,3 @@ def test_lateral_models_converge_to_their_lane():
     for k, lane in enumerate((-1.75, 1.75, 5.25) * 3):
         rest = np.array([lane, 0.0])
         np.testing.assert_allclose(LATERAL.dynamics[k] @ rest + LATERAL.offset[k], rest, atol=1e-12)
-
-
-def test_transition_matrix():
-    np.testing.assert_allclose(transition_matrix(9, 0.95)[0], [0.95] + [0.00625] * 8)
-    np.testing.assert_array_equal(transition_matrix(1, 0.95), [[1.0]])

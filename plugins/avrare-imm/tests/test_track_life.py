@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.base.batch import concatenate, take
+from avrare.base.batch import take
 from avrare.driving import Observation
 from avrare_imm.config import ImmConfig
 from avrare_imm.imm import innovation_distance, mix, predict
@@ -63,11 +63,6 @@ def test_a_track_that_starts_from_the_truth_may_end(pattern, expected):
     assert exists(pattern, start="truth", birth=(2, 3), death=3) == expected
 
 
-def test_without_options_tracks_have_no_life():
-    track = build(ImmConfig(start="truth"), scene(2)).start(truth(3, 2))
-    assert track.life is None
-
-
 def test_a_vehicle_without_a_track_is_infinitely_far_away():
     seen = np.array([[True, True, True], [False, False, True]])
     tracker, tracks = run(ImmConfig(start="empty"), seen, 7 + 2.0 * np.arange(4), np.full(4, 1.75), 20.0)
@@ -78,14 +73,6 @@ def test_a_vehicle_without_a_track_is_infinitely_far_away():
         assert np.isposinf(ahead.x[~known]).all()
         assert np.isposinf(ahead.y[~known]).all()
         assert np.isfinite(ahead.x[known]).all()
-
-
-def test_an_empty_start_does_not_read_the_truth():
-    tracker = build(ImmConfig(start="empty"), scene(1))
-    here, there = tracker.start(truth(2, speed=20.0)), tracker.start(truth(2, speed=-3.0))
-    for one, other in ((here.longitudinal, there.longitudinal), (here.lateral, there.lateral)):
-        for name in ("mean", "covariance", "probability"):
-            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 @pytest.mark.parametrize(("velocity", "speed_sd"), [("noisy", 0.25), ("none", 2.0)])
@@ -175,33 +162,6 @@ def test_a_gate_does_not_hide_a_nan():
     broken = Observation(np.ones((1, 1), bool), *[np.full((1, 1), np.nan)] * 3)
     after = tracker.update(tracker.start(truth(1)), broken)
     assert np.isnan(tracker.predict(after, 2).x).all()
-
-
-@pytest.mark.parametrize("velocity", ["noisy", "none"])
-def test_rows_do_not_depend_on_their_neighbours(velocity):
-    rng = np.random.default_rng(3)
-    n, v = 11, 3
-    options = {"gate": 2.0, "start": "empty", "birth": (2, 3), "death": 2, "velocity": velocity}
-    tracker = build(ImmConfig(**options), scene(v))
-    places = [rng.normal(m, s, (n, v)) for m, s in ((30, 9), (2, 3), (0, 0.1), (15, 3), (0, 1))]
-    whole = tracker.start(world(*places))
-    alone = [tracker.start(world(*(p[i : i + 1] for p in places))) for i in range(n)]
-    ages = set()
-    for _ in range(12):
-        seen = noisy(rng, *(places[k] for k in (0, 1, 3)), missing=0.5)
-        whole = tracker.update(whole, seen)
-        alone = [tracker.update(one, take(seen, slice(i, i + 1))) for i, one in enumerate(alone)]
-        ages |= set(whole.life.exists.ravel().tolist())
-    assert ages == {True, False}
-    joined = concatenate(alone)
-    for leaf in ("longitudinal.mean", "lateral.covariance", "lateral.probability", "life.detections"):
-        part, name = leaf.split(".")
-        one, other = (getattr(getattr(track, part), name) for track in (whole, joined))
-        np.testing.assert_array_equal(one, other)
-    for ours, theirs in zip(
-        vars(tracker.predict(whole, 9)).values(), vars(tracker.predict(joined, 9)).values(), strict=True
-    ):
-        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_bits_of_life_reach_sixty_steps():

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from avrare.base.batch import concatenate, size, take
-from avrare.base.errors import UsageError
 from avrare.driving import Observation, Road, Scene
 from avrare.protocols import Tracker
 from avrare_imm import avrare_components
@@ -82,39 +80,6 @@ def test_prediction_starts_at_the_estimate_and_heads_for_the_lane():
     assert np.abs(ahead.x[..., -1] - x[40]).mean() < 2.5
 
 
-def test_rows_alone_equal_rows_of_a_batch_from_start_to_prediction():
-    rng = np.random.default_rng(11)
-    n, v = 13, 3
-    arguments = [rng.normal(m, s, (n, v)) for m, s in ((30, 9), (2, 3), (0, 0.1), (15, 3), (0, 1))]
-    arguments[1][:, 0] = 1.75
-    tracker = build(ImmConfig(start="truth"), scene(v))
-    whole = tracker.start(world(*arguments))
-    alone = [tracker.start(world(*(a[i : i + 1] for a in arguments))) for i in range(n)]
-    for _ in range(6):
-        seen = noisy(rng, *(arguments[k] for k in (0, 1, 3)), missing=0.4)
-        whole = tracker.update(whole, seen)
-        alone = [tracker.update(t, take(seen, slice(i, i + 1))) for i, t in enumerate(alone)]
-    ahead, now = tracker.predict(whole, 20), tracker.estimate(whole)
-    for i, t in enumerate(alone):
-        np.testing.assert_array_equal(ahead.x[i : i + 1], tracker.predict(t, 20).x)
-        np.testing.assert_array_equal(ahead.y[i : i + 1], tracker.predict(t, 20).y)
-        np.testing.assert_array_equal(now.lane_probabilities[i], tracker.estimate(t).lane_probabilities[0])
-    joined = concatenate(alone)
-    assert size(joined) == n
-    np.testing.assert_array_equal(joined.lateral.covariance, whole.lateral.covariance)
-    np.testing.assert_array_equal(joined.longitudinal.mean, whole.longitudinal.mean)
-
-
-@pytest.mark.parametrize("shape", [(4, 0), (0, 2)])
-def test_no_vehicles_to_track(shape):
-    tracker = build(ImmConfig(start="truth"), scene(shape[1]))
-    nothing = np.zeros(shape)
-    track = tracker.start(world(*[nothing] * 5))
-    track = tracker.update(track, Observation(nothing > 0, nothing, nothing, nothing))
-    assert tracker.predict(track, 3).x.shape == (*shape, 4)
-    assert tracker.estimate(track).lane_probabilities.shape == (*shape, 3)
-
-
 def test_one_model_is_a_plain_kalman_filter():
     config = ImmConfig(start="truth", longitudinal_models=("ca",), derivative_gains=(4.0,))
     one_lane = Road((0.0,), 3.5)
@@ -125,11 +90,6 @@ def test_one_model_is_a_plain_kalman_filter():
     track = tracker.update(track, Observation(zero == 0, zero + 1, zero, zero + 10))
     np.testing.assert_array_equal(track.lateral.probability, 1.0)
     assert np.abs(tracker.estimate(track).x - 1).max() < 0.1
-
-
-def test_needs_a_scene():
-    with pytest.raises(UsageError, match="scene"):
-        build(ImmConfig(), None)
 
 
 @pytest.mark.parametrize(

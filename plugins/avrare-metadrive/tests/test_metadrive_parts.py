@@ -91,15 +91,6 @@ def test_noise_stays_within_what_a_ray_can_read_and_keeps_its_tails():
     assert (wild <= 1.0).all()
 
 
-def test_noise_of_a_row_does_not_depend_on_its_neighbours():
-    rng = np.random.default_rng(3)
-    rays, normals = rng.uniform(size=(7, 240)), rng.standard_normal((7, 240))
-    together = disturb(rays, normals, SD)
-    for row in range(7):
-        assert np.array_equal(together[row], disturb(rays[row], normals[row], SD))
-    assert disturb(rays, normals, 0.0) is rays
-
-
 def made_up(inputs, hidden):
     """Return weights in MetaDrive's form."""
     rng, sizes = np.random.default_rng(0), [(inputs, hidden), (hidden, hidden), (hidden, 4)]
@@ -131,13 +122,6 @@ def test_the_expert_is_what_its_authors_compute(tmp_path, weights):
     assert network(seen).std(axis=0).min() > 0.05
     assert (abs(network(seen)) < 1.0).any(axis=0).all()
     assert network.provenance["license"] == "Apache-2.0"
-
-
-def test_rows_of_the_expert_are_independent(tmp_path):
-    np.savez(tmp_path / "w.npz", **made_up(275, 256))
-    network, seen = expert.read(tmp_path / "w.npz"), np.random.default_rng(2).uniform(size=(9, 275))
-    together = network(seen)
-    assert all(np.array_equal(together[row], network(seen[row : row + 1])[0]) for row in range(9))
 
 
 def test_invalid_weights_are_refused(tmp_path, weights):

@@ -48,26 +48,6 @@ def test_a_process_that_dies_is_an_error(counter):
     assert counter.call("add", 1) == 1
 
 
-def test_an_interrupted_call_closes_the_connection(counter, monkeypatch):
-    def interrupted():
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(counter, "_connection", _Deaf(counter._connection, interrupted))
-        with pytest.raises(KeyboardInterrupt):
-            counter.call("add", 5)
-    assert counter.closed
-    with pytest.raises(RuntimeError, match="has ended in add"):
-        counter.call("add", 1)
-
-
-class _Deaf:
-    """A connection that is interrupted while it waits."""
-
-    def __init__(self, connection, recv):
-        self.send, self.close, self.recv = connection.send, connection.close, recv
-
-
 def test_processes_end_with_their_owners(counter):
     copy = counter.fork()
     one, two = counter.call("own"), copy.call("own")
@@ -135,17 +115,6 @@ def test_the_driver_sees_noise_on_the_rays_alone(make):
     assert (again.observation()[35:] != seen[35:]).all()
 
 
-def test_a_world_that_is_over_stands_still(make):
-    one, tape = make(), _tape(1)[0]
-    one.reset(tape[0])
-    for _ in range(4):
-        one.step(np.array([0.0, 1.0]), tape[1])
-    before = one.numbers().copy()
-    one.step(np.array([0.0, 1.0]), tape[2])
-    assert one.signals()["x"] == 3.0
-    assert np.array_equal(one.numbers(), before)
-
-
 def test_errors_in_a_world(make):
     one, tape = make(), _tape(1)[0]
     one.reset(tape[0])
@@ -156,24 +125,3 @@ def test_errors_in_a_world(make):
             one.prepare(actions, tape[:1])
     with pytest.raises(UsageError, match="not been reset"):
         make().snapshot()
-
-
-def test_a_dead_start_process_is_started_again(make):
-    one, tape = make(), _tape(1)[0]
-    one.reset(tape[0])
-    before = one.numbers().copy()
-    (start,) = [process for process, _ in world._roots.values()]
-    start._connection.close()
-    one.reset(tape[0])
-    assert np.array_equal(one.numbers(), before)
-    assert len(world._roots) == 1
-    assert not next(iter(world._roots.values()))[0].closed
-
-
-def test_a_picture_does_not_change_the_world(make):
-    one, tape = make(), _tape(1)[0]
-    one.reset(tape[0])
-    one.step(np.array([0.0, 0.0]), tape[1])
-    assert one.picture(40, 20).shape == (20, 40, 3)
-    one.step(np.array([0.0, 0.0]), tape[2])
-    assert one.signals()["x"] == 1.0

@@ -2,12 +2,10 @@
 
 import hashlib
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import avrare
 from avrare_metadrive import expert
 from avrare_metadrive.config import SIGNALS, ExpertConfig, MetaDriveConfig
 from avrare_metadrive.process import RootProcess
@@ -15,7 +13,6 @@ from avrare_metadrive.world import ENGINE, MetaDriveWorld, build
 
 pytestmark = pytest.mark.skipif(find_spec("metadrive") is None, reason="MetaDrive is not installed")
 
-SCENARIO = Path(__file__).parents[3] / "scenarios" / "merge_metadrive.yaml"
 NOISE = {"variance": 0.004}
 
 
@@ -131,33 +128,3 @@ def test_full_throttle_ends_off_the_road_or_in_a_crash_and_stands_still(driver):
     before = world.numbers().copy()
     world.step(np.array([0.0, 1.0]), np.zeros(0))
     assert np.array_equal(world.numbers(), before)
-
-
-@pytest.mark.parametrize(
-    ("estimator", "options"),
-    [
-        ("mc", {"rollouts": 8}),
-        ("ams", {"particles": 6, "discard": 2, "runs": 2}),
-        ("ess", {"chains": 3, "level_probability": 0.5, "runs": 1, "second_pass": False}),
-    ],
-)
-def test_the_same_bits_in_one_process_and_in_two(estimator, options):
-    formula = 'specifications.keeps_up={"stl": "always (speed < 8.52)"}'
-    changes = ["steps=30", "simulator.start_seed=14", formula, "chunk=3"]
-    problem = avrare.load(SCENARIO, changes).problem("keeps_up")
-    one, two = (avrare.estimate(problem, estimator, seed=5, workers=workers, **options) for workers in (1, 2))
-    assert one.probability == two.probability
-    assert one.interval == two.interval
-    assert one.simulated_steps == two.simulated_steps
-    assert one.errors == 0
-    assert np.array_equal(one.failures.noise, two.failures.noise)
-    assert 0.0 < one.probability < 1.0
-    assert (problem.robustness(one.failures.noise[-4:]) <= 0.0).all()  # driven again from the start
-
-
-def test_the_case_study_has_48_000_numbers_and_a_reward_in_metres(driver):
-    study = avrare.load(SCENARIO)
-    assert study.stack.loop.noise_size * study.steps == 48_000
-    trace = avrare.trace(study.problem("keeps_up"), np.zeros((201, 240)))
-    reward, remaining = trace["reward"], trace["remaining"]
-    assert reward[60] - reward[40] == pytest.approx(remaining[40] - remaining[60], rel=0.15)

@@ -1,14 +1,11 @@
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-from avrare.base.batch import concatenate, size, take
+from avrare.base.batch import concatenate
 from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Vehicles
-from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.plan import initial_guesses
@@ -37,29 +34,6 @@ def test_action_is_the_first_input_and_the_plan_starts_here(quiet):
         assert action.yaw_rate[0] == later.plan_inputs[0, 0, 1]
         np.testing.assert_allclose(later.plan_states[0, 0], drive.states[0, step], atol=1e-6)
         np.testing.assert_allclose(later.plan_states[0, 1], drive.states[0, step + 1], atol=1e-6)
-
-
-def test_rows_do_not_depend_on_their_neighbours(lane_change):
-    controller, noise = (
-        build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene),
-        noise_of(5, 8),
-    )
-    together = lane_change.drive(controller, noise, samples=8)
-    assert size(together.memory) == 5
-    for row in (0, 3):
-        alone = lane_change.drive(controller, noise[row, None], samples=8)
-        assert np.array_equal(together.states[row], alone.states[0])
-        assert np.array_equal(together.memory.plan_states[row], alone.memory.plan_states[0])
-
-
-def test_a_copied_particle_continues_identically(lane_change):
-    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
-    memory, ego, prediction = lane_change.drive(controller, noise_of(3, 6), samples=6).inputs[-1]
-    index = np.array([2, 0, 2])
-    action, later = controller.act(memory, ego, prediction)
-    copied, copied_later = controller.act(*(take(part, index) for part in (memory, ego, prediction)))
-    assert np.array_equal(copied.acceleration, action.acceleration[index])
-    assert np.array_equal(copied_later.plan_inputs, later.plan_inputs[index])
 
 
 @pytest.mark.parametrize("backend", ["casadi", "riccati"])
@@ -170,25 +144,6 @@ def test_absurd_states_give_finite_actions_and_are_counted(quiet):
     assert later.retries[0] == memory.retries[0] + 1
 
 
-def test_ipopt_alone_completes_a_rollout(lane_change):
-    controller = build(
-        MpcConfig(backend="casadi", search="follow", stops=False, solver="ipopt"), lane_change.scene
-    )
-    drive = lane_change.drive(controller, np.zeros((1, 5, 3, 3)), samples=6)
-    assert controller.counts(drive.memory) == {"solves": 8, "solver_retries": 0, "fallback_solves": 0}
-
-
-def test_on_an_empty_road_the_ego_drives_straight(lane_change, quiet):
-    nobody = np.zeros(0)
-    scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
-    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), scene)
-    _, ego, _ = quiet[1].inputs[0]
-    action, memory = controller.act(controller.start(1), ego, Prediction(*np.zeros((2, 1, 0, 21))))
-    assert memory.solved[0]
-    assert action.acceleration[0] > 0.1
-    assert action.yaw_rate[0] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_initial_guesses_reach_their_lanes():
     states, inputs = initial_guesses(np.array([[17.0, 1.75, 21.6, 0.0]]), (1.75, 5.25), 20, 0.1)
     assert states.shape == (1, 4, 21, 4)
@@ -207,11 +162,6 @@ def test_predictions_must_be_there_and_long_enough(quiet):
         controller.act(memory, ego, Prediction(x=prediction.x[..., :20], y=prediction.y[..., :20]))
 
 
-def test_a_lane_may_be_named_only_once():
-    with pytest.raises(ValueError, match="a lane is named twice"):
-        MpcConfig(lanes=(1, 2, 1))
-
-
 def test_solvers_are_silent(quiet, capfd):
     controller, drive = quiet
     memory, ego, prediction = drive.inputs[3]
@@ -219,12 +169,3 @@ def test_solvers_are_silent(quiet, capfd):
     controller.act(memory, ego, blind(prediction))
     captured = capfd.readouterr()
     assert (captured.out, captured.err) == ("", "")
-
-
-def test_description_and_config_import_nothing_heavy():
-    code = "import sys, avrare_mpc.config; print(sorted({'casadi', 'numba', 'scipy'} & set(sys.modules)))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
-    (component,) = avrare_components()
-    assert component.load_config() is MpcConfig
-    assert component.load_factory() is build

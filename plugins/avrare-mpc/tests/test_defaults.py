@@ -45,13 +45,6 @@ def test_without_numba_it_is_casadi_which_is_told_once(without_numba, lane_chang
     assert told == []
 
 
-def test_casadi_by_name_is_taken_as_meant(without_numba, lane_change):
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        build(MpcConfig(backend="casadi"), lane_change.scene)
-    assert told == []
-
-
 def test_the_backend_that_was_found_is_part_of_the_fingerprint(tmp_path, monkeypatch):
     path, found = tmp_path / "short.yaml", {}
     path.write_text(SCENARIO)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare.base.batch import concatenate, take
+from avrare.base.batch import concatenate
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
 from avrare_mpc.nlp import build_problem, pack_parameters
@@ -61,13 +61,6 @@ def test_it_counts_the_old_plan_and_each_initial_guess(steps, outcomes):
     follow, everywhere = ((memory.solves - steps[0].solves).tolist() for memory in outcomes[1])
     assert set(follow) == {1}
     assert set(everywhere) == {5}
-
-
-def test_rows_do_not_depend_on_their_neighbours(steps, outcomes):
-    (_, controller), (_, together) = outcomes
-    for row in (0, 17):
-        alone = controller.act(*(take(part, np.array([row])) for part in steps))[1]
-        assert np.array_equal(alone.plan_inputs[0], together.plan_inputs[row])
 
 
 @pytest.mark.slow

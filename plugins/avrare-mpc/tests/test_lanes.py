@@ -34,14 +34,6 @@ def test_functions_are_accurate(plain):
     np.testing.assert_allclose(value, np.log(POSITIVE) + 40 * np.log(2.0), rtol=1e-15, atol=2e-14)
 
 
-def test_powers_of_two():
-    assert np.array_equal(lanes.times_power_of_two(POSITIVE, POSITIVE * 0.0 + 3.0), 8.0 * POSITIVE)
-    fraction, power = lanes.mantissa(POSITIVE), lanes.exponent(POSITIVE)
-    assert np.array_equal(fraction * 2.0**power, POSITIVE)
-    assert ((fraction >= 1.0) & (fraction < 2.0)).all()
-    assert np.array_equal(lanes.mantissa(-POSITIVE), fraction)
-
-
 @pytest.fixture(scope="module")
 def compiled():
     """Return compiled softplus, cosine and logarithm of a row of each, into a memory."""

@@ -116,8 +116,3 @@ def test_scripted_cars_keep_it_too():
         peaks.append(np.abs(car.speed[:-1] * np.diff(car.heading) / 0.1).max())
     assert peaks[0] > 4.0
     assert peaks[1] == pytest.approx(2.0, abs=1e-6)
-
-
-def test_a_bound_of_nothing_is_refused():
-    with pytest.raises(ValueError, match="lateral_acceleration_max"):
-        MpcConfig(lateral_acceleration_max=0.0)

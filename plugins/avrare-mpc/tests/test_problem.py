@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from avrare_mpc.casadi_search import NlpSolver
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.nlp import build_problem, lane_cost, pack_parameters, softplus
-from avrare_mpc.plan import from_variables, lateral_bounds, shift, start_of, to_variables
+from avrare_mpc.plan import shift, start_of, to_variables
 
 LANES = (1.75, 5.25)
 
@@ -85,18 +85,6 @@ def test_softplus_neither_overflows_nor_loses_small_values():
         found, slope = (float(part) for part in ours(value))
         assert found == pytest.approx(overrun(value), rel=1e-12, abs=1e-300)
         assert slope == pytest.approx(0.5 * (1.0 + np.tanh(5.0 * value)), abs=1e-12)
-
-
-def test_lateral_bounds_are_those_of_the_reference(lane_change):
-    assert lateral_bounds(MpcConfig(), lane_change.scene) == pytest.approx((1.237, 5.763))
-
-
-def test_plans_survive_the_conversion_to_variables():
-    rng = np.random.default_rng(0)
-    states, inputs = rng.standard_normal((5, 21, 4)), rng.standard_normal((5, 20, 2))
-    back = from_variables(to_variables(states, inputs))
-    assert np.array_equal(back[0], states)
-    assert np.array_equal(back[1], inputs)
 
 
 def programmes(lane_change, drive):

@@ -1,7 +1,6 @@
 """The riccati backend beside the casadi backend, compiled or not."""
 
 import dataclasses
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,9 @@ import pytest
 
 from avrare.base.batch import concatenate, take
 from avrare.driving import Prediction, Vehicles
-from avrare_mpc import avrare_components
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import build
-from avrare_mpc.plan import cheapest, shift, start_of
+from avrare_mpc.plan import shift, start_of
 from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.solver import RiccatiSolver
 
@@ -172,26 +170,6 @@ def test_bounds_of_speed_and_heading_hold(lane_change):
     assert np.abs(memory.plan_states[:, :, 3]).max() == pytest.approx(0.06, abs=1e-5)
 
 
-def test_a_plant_outside_the_lateral_bounds_comes_back(fast, quiet):
-    memory, ego, prediction = quiet[1].inputs[20]
-    _, later = fast.act(memory, dataclasses.replace(ego, y=np.array([6.3])), prediction)
-    assert later.fallbacks[0] == memory.fallbacks[0]
-    assert later.plan_states[0, -1, 1] <= 5.763 + 1e-3
-
-
-def test_an_empty_road_and_an_empty_batch(lane_change, fast, quiet):
-    nobody = np.zeros(0)
-    scene = dataclasses.replace(lane_change.scene, names=(), lengths=nobody, widths=nobody, moving=nobody > 0)
-    controller = build(MpcConfig(**RICCATI), scene)
-    memory, ego, prediction = quiet[1].inputs[0]
-    action, later = controller.act(controller.start(1), ego, Prediction(*np.zeros((2, 1, 0, 21))))
-    assert later.solved[0]
-    assert action.acceleration[0] > 0.1
-    empty = np.zeros(0, dtype=np.int64)
-    action, _ = fast.act(*(take(part, empty) for part in (memory, ego, prediction)))
-    assert action.acceleration.shape == (0,)
-
-
 def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     memory, ego, prediction = quiet[1].inputs[5]
     with pytest.warns(UserWarning, match="numba is not installed"):
@@ -222,26 +200,6 @@ def test_cached_machine_code_depends_on_the_kernels_alone(plain):
     kernels = ("jit", "lanes", "vectors", "functions", "cost", "sweep", "newton", "batch")
     for module in (jit, plain.jit):
         assert {Path(name).stem for name in module._SOURCES} == set(kernels)
-
-
-def test_the_list_of_plugins_says_whether_it_is_compiled(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "pip install 'avrare-mpc[fast]'" in avrare_components()[0].summary
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
-    assert "pip" not in avrare_components()[0].summary
-
-
-def test_with_numba_it_does_not_warn(lane_change):
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always")
-        RiccatiSolver(MpcConfig(), lane_change.scene)
-    assert told == []
-
-
-def test_cheapest_keeps_the_first_of_equals():
-    inf = np.inf
-    cost = np.array([[3.0, 2.0, 2.0 - 1e-9], [inf, inf, inf], [inf, 5.0, 1.0], [-1.0, -2.0, inf]])
-    assert cheapest(cost).tolist() == [1, -1, 2, 1]
 
 
 @pytest.mark.parametrize("damage", [b"", b"\0" * 100])

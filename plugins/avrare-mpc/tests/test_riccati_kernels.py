@@ -130,40 +130,6 @@ def test_stage_hessian_is_exact_where_the_clearances_are_linear(plain, drawn):
         assert getattr(model, name)[0] == pytest.approx(expected, rel=1e-5, abs=1e-3)
 
 
-@pytest.mark.parametrize("along", [True, False])
-def test_the_clearance_hessian_is_of_rank_one_in_the_heading(lane_change, plain, along):
-    p = programme(MpcConfig(horizon=2, v_goal_weight=0, y_goal_weight=0, lane_weight=0), lane_change.scene)
-    p = p._replace(vehicles=1, reach_x=p.reach_x[:1], reach_y=p.reach_y[:1])
-    _, path, _, work = plain.values.new_memory(2, 1)
-    put(path.states[:4], [30.0, 1.5, 20.0, 0.2])
-    simulate(plain, p, path, work)
-    put(work.others, np.tile((40.0, 1.7) if along else (31.0, 5.0), 3))
-    assert plain.cost.path_cost(p, path, work)[0] > 1.0
-    model = plain.cost.Stage(*(part[0] for part in plain.cost.stage_model(p, path, 0, splat(0.0))))
-    place = "x" if along else "y"
-    assert model.hh > 1.0
-    assert getattr(model, place + "h") ** 2 == pytest.approx(model.hh * getattr(model, 2 * place))
-    assert model.vh**2 == pytest.approx(model.hh * (model.vv))
-    assert model.h / model.v == pytest.approx(model.hh / model.vh)
-
-
-def test_lane_terms_are_those_of_the_reference(lane_change, plain):
-    def by_hand(y, centres):
-        return 1.0 / np.sum(1.0 / (y[:, None] - centres) ** 2, axis=1)
-
-    y = np.array([-3.0, 0.3, 2.0, 3.4, 5.0, 7.0, 1.0, 40.0])
-    for centres in (np.array([1.75]), np.array([1.75, 5.25]), np.array([-1.75, 1.75, 5.25])):
-        p = programme(MpcConfig(), lane_change.scene)._replace(road_lanes=len(centres), centres=centres)
-        value, slope, curve = plain.cost.lane_terms(p, y)
-        difference = (by_hand(y + 1e-6, centres) - by_hand(y - 1e-6, centres)) / 2e-6
-        np.testing.assert_allclose(value, by_hand(y, centres))
-        np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-7)
-        np.testing.assert_allclose(curve, slope**2 / (2 * value))
-        at_centre = plain.cost.lane_terms(p, splat(1.75))
-        assert [part[0] for part in at_centre[:2]] == [0.0, 0.0]
-        assert at_centre[2][0] == pytest.approx(2.0)
-
-
 def test_sweep_solves_the_dense_newton_system(lane_change, plain, config, drawn):
     """Solve for the inputs alone: gradient and Gauss-Newton Hessian from differences of drives."""
     p, path, work = drawn

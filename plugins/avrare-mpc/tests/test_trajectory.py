@@ -25,11 +25,6 @@ def test_recorded_cars_are_regenerated(lane_change, name, number):
     np.testing.assert_allclose(found.acceleration[1:n], rows["acc"][1:], atol=1e-3)
 
 
-def test_fixed_lanes_of_the_two_scripted_cars(lane_change):
-    assert set(lane_change.cut_in_plan.fixed_lanes()) == set(range(80))
-    assert set(lane_change.merging_plan.fixed_lanes()) == set(range(80)) - {11, 12}
-
-
 def test_trajectory_follows_the_model_and_its_bounds(lane_change):
     car, dt = lane_change.merging, lane_change.scene.dt
     np.testing.assert_allclose(np.diff(car.x), dt * (car.speed * np.cos(car.heading))[:-1], atol=1e-7)
@@ -40,21 +35,9 @@ def test_trajectory_follows_the_model_and_its_bounds(lane_change):
     assert car.acceleration[-1] == 0.0
 
 
-def test_same_plan_same_bits(lane_change):
-    again = plan_trajectory(
-        lane_change.merging_plan, 25.0, -1.75, 10.0, 0.0, lane_change.scene.road, lane_change.scene.dt
-    )
-    assert np.array_equal(again.y, lane_change.merging.y)
-
-
 def test_unknown_lane_is_a_usage_error():
     with pytest.raises(UsageError, match="lane 2 does not exist"):
         plan_trajectory(TrajectoryPlan(), 0.0, 1.75, 10.0, 0.0, Road((-1.75, 1.75), 3.5), 0.1)
-
-
-def test_impossible_start_is_a_usage_error():
-    with pytest.raises(UsageError, match="no trajectory from"):
-        plan_trajectory(TrajectoryPlan(steps=5), 0.0, 1.75, 90.0, 0.0, Road((-1.75, 1.75, 5.25), 3.5), 0.1)
 
 
 @pytest.mark.parametrize(

@@ -28,13 +28,6 @@ from openscenario_files import (
 )
 
 
-def test_the_shipped_road():
-    (roads,) = read_opendrive(str(SCENARIOS / "openscenario" / "motorway.xodr")).maps
-    assert roads.road.lane_centres == (-8.75, -5.25, -1.75)
-    assert roads.lanes == {-3: 0, -2: 1, -1: 2}
-    assert [piece.end_curvature for piece in roads.line.pieces] == [0.0, 0.00125, 0.00125]
-
-
 @pytest.mark.parametrize(
     ("shape", "dimension", "value", "seconds", "halfway"),
     [
@@ -198,12 +191,6 @@ def test_drawn_parameters_are_those_of_each_rollout(build):
         for name, field in found.items():
             np.testing.assert_array_equal(field[:, row : row + 1], alone[name])
             np.testing.assert_array_equal(field[:, row : row + 1], given[name])
-
-
-def test_a_parameter_that_names_a_lane_is_not_drawn(build):
-    simulator = build(document(event(change_lane(target='<AbsoluteTargetLane value="$lane"/>'))))
-    with pytest.raises(UsageError, match="'lane' is drawn"):
-        simulator.drawing({"parameters.lane": None})
 
 
 def test_a_scenario_with_distributions():

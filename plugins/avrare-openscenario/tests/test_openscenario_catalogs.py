@@ -10,8 +10,7 @@ from avrare.base.errors import ScenarioError, UsageError
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
-from avrare.stack.builder import build_stack
-from openscenario_files import CAR, SCENARIOS, change_lane, document, drive, event, slow_down
+from openscenario_files import CAR, SCENARIOS, document, drive, event, slow_down
 
 CATALOG = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="2" date="" description="" author=""/>
 <Catalog name="{name}">
@@ -79,10 +78,6 @@ def test_parameters_that_are_drawn_reach_into_catalogs(build, catalogs):
     np.testing.assert_allclose(found[13, 1:, 0], expected[1:])
 
 
-def test_a_vehicle_has_the_size_that_is_assigned(build, catalogs):
-    assert build(referring(vehicle=assign("size", 6.5))).scene.lengths.tolist() == [6.5]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -146,18 +141,6 @@ def test_what_is_not_understood_in_a_catalog_is_named_there(build, catalogs, old
         build(referring())
 
 
-def test_a_catalog_of_what_is_not_read_is_refused(build, catalogs):
-    text = document(event(change_lane()))
-    text = re.sub(r"<LateralAction>.*</LateralAction>", ROUTE, text)
-    with pytest.raises(UsageError, match="there is no catalog"):
-        build(text.replace("<RoadNetwork>", LOCATIONS + "<RoadNetwork>"))
-
-
-ROUTE = (
-    f"<RoutingAction><AssignRouteAction>{REFERENCE.format('a', 'b', '')}</AssignRouteAction></RoutingAction>"
-)
-
-
 @pytest.fixture
 def scenario(catalogs, monkeypatch):
     folder = catalogs.parent
@@ -178,12 +161,6 @@ def test_a_result_depends_on_the_catalogs_that_are_used(scenario, catalogs):
     path = catalogs / "acts.xosc"
     path.write_text(path.read_text().replace('value="0.5"', 'value="0.6"'))
     assert fingerprint(load(scenario)) != before
-
-
-def test_a_stack_of_it_is_built_from_the_resolved_scenario(scenario):
-    loaded = load(scenario)
-    assert [path.name for path in loaded.simulator.config.catalogs] == ["cars.xosc", "acts.xosc"]
-    assert build_stack(loaded).scene.names == ("Car",)
 
 
 def test_catalogs_of_strangers_lie_in_their_folder(scenario, catalogs):

@@ -5,14 +5,12 @@ import shutil
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from avrare.base.errors import AvrareError, ScenarioError, UsageError
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
 from avrare.stack.builder import build_stack
-from avrare_openscenario.config import OpenScenarioConfig
 from avrare_openscenario.distributions import read_distributions
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.xml_tree import read_xml
@@ -28,7 +26,6 @@ from openscenario_files import (
     lane_position,
     of_entity,
     slow_down,
-    state_of,
 )
 
 
@@ -109,12 +106,6 @@ def test_files_of_strangers(tmp_path, content, message):
         read_xml(str(path), "OpenSCENARIO")
 
 
-def test_references_that_are_not_clear_are_refused(build):
-    last = event(slow_down(), state_of("event", "first", "completeState"), "second")
-    with pytest.raises(UsageError, match="there are 2 elements event 'first'"):
-        build(document(event(change_lane()), event(change_lane()), last))
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -162,14 +153,6 @@ def test_names_that_no_parameter_has(tmp_path, name):
     path = tmp_path / "named.xosc"
     path.write_text(text.replace('"CutInSpeed"', f'"{name}"'), encoding="utf-8")
     with pytest.raises(UsageError, match=r"named\.xosc:12:\d+: .*is no name of a parameter"):
-        read_distributions(read_xml(str(path), "OpenSCENARIO"))
-
-
-def test_two_distributions_of_one_parameter(tmp_path):
-    text = (SCENARIOS / "openscenario" / "cut_in_distributions.xosc").read_text(encoding="utf-8")
-    path = tmp_path / "two.xosc"
-    path.write_text(text.replace('"CutInSpeed"', '"EgoSpeed"'), encoding="utf-8")
-    with pytest.raises(UsageError, match=r"two\.xosc:12:\d+: .*second distribution of 'EgoSpeed'"):
         read_distributions(read_xml(str(path), "OpenSCENARIO"))
 
 
@@ -222,8 +205,3 @@ def test_files_that_a_file_names_stay_in_the_folder_in_safe_mode(folder, name, t
     load(folder / "cut_in.yaml")
     with safe_mode(), pytest.raises(ScenarioError, match=f"{what} .* leads out of the scenario's folder"):
         load(folder / "cut_in.yaml")
-
-
-def test_the_start_of_the_ego_is_that_of_the_file():
-    with pytest.raises(ValidationError, match=r"ego\.speed is that of the file: leave it out"):
-        OpenScenarioConfig(file="scene.xosc", ego={"speed": 3.0})

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.base.errors import ExitCode, UsageError
+from avrare.base.errors import ExitCode
 from avrare.cli.main import Parser
 from avrare_openscenario import scenes_command
 from avrare_openscenario.opendrive import read_opendrive
@@ -105,11 +105,6 @@ def test_the_three_judgements(write, capsys, tmp_path):
     assert set(entry) == {"file", "status", "reason", "line", "features"}
     code, out = run(capsys, write(document()))
     assert (code, out.splitlines()[-1]) == (ExitCode.PASS, "1 scenes: 1 read, 0 notes, 0 refused")
-
-
-def test_folders_without_scenes_are_an_error(tmp_path):
-    with pytest.raises(UsageError, match=r"no file \.xosc with a storyboard"):
-        list_scenes([str(tmp_path)])
 
 
 def test_a_trace_has_all_states_and_the_ego_obeys(write, tmp_path, capsys):
@@ -365,12 +360,3 @@ def test_the_census_does_not_fall():
     findings = [judge_scene(path) for path in roads]
     assert sum(finding.status != "refused" for finding in findings) >= READ_BY_NOW
     assert all(finding.reason for finding in findings if finding.status == "refused")
-
-
-def test_a_picture_is_drawn(write, tmp_path, capsys):
-    out = tmp_path / "out.png"
-    path = write(document(event(change_lane())))
-    assert run(capsys, path, "--picture", str(out), "--dt", "0.1", "--until", "2")[0] == ExitCode.PASS
-    assert out.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(UsageError, match="there is no folder"):
-        run(capsys, path, "--picture", str(tmp_path / "no" / "out.png"))

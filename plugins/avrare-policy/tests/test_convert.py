@@ -99,9 +99,3 @@ def test_what_is_no_chain_of_layers_is_refused(tmp_path, content, message):
     torch.save(content, tmp_path / "policy.pt")
     with pytest.raises(UsageError, match=message):
         convert(tmp_path / "policy.pt")
-
-
-def test_a_file_of_another_kind(tmp_path):
-    (tmp_path / "policy.zip").write_text("no archive")
-    with pytest.raises(UsageError, match="cannot be read as tensors"):
-        convert(tmp_path / "policy.zip")

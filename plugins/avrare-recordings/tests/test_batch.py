@@ -120,16 +120,3 @@ def test_what_does_not_go_together(folder, capsys):
     assert "--workers" in capsys.readouterr().err
     assert main(["monitor", str(folder / "one.csv"), "--stl", "always (x > 0)", "--ego", "all"]) == 4
     assert "--rule" in capsys.readouterr().err
-
-
-def test_lanes_elsewhere_are_no_verdict(folder, capsys):
-    assert main(["monitor", str(folder / "one.csv"), "--rule", "R_G1", "--ego", "a", "--lanes", "99"]) == 4
-    assert "in no lane at any time" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_number_of_processes_does_not_matter(folder):
-    files = [str(folder / name) for name in ("one.csv", "deeper/two.csv", "other.csv")]
-    question = Question(("R_G1",), road=ROAD)
-    alone, together = (monitor_files(files, question, workers) for workers in (1, 2))
-    assert repr(alone) == repr(together)

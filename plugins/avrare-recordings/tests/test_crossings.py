@@ -114,12 +114,6 @@ def test_files_that_refer_to_nothing_are_refused(tmp_path, pattern, by, message)
         damaged(tmp_path, pattern, by)
 
 
-def test_an_intersection_without_incoming_lanelets_has_no_conflict_areas(tmp_path):
-    road = damaged(tmp_path, "<incoming .*</incoming>", "")
-    assert road.crossings == ()
-    assert len(road.light_lines) == 1
-
-
 def test_a_light_that_is_off_leaves_the_signs_in_force(tmp_path):
     road = damaged(tmp_path, "<active>true", "<active>false")
     assert road.light_lines == ()

@@ -83,10 +83,6 @@ class TestHighd:
         with pytest.raises(UsageError, match=words):
             open_drives(path)
 
-    def test_a_recording_without_rows_is_refused(self, tmp_path):
-        with pytest.raises(UsageError, match="there are no rows"):
-            open_drives(write_highd(tmp_path, [], {}))
-
 
 class TestInd:
     def test_centres_and_degrees_on_the_callers_road(self, tmp_path):
@@ -152,8 +148,3 @@ class TestIndOnANetwork:
         )
         with pytest.raises(UsageError, match=r"map\.xml: intersection 950 has the incoming lanelet 7"):
             open_drives(write_ind(tmp_path, ["0,1,0,0,0,0,1.8,4.5,9,0,0,0"]), None, str(tmp_path / "map.xml"))
-
-
-def test_a_folder_without_recordings(tmp_path):
-    with pytest.raises(UsageError, match="no recording in it"):
-        list_recordings(tmp_path)

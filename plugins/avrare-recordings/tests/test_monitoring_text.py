@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from avrare.analysis.monitor.cause_finder import DecisiveSample
-from avrare.analysis.monitor.monitoring import MonitoringResult, format_sample_time, summarise
+from avrare.analysis.monitor.monitoring import MonitoringResult, summarise
 from avrare.driving import Road
 from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 from avrare_recordings.output.monitoring_documents import monitoring_document, write_monitoring_csv
@@ -55,24 +55,11 @@ def test_first_and_worst_at_once():
     )
 
 
-def test_a_kept_rule_names_the_sample_of_least_robustness():
-    found = summarise(scored(FALLING + 2.0, None, DecisiveSample(60, 1.0, {}, "gap > 2", 1.0, 60)))
-    assert found == "R_G1 satisfied with robustness 1, least at 6.0 s: gap > 2 has robustness 1"
-    assert summarise(scored(FALLING + 2.0)) == "R_G1 satisfied with robustness 1"
-
-
 def test_the_head_names_source_span_and_formula():
     lines = [str(line) for line in headline(scored(FALLING, formula="a(o) = p(o)\nalways " + "a " * 60))]
     assert lines[:3] == ["R_G1  t.csv", "61 samples, 0.1 s apart, 0.0 to 6.0 s", "  a(o) = p(o)"]
     assert lines[3].startswith("  always a a")
     assert max(len(part) for line in lines for part in line.splitlines()) <= 80
-
-
-@pytest.mark.parametrize(
-    ("dt", "sample", "text"), [(0.1, 3, "0.3"), (0.25, 3, "0.75"), (1.0, 2, "2.0"), (1 / 30, 1, "0.033")]
-)
-def test_times_have_the_digits_of_the_step(dt, sample, text):
-    assert format_sample_time(recording(dt=dt), sample) == text
 
 
 @pytest.mark.parametrize("samples", [2, 3, 40, 63, 64, 65, 1000])
@@ -90,13 +77,6 @@ def test_small_and_short_violations_are_visible():
     below = [str(line) for line in draw_chart(scored(body))][5:8]
     assert sum(line.count("█") for line in below) == 3
     assert all("█" not in str(line) for line in draw_chart(scored(np.full(10, -1.0)))[:1])
-
-
-def test_bars_show_the_values():
-    lines = [str(line) for line in draw_chart(scored(np.repeat([1.0, 0.5, 0.25, 0.0], 16)))]
-    rows = [line.split("▏")[1] for line in lines[1:5]]
-    assert [row.rstrip().count("█") for row in rows] == [16, 16, 32, 48]
-    assert "▏" not in lines[5]
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,14 @@
 """CommonRoad files: obstacles, lanes, and roads that are refused."""
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from avrare.base.errors import PluginError, UsageError
+from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene
-from avrare.results.recordings.recording import FIELDS, Recording, parse_road
+from avrare.results.recordings.recording import FIELDS, Recording
 from avrare_recordings.formats.commonroad import _read_pose, read_commonroad, to_commonroad
 from avrare_recordings.roads.straight_road import find_straight_lanes
 
@@ -50,10 +49,6 @@ def test_the_ego_must_be_a_moving_obstacle(sample):
         assert caught.value.hint == "choose the ego; there are: 13, 15"
 
 
-def test_the_lanes_of_the_file_come_before_a_road_of_the_callers(sample):
-    assert read_commonroad(sample, "13", ROAD).scene.road == read_commonroad(sample, "13").scene.road
-
-
 def test_files_that_are_not_commonroad_scenarios(tmp_path):
     for text in ("", "<a/>", "not xml"):
         (tmp_path / "s.xml").write_text(text)
@@ -88,13 +83,6 @@ def test_numbers_that_are_none_are_refused(value):
     with pytest.raises(UsageError, match=r"s\.xml: it has no exact position, orientation and velocity"):
         _read_pose("s.xml", "it", state)
     assert _read_pose("s.xml", "it", SimpleNamespace(**vars(state) | {"velocity": 3})) == [0.0, 0.0, 0.0, 3.0]
-
-
-def test_the_missing_package_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "commonroad.common.file_reader", None)
-    with pytest.raises(PluginError) as caught:
-        read_commonroad(str(tmp_path / "s.xml"), "1")
-    assert caught.value.hint == "pip install 'avrare-recordings[commonroad]'"
 
 
 def lanelet(number, points, width=3.5, kinds=()):
@@ -156,14 +144,3 @@ def test_the_taper_of_a_ramp_is_not_a_lane():
 def test_other_roads_are_refused(lanelets, text):
     with pytest.raises(UsageError, match=text):
         find_straight_lanes("s.xml", lanelets)
-
-
-def test_lanes_in_words():
-    assert parse_road("-1.75, 1.75", 3.0, "0") == Road((-1.75, 1.75), 3.0, (0,))
-    for words, text in (
-        (("1,a", 3.5, ""), "should be numbers"), (("2,1", 3.5, ""), "right to left"),
-        (("1,nan", 3.5, ""), "right to left"), (("1,2", -1.0, ""), "above zero"),
-        (("1,2", 3.5, "2"), "lanes 0 to 1"), (("1,2", 3.5, "-1"), "lanes 0 to 1"),
-    ):  # fmt: skip
-        with pytest.raises(UsageError, match=text):
-            parse_road(*words)

@@ -50,13 +50,6 @@ def test_signals_become_columns(read):
     np.testing.assert_allclose(found.times, [0.0, 0.1, 0.2])
 
 
-@pytest.mark.parametrize("begin", [b"\xef\xbb\xbf", b""])
-@pytest.mark.parametrize("end", [b"\r\n", b"\n"])
-def test_a_byte_order_mark_and_windows_lines_are_fine(read, begin, end):
-    text = begin + SIGNALS.replace("time", "t").encode().replace(b"\n", end) + end
-    np.testing.assert_array_equal(read(text).signals["speed"], [20.0, 21.0, 22.0])
-
-
 def test_time_may_start_anywhere_and_contain_rounding_errors(read):
     rows = "".join(f"{1700000000 + k / 30:.3f},{k}\n" for k in range(60))
     found = read("t,x\n" + rows)
@@ -110,13 +103,6 @@ def test_the_ego_sets_the_time(read):
     assert found.scene.names == ("b",)
 
 
-@pytest.mark.parametrize("name", ["ego", "others"])
-def test_another_vehicle_may_not_have_a_reserved_name(read, name):
-    text = VEHICLES.replace(",ego", ",me").replace(",parked", f",{name}")
-    with pytest.raises(UsageError, match=f"a vehicle other than the ego is called '{name}'"):
-        read(text, ego="me")
-
-
 def test_another_name_of_the_column_is_recognised(read):
     for name in ("id", "Track_ID"):
         with pytest.raises(UsageError, match="column 'vehicle' is missing") as caught:
@@ -129,12 +115,6 @@ def test_without_a_road_there_are_signals_but_no_scene(read):
     found = read(VEHICLES, road=None)
     assert found.scene is None
     assert found.signals["gap"][0] == pytest.approx(5.5)
-
-
-def test_a_moment_as_a_world(read):
-    world = read(VEHICLES).world(1)
-    assert world.ego.x.tolist() == [2.0]
-    assert world.others.x.tolist() == [[11.0, -1e6]]
 
 
 BROKEN = [
@@ -180,19 +160,6 @@ def test_every_mistake_is_one_clear_line(fails, text, message):
     found, _ = fails(text)
     assert found.startswith(message)
     assert "\n" not in found
-
-
-def test_hints(fails):
-    assert fails(VEHICLES, ego="egon")[1] == "choose the ego; there are: a, ego, parked"
-    assert "line 3" in fails(VEHICLES.replace("0.1,a", "0.0,a"))[1]
-    assert "separate them by commas" in fails("time;x\n0;1\n")[1]
-
-
-def test_a_missing_file(tmp_path):
-    with pytest.raises(UsageError, match="no such file"):
-        read_csv(str(tmp_path / "none.csv"))
-    with pytest.raises(UsageError, match="cannot be read: is a directory"):
-        read_csv(str(tmp_path))
 
 
 def test_another_vehicle_at_a_far_time_is_absent(read):

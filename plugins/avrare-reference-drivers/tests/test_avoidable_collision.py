@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene
 from avrare_reference_drivers.avoidable_collision import avoidable_ttc, build
 from avrare_reference_drivers.config import AvoidableCollisionConfig
@@ -78,10 +77,3 @@ def test_without_vehicles_nothing_is_violated():
         name: value[..., :0] if value.ndim == 2 else value for name, value in sample(1.0, 0.0, 1.0).items()
     }
     assert not specification.update(specification.start(1), signals)[1].violated.any()
-
-
-def test_a_missing_signal_is_named():
-    signals = sample(1.0, 0.0, 1.0)
-    del signals["distance"]
-    with pytest.raises(UsageError, match="needs the signal 'distance'"):
-        monitor().update(monitor().start(1), signals)

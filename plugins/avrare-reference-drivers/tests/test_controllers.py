@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.testing.conformance import Subject, checks_of
 from avrare_reference_drivers.config import CruiseConfig, HoldConfig, ReferenceDriverConfig
@@ -110,12 +109,6 @@ def test_a_vehicle_behind_aside_or_without_a_track_is_no_danger():
         assert action.acceleration == pytest.approx(0.0)
 
 
-def test_the_distance_of_the_regulation():
-    speeds = np.array([0.0, 7.2, 10.0, 30.0, 60.0]) / 3.6
-    times = np.array([1.0, 1.0, 1.1, 1.3, 1.6])
-    np.testing.assert_allclose(following_distance(speeds), np.maximum(speeds * times, 2.0))
-
-
 def test_cruise_reaches_its_speed_and_its_distance():
     controller = build_cruise(CruiseConfig(set_speed=25.0), scene())
     _, speed, braked = drive(controller, 20.0, [1e5], 20.0, steps=300)
@@ -163,12 +156,6 @@ def test_drivers_come_back_to_their_lane():
             y = state.y + DT * state.speed * np.sin(turned)
             state = Vehicles(state.x, y, turned, state.speed, state.acceleration)
         assert abs(state.y[0]) < 0.02
-
-
-def test_a_stack_without_a_tracker_is_refused():
-    controller = build_cruise(CruiseConfig(), scene())
-    with pytest.raises(UsageError, match="cruise needs predictions"):
-        controller.act(controller.start(1), ego(20.0), None)
 
 
 @pytest.mark.parametrize(("sees", "same"), [("truth", True), ("track", False)])

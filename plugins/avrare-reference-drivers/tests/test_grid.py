@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrare.base.errors import UsageError
 from avrare_reference_drivers.grid import cut_in
 
 LATERAL = np.arange(18) * 0.1
@@ -97,8 +96,3 @@ def test_single_cases_do_not_depend_on_the_batch():
     together = cut_in("fsm", ego, 10.0, gaps, 1.2)
     alone = [cut_in("fsm", speed, 10.0, gap, 1.2) for speed, gap in zip(ego, gaps, strict=True)]
     np.testing.assert_array_equal(together[1], np.array([float(impact) for _, impact in alone]))
-
-
-def test_an_unknown_driver_is_refused():
-    with pytest.raises(UsageError, match="no reference driver is called 'idm'"):
-        cut_in("idm", 20.0, 10.0, 5.0, 1.0)

@@ -36,11 +36,3 @@ def config(ego=EGO, road=None, vehicles=()):
 def test_wrong_options_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         config(**wrong)
-
-
-def test_a_road_has_no_access_ramp_unless_it_says_so():
-    assert config(road={"lane_centres": [0.0, 3.5]}).road.access_ramp == ()
-
-
-def test_lanes_may_lie_apart():
-    assert config(road={"lane_centres": [0.0, 3.5, 12.0]}).road.lane_centres == (0.0, 3.5, 12.0)

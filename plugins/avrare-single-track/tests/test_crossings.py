@@ -81,11 +81,6 @@ def test_stop_sign(simulate, before, standing, violated):
     assert drive(sim, build_rule("R_IN1", [], sim.scene), plan)[0] == violated
 
 
-def test_a_route_leads_through_the_turn(simulate):
-    assert simulate([LEFT]).scene.road.line.length == pytest.approx(52 + 0.5 * math.pi * 9.75 + 52, abs=0.1)
-    assert simulate([EGO]).scene.road.line.length == pytest.approx(120, abs=0.1)
-
-
 @pytest.mark.parametrize(
     ("lanelets", "message"),
     [

@@ -68,15 +68,6 @@ def test_every_particle_has_its_own_start(drawn):
     assert world.others.speed[:, 1] == pytest.approx(chosen["vehicles.1.speed"], abs=1e-9)
 
 
-def test_medians_are_the_fixed_scene(drawn):
-    fixed = simulator(weather=1.0)
-    medians = {path: np.array([float(law.at(0.0))]) for path, law in LAWS.items()}
-    one = roll(fixed, fixed.reset(np.zeros((1, 0))), 15)
-    other = roll(drawn, drawn.reset_drawn(np.zeros((1, 0)), medians), 15)
-    for name, signal in fixed.signals(one).items():
-        assert drawn.signals(other)[name] == pytest.approx(signal, abs=1e-9), name
-
-
 def test_vehicles_at_constant_velocity_are_exact(drawn):
     chosen = values(6)
     world = roll(drawn, drawn.reset_drawn(np.zeros((6, 0)), chosen), 20)
@@ -139,9 +130,3 @@ def test_vehicles_at_constant_velocity_are_exact_in_bends():
                 assert getattr(found, name)[row, 0] == pytest.approx(getattr(wanted, name)[0, 0], abs=1e-8), (
                     name
                 )
-
-
-def test_the_start_of_a_script_is_not_drawn_along_a_bend():
-    simulator(road=BENT).drawing({"vehicles.0.x": LAWS["vehicles.0.x"]})
-    with pytest.raises(UsageError, match=r"'driven': its x is drawn, but it follows a script on a bent road"):
-        simulator(road=BENT).drawing({"vehicles.1.x": LAWS["vehicles.1.x"]})

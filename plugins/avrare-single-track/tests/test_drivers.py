@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from avrare.base.batch import leaves, take
 from avrare.base.laws import Law
 from avrare.driving import Action
-from avrare.driving.geometry import Rectangle, signed_distance
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.driver_model import PARAMETERS, idm
 from avrare_single_track.simulator import build
-from drivers import EGO, car, dense, drive, simulator
+from drivers import EGO, car, drive, simulator
 
 HIGHWAY = {
     "time_gap": 1.5,
@@ -24,12 +22,6 @@ HIGHWAY = {
     "safe_braking": 2.0,
 }
 """highway-env's parameters; its gaps are between centres, so its vehicles are points with 10 m at rest."""
-
-
-def test_a_free_driver_reaches_its_desired_speed():
-    worlds = drive(simulator(car("one", 0.0, speed=15.0, acceleration=2.0)), 600)
-    assert worlds[-1].others.speed[0, 0] == pytest.approx(25.0, abs=0.1)
-    assert worlds[1].others.acceleration[0, 0] == pytest.approx(2.0 * (1 - (15 / 25) ** 4))
 
 
 def test_a_follower_settles_at_the_model_s_own_gap():
@@ -116,48 +108,6 @@ def test_lane_changes_are_highway_env_s():
     assert 5 < decided < compared - 5
 
 
-SIZE = np.asarray(4.298), np.asarray(1.674)
-
-
-def test_dense_traffic_does_not_collide_and_changes_lanes():
-    sim = simulator(*dense(acceleration_sd=0.3), ego={"x": -60.0, "y": 1.75, "speed": 0.0})
-    worlds = drive(sim, 300, n=20, seed=1)
-    changed = (worlds[-1].drivers.lane != worlds[0].drivers.lane).mean()
-    assert 0.02 < changed < 0.9
-    for world in worlds[::10]:
-        others = world.others
-        for k in range(11):
-            one, rest = (
-                Rectangle(*(part[:, c] for part in (others.x, others.y, others.heading)), *SIZE)
-                for c in (slice(k, k + 1), slice(k + 1, None))
-            )
-            assert (signed_distance(one, rest) > 0.0).all()
-
-
-def test_a_row_does_not_depend_on_the_others():
-    sim = simulator(*dense(acceleration_sd=0.5))
-    rng = np.random.default_rng(4)
-    noise = rng.standard_normal((30, 6, sim.noise_size))
-
-    def run(rows):
-        world = sim.reset(noise[0][rows])
-        for row in noise[1:]:
-            world = sim.step(world, Action(np.zeros(len(rows)), np.zeros(len(rows))), row[rows])
-        return world
-
-    whole, alone = run(np.arange(6)), run(np.array([4]))
-    pairs = zip(leaves(take(whole, np.array([4]))), leaves(alone), strict=True)
-    assert all(np.array_equal(a, b) for a, b in pairs)
-
-
-def test_a_step_does_not_change_the_world_it_starts_from():
-    sim = simulator(*dense())
-    before = drive(sim, 3)[-1]
-    copy = [leaf.copy() for leaf in leaves(before)]
-    sim.step(before, Action(np.zeros(1), np.zeros(1)), np.ones((1, sim.noise_size)))
-    assert all(np.array_equal(a, b) for a, b in zip(leaves(before), copy, strict=True))
-
-
 def test_drivers_brake_for_the_ego():
     ego = {"x": 40.0, "y": 1.75, "speed": 0.0}
     worlds = drive(simulator(car("one", 0.0, speed=10.0), ego=ego), 300)
@@ -228,14 +178,6 @@ def test_parameters_of_drivers_may_be_drawn():
     assert world.others.x[:, 0] == pytest.approx([5.0, 6.0, 7.0])
     after = drawn.step(world, Action(np.zeros(3), np.zeros(3)), np.zeros((3, 2)))
     assert after.others.acceleration[:, 0] == pytest.approx(1.5 * (1 - (15.0 / chosen) ** 4), rel=1e-3)
-
-
-def test_a_vehicle_has_one_mind():
-    both = car("one", 0.0) | {"drive": {"lanes": [1]}}
-    with pytest.raises(ValidationError, match="not both"):
-        simulator(both)
-    with pytest.raises(ValidationError, match="drives on lane 7"):
-        simulator(car("one", 0.0, merge={"lane": 7}))
 
 
 @pytest.mark.parametrize(

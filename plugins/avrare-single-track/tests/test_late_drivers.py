@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from avrare.base.batch import leaves, take
 from avrare.base.laws import Law
 from avrare.driving import Action
 from avrare_single_track.driver_model import idm
-from avrare_single_track.file_config import HandedOverConfig
-from drivers import car, dense, drive, simulator
+from drivers import car, drive, simulator
 
 
 def test_a_driver_reacts_after_its_reaction_time():
@@ -49,24 +47,6 @@ def test_reaction_times_vary_about_their_median():
     assert len(np.unique(worlds[-1].others.speed[:, 3])) == 1
 
 
-def test_a_row_of_late_drivers_does_not_depend_on_the_others():
-    sim = simulator(*dense(acceleration_sd=0.5, reaction_time=0.8, reaction_sd=0.4))
-    noise = np.random.default_rng(4).standard_normal((30, 4, sim.noise_size))
-
-    def run(rows):
-        world = sim.reset(noise[0][rows])
-        for row in noise[1:]:
-            before = [leaf.copy() for leaf in leaves(world)]
-            after = sim.step(world, Action(np.zeros(len(rows)), np.zeros(len(rows))), row[rows])
-            assert all(np.array_equal(a, b) for a, b in zip(leaves(world), before, strict=True))
-            world = after
-        return world
-
-    whole, alone = run(np.arange(4)), run(np.array([2]))
-    pairs = zip(leaves(take(whole, np.array([2]))), leaves(alone), strict=True)
-    assert all(np.array_equal(a, b) for a, b in pairs)
-
-
 TABLE = np.array([25.0, 1.5, 2.0, 1.5, 2.0, 8.0])
 
 
@@ -88,10 +68,3 @@ def test_a_drawn_reaction_time_is_each_particle_s_own():
     assert prompt[1] != prompt[0]
     assert (late[:11] == prompt[0]).all()  # 1 s long as at the start
     assert late[11] == pytest.approx(idm(15.0 + 0.1 * prompt[0], 0.0, _gap(prompt[0]), TABLE), rel=1e-9)
-
-
-def test_a_spread_needs_a_reaction_time():
-    with pytest.raises(ValidationError, match="reaction_time above 0"):
-        simulator(car("a", 0.0, reaction_sd=0.2))
-    with pytest.raises(ValidationError, match="reaction_time above 0"):
-        HandedOverConfig(reaction_sd=0.2)

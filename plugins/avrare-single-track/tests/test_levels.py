@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import avrare
 from avrare.driving import Action, Vehicles
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.levels import GRAVITY, lateral_acceleration, steering_angle
@@ -106,13 +105,6 @@ def test_time_to_collision_is_that_of_the_traffic_rules():
         assert verdict.robustness[0] == pytest.approx(signals["time_to_collision"][0])
 
 
-def test_an_infinite_time_is_no_error_to_a_monitor():
-    formula = avrare.stl("always (time_to_collision > 2)")
-    values = np.array([[np.inf, 3.0, np.inf], [np.inf, np.inf, np.inf], [np.inf, 1.5, np.inf]])
-    robustness = formula.robustness({"time_to_collision": values})[:, 0]
-    assert robustness.tolist() == [1.0, np.inf, -0.5]
-
-
 @pytest.mark.parametrize("friction", [0.3, 0.8, 1.0])
 def test_the_friction_circle_holds_and_what_is_beyond_is_counted(friction):
     sim = simulator(friction=friction)
@@ -135,21 +127,6 @@ def test_demands_within_the_circle_are_met_to_the_same_bits():
     assert free.counts(worlds[-1]) == {}
     for name, values in one.items():
         np.testing.assert_array_equal(values, other[name])
-
-
-def test_on_ice_the_way_to_stop_is_longer():
-    stops = [drive(simulator(friction=mu), [(np.full(1, -11.0), np.zeros(1))] * 120)[0] for mu in (1.0, 0.4)]
-    ways = [signals["ego_x"][0, -1] for signals in stops]
-    assert ways == pytest.approx([20.0**2 / (2 * mu * GRAVITY) for mu in (1.0, 0.4)], rel=0.01)
-
-
-def test_rows_do_not_depend_on_their_neighbours():
-    sim = simulator([{"name": "a", "x": 40.0, "y": 2.0, "speed": 5.0}], friction=0.7)
-    actions = random_actions(n=7)
-    together, _ = drive(sim, actions)
-    alone, _ = drive(sim, [(a[3:4], w[3:4]) for a, w in actions])
-    for name, values in alone.items():
-        np.testing.assert_array_equal(values[0], together[name][3])
 
 
 def test_vehicles_are_values_of_the_driving_room():

@@ -46,17 +46,6 @@ def test_the_ego_starts_where_car_1_was_and_the_others_are_where_they_were(write
             np.testing.assert_allclose(getattr(found, name)[0], expected, atol=0.3)
 
 
-def test_it_drives_until_the_recording_ends(write):
-    body = {"friction": 1.0, "length": 4.0}
-    sim = RecordedScene(RecordedConfig(file=write("bend"), ego=body, after_impact="go_on"))
-    assert sim.scene.ego_length == 4.0
-    world = sim.reset(np.zeros((2, 0)))
-    for step in range(1, 42):
-        world = sim.step(world, Action(np.zeros(2), np.zeros(2)), np.zeros((2, 0)))
-        assert sim.faults(world).any() == (step > 39)
-    assert set(sim.signals(world)) >= {"ego_x", "others_x", "gap"}
-
-
 @pytest.mark.parametrize("command", [["validate", "--build"], ["run"]])
 def test_steps_beyond_the_recording_are_refused_with_its_end(write, command, tmp_path, monkeypatch, capsys):
     path = write("bend")
@@ -154,14 +143,6 @@ def test_cars_that_were_handed_over_react_from_where_they_were(write):
     assert first == pytest.approx(idm(25.0, 25.0, gap, table), rel=1e-3)
     assert after.others.x[0, 0] < before.others.x[0, 0] - 1.0
     np.testing.assert_array_equal(before.others.x[:, 1], after.others.x[:, 1])  # not handed over
-
-
-def test_drivers_of_recorded_cars_take_noise_from_the_tape(write):
-    sim = RecordedScene(RecordedConfig(file=write("bend"), without=(1,), drivers={"acceleration_sd": 0.5}))
-    noise = np.random.default_rng(0).standard_normal((6, 3, sim.noise_size))
-    together = roll(sim, 5, noise).others.speed
-    assert len(np.unique(together)) == together.size
-    np.testing.assert_array_equal(roll(sim, 5, noise[:, 1:2]).others.speed, together[1:2])
 
 
 def test_cars_that_cannot_be_handed_over(write):

@@ -16,7 +16,6 @@ from avrare_recordings.formats.drives import open_drives
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
 from drone_files import highd_rows, write_highd, write_ind
-from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
 
@@ -51,16 +50,6 @@ def test_the_ego_stands_for_a_vehicle_of_highd(highd):
     for step in (0, 30, 99):
         found = sim.traffic.at(np.array([step]))
         np.testing.assert_array_equal(found.x[0], recording.signals["others_x"][step])
-
-
-def test_its_step_may_be_another(highd):
-    sim = RecordedScene(RecordedConfig(file=highd, vehicle=1, dt=0.1))
-    assert (sim.dt, sim.last) == (0.1, 39)
-    x = np.array([sim.traffic.at(np.array([step])).x[0] for step in range(40)])
-    start = open_drives(highd).recording("1").signals["others_x"][0]
-    np.testing.assert_allclose(x[:, 0], start[0] + 20.0 * 0.1 * np.arange(40), atol=1e-9)
-    np.testing.assert_allclose(x[:20, 1], start[1] + 25.0 * 0.1 * np.arange(20), atol=1e-9)
-    assert (x[21:, 1] < -1e5).all()  # it is recorded for 2 s only
 
 
 def test_vehicles_of_highd_are_handed_to_drivers(tmp_path):
@@ -99,12 +88,6 @@ def test_lanes_are_given_to_recordings_without_them_only(highd, tmp_path):
             RecordedScene(RecordedConfig(file=path, vehicle=1, network=lanes))
 
 
-def test_an_ego_may_be_alone(highd):
-    sim = RecordedScene(RecordedConfig(file=highd, vehicle=1, without=(2, 3)))
-    assert sim.scene.names == ()
-    assert np.isinf(sim.signals(roll(sim, 3))["gap"]).all()
-
-
 @pytest.mark.parametrize("dt", [None, 0.1])
 def test_a_vehicle_with_a_gap_while_the_ego_drives_is_left_out(tmp_path, dt):
     rows = [
@@ -114,15 +97,6 @@ def test_a_vehicle_with_a_gap_while_the_ego_drives_is_left_out(tmp_path, dt):
     ]
     highd = write_highd(tmp_path, rows, {1: 2, 2: 2, 3: 2})
     assert RecordedScene(RecordedConfig(file=highd, vehicle=1, dt=dt)).scene.names == ("v3",)
-
-
-def test_ways_keep_their_users_where_others_are_left_out(tmp_path):
-    path = tmp_path / "crossroads.xml"
-    cars = [EGO, drives(SOUTH, "straight", 10.0), drives(EAST, "straight", 40.0)]
-    path.write_text(crossroads(cars), encoding="utf-8")
-    for without, users in (((), {(), (1,)}), ((2,), {(), (0,)}), ((3,), {()})):
-        sim = RecordedScene(RecordedConfig(file=path, vehicle=1, without=without))
-        assert {one.users for one in sim.scene.road.crossings} == users
 
 
 def test_a_result_depends_on_the_files_that_complete_a_recording(highd, tmp_path):

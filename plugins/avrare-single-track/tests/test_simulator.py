@@ -5,7 +5,7 @@ import copy
 import numpy as np
 import pytest
 
-from avrare.base.batch import concatenate, leaves, take
+from avrare.base.batch import leaves
 from avrare.base.errors import UsageError
 from avrare.driving import Action
 from avrare_single_track.config import SingleTrackConfig
@@ -56,18 +56,6 @@ def test_scene(sim):
     assert sim.scene.dt == sim.dt == 0.1
 
 
-def test_reset_is_the_start_of_the_scenario_every_time(sim):
-    world = start(sim, 3)
-    assert {len(leaf) for leaf in leaves(world)} == {3}
-    assert same(world, start(sim, 3))
-    assert same(world, start(simulator(), 3))
-    assert same(take(world, slice(0, 1)), start(sim, 1))
-    assert (world.ego.speed == 20.0).all()
-    assert (world.ego.acceleration == 0.0).all()
-    assert (world.steering == 0.0).all()
-    assert world.others.x[2].tolist() == [60.0, 30.0, 10.0]
-
-
 def test_signals(sim):
     world = start(sim, 4)
     signals = sim.signals(world)
@@ -100,44 +88,6 @@ def test_a_step_moves_everyone_once(sim):
         np.testing.assert_allclose(after.others.acceleration, change, atol=1e-9)
         np.testing.assert_allclose(after.others.x[:, 1], 30.0 + 1.5 * t * np.cos(0.02), atol=1e-12)
         world = after
-
-
-def test_rows_are_independent_bit_for_bit(sim):
-    rng = np.random.default_rng(2)
-    n, noise = 11, np.zeros((11, 0))
-    script = [actions(rng, n) for _ in range(12)]
-    together, alone = start(sim, n), [start(sim, 1) for _ in range(n)]
-    for asked in script:
-        together = sim.step(together, asked, noise)
-        for i in range(n):
-            alone[i] = sim.step(alone[i], take(asked, slice(i, i + 1)), noise[:1])
-    assert same(together, concatenate(alone))
-    signals = sim.signals(together)
-    for i in range(n):
-        for name, values in sim.signals(alone[i]).items():
-            assert np.array_equal(values[0], signals[name][i]), name
-
-
-def test_taken_particles_continue_identically(sim):
-    rng = np.random.default_rng(3)
-    world = start(sim, 6)
-    for _ in range(4):
-        world = sim.step(world, actions(rng, 6), np.zeros((6, 0)))
-    asked, chosen = actions(rng, 6), np.array([4, 4, 0])
-    after = take(sim.step(world, asked, np.zeros((6, 0))), chosen)
-    assert same(sim.step(take(world, chosen), take(asked, chosen), np.zeros((3, 0))), after)
-
-
-def test_an_empty_road():
-    sim = simulator([])
-    world = start(sim, 2)
-    for _ in range(3):
-        world = sim.step(world, Action(np.zeros(2), np.zeros(2)), np.zeros((2, 0)))
-    signals = sim.signals(world)
-    assert signals["others_x"].shape == signals["distance"].shape == (2, 0)
-    assert (signals["gap"] == np.inf).all()
-    assert sim.scene.moving.dtype == bool
-    assert not sim.faults(world).any()
 
 
 @pytest.mark.parametrize("broken", [(np.nan, 0.0), (0.0, np.nan)])

@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from avrare.driving import Action
 from avrare_single_track.config import SingleTrackConfig
@@ -70,8 +69,3 @@ def test_a_heading_turns_the_short_way_within_a_step(monkeypatch):
     sim.step(replace(start, others=before), Action(np.zeros(1), np.zeros(1)), np.zeros((1, sim.noise_size)))
     assert seen == pytest.approx([3.1, np.pi])
 
-
-@pytest.mark.parametrize("substeps", [0, -1, 1.5])
-def test_a_number_of_substeps_is_whole(substeps):
-    with pytest.raises(ValueError, match="substeps"):
-        SingleTrackConfig.model_validate({"ego": EGO, "substeps": substeps})

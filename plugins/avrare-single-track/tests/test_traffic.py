@@ -97,17 +97,3 @@ def test_plans_of_different_lengths_do_not_mix():
         alone = traffic(vehicle).at(steps(30))
         for name in ("x", "y", "heading", "speed", "acceleration"):
             assert np.array_equal(getattr(both, name)[:, v], getattr(alone, name)[:, 0])
-
-
-def test_particles_may_be_at_different_steps():
-    script = traffic({"name": "a", "x": 0.0, "y": 1.75, "speed": 10.0, "drive": SHORT})
-    in_order = script.at(steps(12))
-    order = np.array([7, 0, 3, 3, 11])
-    mixed = script.at(order)
-    for name in ("x", "y", "heading", "speed", "acceleration"):
-        assert np.array_equal(getattr(mixed, name), getattr(in_order, name)[order])
-
-
-def test_no_scripted_vehicles():
-    found = traffic().at(steps(4))
-    assert found.x.shape == found.acceleration.shape == (4, 0)
