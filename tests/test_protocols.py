@@ -9,15 +9,12 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
 from avrare.protocols import (
-    BASES,
     Executor,
     PerceptionErrorModel,
     Simulator,
     System,
     SystemWrapper,
     adapt,
-    missing_members,
-    overrides,
 )
 from avrare.testing.faulty_systems import Fragile, Walk
 
@@ -73,10 +70,6 @@ class Here:
     def close(self): ...
 
 
-def test_a_default_may_be_a_value():
-    assert (adapt(Executor, Here()).restarts, adapt(Executor, Here()).workers) == (0, 1)
-
-
 def test_an_executor_counts_its_restarts_where_it_likes():
     class Counting(Here, Executor):
         def open(self, work):
@@ -105,14 +98,6 @@ def test_errors_name_the_class_and_all_that_it_lacks():
         adapt(System, Plain()).under(None)
 
 
-@pytest.mark.parametrize("member", ["noise_size", "initial", "step", "signals"])
-def test_a_member_that_is_none_is_missing(member):
-    system = Plain()
-    setattr(system, member, None)
-    with pytest.raises(UsageError, match=f"Plain is not a valid system: it lacks {member}"):
-        adapt(System, system)
-
-
 def test_a_class_in_place_of_a_part_is_refused():
     with pytest.raises(UsageError, match="Camera is a class, not a perception error model") as error:
         adapt(PerceptionErrorModel, Camera)
@@ -127,20 +112,6 @@ def test_an_adapted_part_survives_pickling():
     again = pickle.loads(pickle.dumps(adapt(System, Plain())))
     assert type(again).__name__ == "Plain"
     assert again.noise_size == 1
-
-
-def test_a_default_is_not_a_method_of_its_own():
-    assert overrides(adapt(System, Plain()), System.faults)
-    assert not overrides(adapt(System, Plain()), System.log_weights)
-    assert overrides(Fragile("fault"), System.faults)
-    assert not overrides(Walk(), System.faults)
-
-
-@pytest.mark.parametrize("base", BASES.values())
-def test_what_has_no_default_is_required(base):
-    assert missing_members(base, object())
-    with pytest.raises(TypeError, match="abstract"):
-        base()
 
 
 def test_a_wrapper_is_the_system_but_for_what_it_changes():

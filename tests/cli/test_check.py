@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 import pytest
 
 from avrare.cli.main import main
-from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.output.terminal.progress_line import Progress
 
 BOUND = "thresholds: [{specification: in_lane, probability: '< %s'}]\n"
@@ -113,14 +112,6 @@ def test_a_baseline_of_another_problem_is_refused_unless_accepted(drive, capsys)
     assert "although the problem changed" in capsys.readouterr().out
 
 
-def test_a_new_rule_has_no_baseline(drive, check):
-    check(drive("  \n"), "--set", "estimator.specifications=[in_lane]")
-    code, content = check("drive.yaml", "--seed", "1")
-    assert code == 3
-    assert verdicts(content)["on_road", "regression"] == "inconclusive"
-    assert "save a new one" in content["rows"][-1]["reason"]
-
-
 def test_a_threshold_of_a_rule_that_is_not_estimated_does_not_pass(drive, check):
     code, content = check(drive(BOUND % 0.1), "--set", "estimator.specifications=[on_road]")
     assert code == 3
@@ -200,17 +191,6 @@ def test_several_scenarios_share_one_error_rate(drive, check):
     assert {path.name for path in Path("kept").iterdir()} == {"one"}  # a failing run is no baseline
 
 
-def test_nothing_depends_on_workers(drive, check):
-    def plain(content):
-        text = json.dumps(content)
-        for row in content["rows"] + [one for result in content["results"] for one in result["estimates"]]:
-            text = text.replace(f'"seconds": {row["seconds"]}', "")
-        return text
-
-    words = [drive(BOUND % 0.1), "--looks", "--budget", "rollouts=8000"]
-    assert plain(check(*words)[1]) == plain(check(*words, "--workers", "2")[1])
-
-
 def test_the_table_and_the_report_files(drive, capsys):
     main(["check", drive()])
     capsys.readouterr()
@@ -257,14 +237,6 @@ def test_wrong_arguments_are_a_clear_error(drive, capsys, words, message):
     error = capsys.readouterr().err
     assert message in error
     assert "Traceback" not in error
-
-
-def test_two_thresholds_of_a_rule_have_distinct_names(drive, check):
-    both = "thresholds: [{specification: in_lane, probability: '< 0.1'}, "
-    both += "{specification: in_lane, probability: '< 0.1', confidence: 0.99}]\n"
-    assert check(drive(both), "--junit", "report.xml")[0] == 0
-    names = [case.get("name") for case in ElementTree.parse("report.xml").iter("testcase")]
-    assert names == ["in_lane < 0.1", "in_lane < 0.1 at 0.99"]
 
 
 def test_a_baseline_that_is_required(drive, check, capsys):
@@ -327,15 +299,6 @@ def test_an_earlier_result_is_not_overwritten(drive, capsys):
     Path("results/result.json").unlink()
     assert main(two) == 0
     assert Path("results/one/result.json").exists()
-
-
-def test_a_scenario_that_cannot_begin_is_refused_before_any_rollout(drive, monkeypatch, capsys):
-    monkeypatch.setattr(MonteCarlo, "ask", lambda self, state: pytest.fail("a rollout was asked for"))
-    drive(BOUND % 0.1)
-    splitting = Path("drive.yaml").read_text().replace("name: drive", "name: two")
-    Path("two.yaml").write_text(splitting.replace("mc, rollouts: 2000", "ams, particles: 500"))
-    assert main(["check", "drive.yaml", "two.yaml", "--budget", "rollouts=100"]) == 4
-    assert "two: a budget of rollouts=100 does not pay" in capsys.readouterr().err
 
 
 def test_an_interrupted_run_is_not_overwritten(drive, monkeypatch, capsys):

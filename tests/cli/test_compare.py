@@ -67,21 +67,6 @@ def test_json_is_the_same_for_any_number_of_workers(tmp_path, capsys):
     assert not (tmp_path / "comparison.png").exists()
 
 
-@pytest.mark.slow
-def test_a_scenario(tmp_path, capsys):
-    words = ["compare", LANE_CHANGE, "--specification", "no_collision", "--estimators", "mc,ams", "--json"]
-    words += ["--set", "scenario.steps=3", "--set", "ams.particles=3", "--set", "ams.discard=1"]
-    assert main([*words, "--budget", "steps=40", "--repeat", "2", "--truth", "1e-3"]) == 0
-    content = json.loads(capsys.readouterr().out)
-    assert (content["comparison"], content["specification"]) == ("lane_change", "no_collision")
-    assert content["truth"] == {"probability": 1e-3, "source": "given", "interval": None, "failures": None}
-    assert "avrare-mpc" in content["versions"]
-    assert len(content["fingerprint"]) == 16
-    mc, ams = content["estimators"]
-    assert mc["summary"]["steps"] == 39
-    assert ams["options"]["particles"] == 3
-
-
 def test_problem_without_an_id_lists_reference_problems(capsys):
     assert main(["compare", "problem:"]) == 0
     assert "d_rw_L3.8" in capsys.readouterr().out
@@ -152,13 +137,6 @@ def test_quiet_prints_one_line_per_estimator(capsys):
     assert all(".." in line for line in found.out.splitlines())
     assert found.err == ""
     assert main([*WALK, *few, "--plain"]) == 4
-
-
-@pytest.mark.slow
-def test_quiet_against_another_version(capsys):
-    words = ["--against", LANE_CHANGE, "--budget", "rollouts=3", "--set", "scenario.steps=3", "--quiet"]
-    assert main(["compare", LANE_CHANGE, *words, "--specification", "no_collision"]) == 0
-    assert capsys.readouterr().out == "no_collision: same, 0 (-0.56 .. +0.56)\n"
 
 
 def test_versions_that_differ_in_more_than_the_stack_are_told(capsys):

@@ -173,16 +173,6 @@ def test_other_mistakes(words, text, capsys):
     assert text in capsys.readouterr().err
 
 
-def test_the_same_name_for_another_kind_is_free(tmp_path):
-    assert make("specification", tmp_path, "mpc").is_dir()
-
-
-def test_no_driving_is_for_controllers(tmp_path, capsys):
-    words = ["new", "plugin", "mine", "--kind", "tracker", "--no-driving", "--out", str(tmp_path)]
-    assert main(words) == 4
-    assert "trackers are about vehicles" in capsys.readouterr().err
-
-
 def test_a_new_scenario_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "scenario", "spill", "--simulator", "tank", "--set", "start=0.5"]) == 0

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from avrare.cli.main import main
-from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 
@@ -46,14 +45,6 @@ def test_run_writes_the_documented_result(tmp_path, capsys):
         assert rule in table
 
 
-@pytest.mark.slow
-def test_pictures_of_the_nominal_and_the_worst_rollout(tmp_path):
-    words = ["run", LANE_CHANGE, "--set", "steps=6", "--set", "estimator.rollouts=3", "--out", str(tmp_path)]
-    assert main([*words, "--set", "estimator.specifications=[no_collision]"]) == 0
-    for name in ("nominal.png", "worst_no_collision.png"):
-        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-
-
 TANK = """\
 name: {name}
 steps: 4
@@ -89,24 +80,6 @@ def test_a_folder_that_cannot_be_created(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["run", LANE_CHANGE, *SMALL, "--out", str(tmp_path / "file" / "run")]) == 4
     assert "cannot make this folder" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_score_follows_the_formulas_shape():
-    specifications = (
-        "specifications={a: {stl: 'always (gap > 0.2)'}, b: {stl: 'eventually (ego_x > 200)'},"
-        " c: {stl: 'exists o in others: eventually (distance > 9)'}}"
-    )
-    scenario = LoadedScenario(load(LANE_CHANGE, [specifications, "steps=5"]))
-    assert [scenario.problem(name).score for name in "abc"] == ["margin", "progress", None]
-
-
-def test_until_a_relative_error(tmp_path, capsys):
-    words = [LANE_CHANGE, "--set", "steps=2", "--set", "specifications={a: {stl: 'always (ego_x < 0)'}}"]
-    assert main(["run", *words, "--until", "error=0.1", "--out", str(tmp_path)]) == 4
-    assert "write --until relative_error=0.1" in capsys.readouterr().err
-    assert main(["run", *words, "--until", "relative_error=2", "--out", str(tmp_path)]) == 4
-    assert "--until relative_error: should be less than 1, found 2" in capsys.readouterr().err
 
 
 def test_want_of_memory_ends_with_advice(tmp_path, monkeypatch, capsys):

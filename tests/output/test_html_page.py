@@ -8,10 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from avrare.analysis.page import stored_rollouts
 from avrare.analysis.page.build import build_report
 from avrare.analysis.page.model import ReportModel
-from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
 from avrare.output.html.page import render_page
@@ -132,14 +130,6 @@ def test_the_worst_and_the_most_likely_failure_are_replayed(made):
     assert "Signal x over time" in section
 
 
-def test_a_failure_that_replays_differently_is_reported(plane):
-    with np.load(plane / "failures.npz") as stored:
-        arrays = dict(stored)
-    arrays["left.robustness"] = arrays["left.robustness"] - 0.5
-    np.savez(plane / "failures.npz", **arrays)
-    assert "the version or the machine differs" in render_report(plane)
-
-
 def test_without_its_plugins_the_report_gives_the_reason(made, monkeypatch):
     monkeypatch.setenv("AVRARE_PLUGINS", "none")
     default_registry.cache_clear()
@@ -151,15 +141,6 @@ def test_without_its_plugins_the_report_gives_the_reason(made, monkeypatch):
     assert "provided by avrare-linear" in html
     assert "Histogram of the robustness of 400 rollouts" in html
     assert not films(html)
-
-
-def test_splitting_shows_its_levels(split):
-    html = render_report(split)
-    runs = json.loads((split / "result.json").read_text())["estimates"][0]["diagnostics"]["levels"]
-    longest = max(map(len, runs))
-    assert f"Level of each of 4 runs over up to {longest} stages" in html
-    assert "γ, 0 at failure" in html
-    assert "Estimates of 4 independent runs" in html
 
 
 @pytest.mark.slow
@@ -225,14 +206,3 @@ def test_each_number_leads_to_its_command(made):
     anchors = set(re.findall(r' id="([^"]+)"', html))
     assert set(re.findall(r' href="#([^"]+)"', html)) <= anchors
     assert re.search(r"avrare replay --run \S+ --specification left --failure \d+ --lost", html)
-
-
-def test_a_drive_whose_loss_cannot_be_found_is_shown_all_the_same(made, monkeypatch):
-    def refuse(problem, tape):
-        raise UsageError("its continuations broke")
-
-    monkeypatch.setattr(stored_rollouts, "continue_without_noise", refuse)
-    html = render_report(made)
-    assert "When it was lost could not be found: its continuations broke." in html
-    monkeypatch.undo()
-    assert len(films(html)) == len(films(render_report(made)))

@@ -209,19 +209,3 @@ def test_the_start_of_workers_leaves_the_pace_once_as_much_time_has_passed():
     assert left(replace(later, rollouts=10), 10.0, first=(slow_start, 10.0)) == "6:40 left"
     assert left(later, 20.0, first=(slow_start, 10.0)) == "0:10 left"
     assert left(later, 20.0, first=(slow_start, 10.0), steady=False) == "0:19 left"
-
-
-def test_a_plain_line_foretells_a_long_estimate_with_its_first_chunk(problem, capsys):
-    for goal, lines in ((10**6, 1), (2, 0)):
-        with Progress("walk", problem, "plain") as progress:
-            progress.began -= 1.0
-            progress(Info(rollouts=1, goal=goal))
-            progress(Info(rollouts=2, goal=goal))
-        assert capsys.readouterr().err.count(" left") == lines
-
-
-def test_the_first_chunk_after_a_resumption_foretells_nothing(problem, capsys):
-    with Progress("walk", problem, "plain") as progress:
-        progress.resume(12.0)
-        progress(Info(rollouts=1, goal=10**6))
-    assert capsys.readouterr().err == ""

@@ -205,13 +205,6 @@ def test_errors_of_a_pilot_leave_an_upper_end():
     assert sample.part_interval(np.arange(40) < 10)[1][1] < 0.6
 
 
-def test_rollouts_of_the_choice_are_no_trials_of_a_kind():
-    result = avrare.estimate(two_modes(), "auto", budget="rollouts=6000", seed=2)
-    assert result.estimator == "mc"
-    sample = FailureSample.of(result)
-    assert sample.trials == round(result.failures.count / result.probability) < result.rollouts
-
-
 def test_the_interval_over_an_ensemble_is_that_of_all_failures(result):
     fresh = {k: replace(result, probability=result.probability * f) for k, f in enumerate((0.5, 1.0, 2.0))}
     over = combine(result, 3, None, fresh)

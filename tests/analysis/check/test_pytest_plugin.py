@@ -73,24 +73,6 @@ def test_a_verdict_fails_without_a_traceback(drive, run):
     assert "pytest_plugin.py" not in output
 
 
-@pytest.mark.slow
-def test_inconclusive_fails_unless_set_to_skip(drive, run):
-    drive(BOUND % 0.0505)
-    assert run("-q")[0] == 1
-    code, output = run("-q", "-rs", ini="avrare_scenarios = *.yaml\navrare_inconclusive = skip\n")
-    assert code == 0
-    assert "1 skipped" in output
-
-
-@pytest.mark.slow
-def test_a_scenario_with_nothing_to_check_is_an_error(drive, run):
-    drive()
-    code, output = run("-q")
-    assert code == 2
-    assert "drive.yaml: nothing to check" in output
-    assert "avrare check drive.yaml --save" in output
-
-
 def test_globs_without_files_are_reported(drive, run):
     drive(BOUND % 0.1)
     code, output = run("-q", ini="avrare_scenarios = /abs/*.yaml\n")

@@ -41,19 +41,6 @@ def test_every_repetition_is_an_estimate_with_a_seed_of_its_own():
             assert (one.simulated_steps, one.health) == (same.simulated_steps, same.health)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("reference", [LATTICE, STATIC], ids=lambda reference: reference.family)
-def test_monte_carlo_is_as_fast_as_monte_carlo(reference):
-    comparison = run(case(reference), "mc", budget="rollouts=400", repeat=200)
-    accuracy = comparison.summaries[0].accuracy
-    # The mean of 200 squares of nearly normal numbers has a standard error of 10 %.
-    assert 0.7 < accuracy.speed_up < 1.4
-    low, high = accuracy.speed_up_interval
-    assert low < accuracy.speed_up < high
-    assert accuracy.covered >= 184
-    assert not accuracy.missed
-
-
 def test_the_cost_counts_full_simulations():
     (mc, ams) = run(case(), f"mc,{SMALL}").summaries
     assert (mc.steps, mc.simulations) == (9000, 1000)

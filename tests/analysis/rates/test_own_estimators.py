@@ -17,7 +17,6 @@ from avrare.base.errors import ExitCode, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.plan.budget import Budget
 from avrare.output.html.page import render_rates
-from benchmarks.rates import REGIMES, study
 from plain_results import plain_result
 
 # The inflows of the four samples are independent, so that both probabilities are known.
@@ -171,11 +170,6 @@ def test_safe_mode_looks_into_the_own_estimator(catalogue, capsys):
     assert "c.yaml:6:99: scenes.1.estimator.learned: safe mode: " in error
 
 
-def test_a_budget_without_an_estimator_is_refused(catalogue):
-    with pytest.raises(ScenarioError, match="name the estimator"):
-        load_catalogue(catalogue((f"estimator: {OWN}", "budget: {rollouts: 9}")))
-
-
 def test_a_budget_is_required_where_scenes_share_it(catalogue):
     with pytest.raises(ScenarioError, match=r"c\.yaml:1:1: budget: required, but missing"):
         load_catalogue(catalogue(("budget: {rollouts: 700}\n", "")))
@@ -314,20 +308,6 @@ def test_counts_of_an_ensemble_do_not_stand_for_its_models():
     found = model.quantity(0.95, False)
     assert (found.value, found.low, found.high) == (0.02, 0.01, 0.03)
     assert model.warnings == {"model_unknown": "m"}
-
-
-def test_rollouts_that_rules_share_are_counted_once():
-    assert SceneEstimate(result(shared_by=4)).cost == 0
-    assert SceneEstimate(result(shared_by=4), True).cost == 100
-    assert SceneEstimate(result(), True).cost == 400
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [one.name for one in REGIMES if one.rare])
-def test_intervals_of_catalogues_with_rare_scenes_cover(name):
-    found = study(next(one for one in REGIMES if one.name == name), 20, 100)
-    assert 0.93 <= found.shares.mean() <= 0.97
-    assert max(found.low_missed, found.high_missed) < 0.04
 
 
 def test_a_model_read_from_json_renders_the_same_page(catalogue):

@@ -2,11 +2,7 @@
 
 import os
 import signal
-import subprocess
-import sys
-import time
 
-import numpy as np
 import pytest
 
 from avrare.cli.main import main
@@ -106,33 +102,3 @@ def test_a_refused_command_leaves_no_checkpoint(finished, capsys):
     assert main(words) == 4
     assert "no score function" in capsys.readouterr().err
     assert not any((finished.folder / "torn").iterdir())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
-def test_kill_minus_nine(command, finished):
-    words, folder = COMMANDS[command], finished.folder
-    name, random = f"{command}.json", np.random.default_rng(3)
-
-    def start(out, workers, **environment):
-        line = [sys.executable, "-m", "avrare", *words, "--out", out, "--resume", "--workers", str(workers)]
-        return subprocess.Popen(
-            line, cwd=folder, env={**finished.environment, **environment}, stdout=subprocess.DEVNULL,
-            start_new_session=True,
-        )  # fmt: skip
-
-    assert start("whole", 1).wait(120) == 0
-    saved = folder / "torn" / f"{command}-checkpoint"
-    for life in range(3):
-        before = len(list(saved.rglob("*.npz")))
-        process = start("torn", 1 + life % 2, AVRARE_TOY_PAUSE="0.01")
-        more, end = int(random.integers(1, 3)), time.monotonic() + 100.0
-        while len(list(saved.rglob("[0-9]*.npz"))) < before + more:
-            assert process.poll() is None, "it ended before it was killed"
-            assert time.monotonic() < end, "it saves nothing"
-            time.sleep(0.01)
-        process.kill()
-        process.wait()
-    assert start("torn", 1).wait(120) == 0
-    assert (folder / "torn" / name).read_bytes() == (folder / "whole" / name).read_bytes()
-    assert not saved.exists()

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from avrare.base.errors import Interrupted
-from avrare.cli import run as command
 from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
 
@@ -116,15 +114,6 @@ def test_a_finished_run_is_not_taken_for_another(night, words, capsys):
     assert "this run is already finished" in capsys.readouterr().err
 
 
-def test_a_checkpoint_without_its_scenario_asks_for_it(night, interrupted, capsys):
-    scenario = night.scenario()
-    interrupted(2, scenario, "--out", "torn")
-    Path("torn/checkpoint/walk/scenario.yaml").unlink()
-    assert run("--out", "torn", "--resume") == 4
-    assert "hint: avrare run SCENARIO --out torn starts one" in capsys.readouterr().err
-    assert run(scenario, "--out", "torn", "--resume") == 0
-
-
 def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
     scenario = night.scenario()
     assert run(scenario, "--out", "new/night", "--resume") == 0
@@ -230,26 +219,6 @@ def test_leftovers_of_a_killed_process_are_removed(night, interrupted):
     assert seen[0] == []
 
 
-def test_the_saved_scenario_is_resumed(night, interrupted):
-    """Resume although the file that it came from has changed, or is gone."""
-    path = night.scenario()
-    assert run(path, "--out", "whole") == 0
-    interrupted(2, path, "--out", "torn")
-    Path(path).unlink()
-    assert run("--out", "torn", "--resume") == 0
-    assert night.result("torn") == night.result("whole")
-
-
-def test_an_error_during_a_run_keeps_the_saved_chunks(night, monkeypatch, capsys):
-    def fail(*_):
-        raise Interrupted("enough")
-
-    monkeypatch.setattr(command, "with_verdict", fail)
-    assert run(night.scenario(), "--out", "torn") == 2
-    assert len(night.saved("torn")) == 40
-    assert "40 chunks are saved" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("several", [False, True])
 def test_a_refused_run_leaves_nothing(night, several):
     words = [night.scenario("{plugin: ams, particles: 50, discard: 10}")]
@@ -319,20 +288,6 @@ def test_results_of_other_scenarios_are_not_mixed_with(night, capsys):
         assert capsys.readouterr().err.startswith(f"{told}\nhint: choose another folder, or remove")
     assert sorted(path.name for path in Path("both").iterdir()) == ["one", "own", "two"]
     assert not any(path.is_dir() for path in Path("single").iterdir())
-
-
-def test_what_was_derived_from_the_result_before_is_removed_with_it(night):
-    scenario = night.scenario()
-    assert run(scenario, "--out", "done") == 0
-    for name in ("why.json", "report.html", "notes.txt"):
-        Path("done", name).touch()
-    assert run(scenario, "--out", "done", "--seed", "3") == 0
-    assert {path.suffix for path in Path("done").iterdir()} == {".json", ".npz", ".yaml", ".txt"}
-    assert not Path("done/why.json").exists()
-    Path("mine").mkdir()
-    Path("mine/report.html").touch()
-    assert run(scenario, "--out", "mine") == 0
-    assert Path("mine/report.html").exists(), "it was there before any result"
 
 
 def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrupted, capsys):

@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,20 +40,6 @@ def test_all_specifications_at_once_equal_one_at_a_time(several):
         assert several[f"below_{bound}"].probability == alone.probability
 
 
-def test_all_specifications_of_a_scenario_keep_their_own_scores(tmp_path):
-    (tmp_path / "s.yaml").write_text(
-        "name: s\nsteps: 20\nsimulator: {plugin: tank}\n"
-        "specifications:\n"
-        "  a: {stl: 'always (level < 3)', score: robustness}\n"
-        "  b: {stl: 'always (level > 0)', score: margin}\n"
-    )
-    scenario = avrare.load(tmp_path / "s.yaml")
-    problem = scenario.problem(("a", "b"))
-    scores = [part.score for part in problem.separate()]
-    assert scores == [scenario.problem(name).score for name in ("a", "b")]
-    assert scores[0] != scores[1]
-
-
 def test_table_is_plain_rows(several):
     rows = several.table()
     assert [row["specification"] for row in rows] == list(several)
@@ -67,13 +52,6 @@ def test_table_is_plain_rows(several):
 def test_table_becomes_a_data_frame(several):
     frame = several.table().frame()
     assert frame["probability"].tolist() == [one.probability for one in several.values()]
-
-
-def test_notebook_table_escapes_names():
-    formulas = {"<b>bold</b>": avrare.stl("always (x < 1)")}
-    shown = avrare.estimate_all(avrare.Problem(systems.Walk(), formulas, steps=5), rollouts=10)._repr_html_()
-    assert "<td>&lt;b&gt;bold&lt;/b&gt;</td>" in shown
-    assert "<b>bold" not in shown
 
 
 def test_trace_is_the_replay_of_a_tape(split):
@@ -109,25 +87,12 @@ def test_trace_refuses_what_does_not_fit(noise, message):
         avrare.trace(walk(1.5), noise)
 
 
-def test_trace_becomes_a_dataset(split):
-    data = split.trace().to_xarray()
-    assert data["x"].dims == ("time",)
-    assert data.sizes == {"time": 41}
-    assert data.attrs["outcome"] == "fails"
-
-
 def test_plots_are_pictures(split, several, tmp_path):
     for plot in (split.plot(), several.plot(), split.trace().plot(), split.trace().plot(["x"])):
         assert plot._repr_png_().startswith(b"\x89PNG")
     assert split.plot().save(tmp_path / "plot.svg").read_text().lstrip().startswith("<?xml")
     with pytest.raises(avrare.UsageError, match="no signal 'y'"):
         split.trace().plot(["y"])
-
-
-def test_marks_of_a_plot_are_those_of_runs_or_of_models(split):
-    over = replace(split, members=3)
-    for result, words in ((split, " | run"), (over, " | model")):
-        assert words in result.plot().figure.axes[0].get_xlabel()
 
 
 def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):

@@ -76,15 +76,6 @@ def test_an_unguarded_script_gets_one_error(scenario, monkeypatch):
     assert "put the call under `if __name__" in done.stderr.splitlines()[-1]
 
 
-def test_results_replay_and_report(scenario):
-    run = avrare.run(scenario, out="here")
-    trace = run["in_lane"].trace()
-    assert (trace.outcome, trace.robustness) == ("fails", run["in_lane"].worst.robustness)
-    assert run.report() == Path("here/report.html")
-    assert "in_lane" in Path("here/report.html").read_text(encoding="utf-8")
-    assert "avrare.run(" in run["in_lane"].report("own.html").read_text(encoding="utf-8")
-
-
 def test_a_run_and_its_folder_are_drawn_traced_and_reported_alike(scenario):
     run = avrare.run(scenario, out="here")
     assert run.plot()._repr_png_() == avrare.plot(run)._repr_png_() == avrare.plot(run.results)._repr_png_()
