@@ -36,9 +36,9 @@ from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.child_process import SystemCrashed
-from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import Executor, build_executor
+from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.json_schema import scenario_schema

@@ -202,6 +202,9 @@ class _Simulation:
         self, function: Callable[[Any, Floats], Sample], state: object, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
+        if self.request.crash:
+            self._tell(self.request.crash, rows)
+            return None, np.zeros(len(noise), dtype=bool)
         try:
             sample = function(state, noise)
         except (AvrareError, MemoryError):  # the machine's fault, not a rollout's

@@ -148,7 +148,14 @@ class ScenarioProblem(Problem):
         stack, definition = scenario.stack, scenario.definition
         specifications = {name: stack.specifications[name] for name in names}
         score = _choose_score(scenario, names[0])
-        super().__init__(stack.loop, specifications, definition.steps, score, chunk=definition.chunk)
+        super().__init__(
+            stack.loop,
+            specifications,
+            definition.steps,
+            score,
+            chunk=definition.chunk,
+            rollout_timeout=definition.rollout_timeout,
+        )
 
     @property
     def twin(self) -> Twin | None:

@@ -55,6 +55,8 @@ class Problem:
             is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
             default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
+        rollout_timeout: Seconds that a rollout may take by itself, else it is an error. All rollouts then run
+            in worker processes, one too, so that one that ends its process is an error as well.
 
     Raises:
         UsageError: An argument does not fit.
@@ -68,8 +70,11 @@ class Problem:
         score: ScoreFunction | Formula | str | None = None,
         *,
         chunk: int | None = None,
+        rollout_timeout: float | None = None,
     ) -> None:
         _check_integer("steps", steps, 0)
+        if rollout_timeout is not None and not 0.0 < rollout_timeout < math.inf:
+            raise UsageError(f"rollout_timeout must be a positive number of seconds, not {rollout_timeout!r}")
         if chunk is not None:
             _check_integer("chunk", chunk, 1)
         self.system = adapt(System, system)
@@ -82,6 +87,7 @@ class Problem:
         self.steps = int(steps)
         self.score = score.at(self.dt) if isinstance(score, Formula) and self.dt is not None else score
         self.named_chunk = None if chunk is None else int(chunk)
+        self.rollout_timeout = rollout_timeout
         named = specification if isinstance(specification, Mapping) else {"specification": specification}
         if not named:
             raise UsageError("a problem needs at least one specification")

@@ -89,6 +89,7 @@ class Request:
         until: Last step of these rollouts, whose verdicts are then open; None: the problem's last step.
         observe: Steps at which to return the features of the state (``stack.features``).
         stop_failed: End a row as soon as it is violated whatever follows; for one specification.
+        crash: End of the process, or the lack of an answer, by which all rows are errors at their next step.
     """
 
     run: Integers
@@ -109,6 +110,7 @@ class Request:
     until: int | None = None
     observe: tuple[int, ...] = ()
     stop_failed: bool = False
+    crash: str = ""
 
     @property
     def rows(self) -> int:

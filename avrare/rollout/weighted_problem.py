@@ -43,7 +43,12 @@ class WeightedProblem(Problem):
         monitors = dict(zip(target.names, target.specifications, strict=True))
         # The target's monitors have its score already.
         super().__init__(
-            WeightedLoop(loop, built), monitors, target.steps, "robustness", chunk=target.named_chunk
+            WeightedLoop(loop, built),
+            monitors,
+            target.steps,
+            "robustness",
+            chunk=target.named_chunk,
+            rollout_timeout=target.rollout_timeout,
         )
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -252,6 +252,13 @@ class Document(_Model):
         le=1_000_000,
         description="rollouts per chunk of work; default: chosen, results are the same",
     )
+    rollout_timeout: float | None = Field(
+        None,
+        gt=0.0,
+        allow_inf_nan=False,
+        description="seconds that a rollout may take by itself, else it is an error; all run in worker "
+        "processes, so one that ends its process is an error, too",
+    )
     max_error_rate: float = Field(
         0.01, ge=0.0, le=1.0, description="fraction of rollouts that may end in an error"
     )
@@ -325,6 +332,7 @@ class Scenario:
     objective: str | None = None
     seed: int = 0
     chunk: int | None = None
+    rollout_timeout: float | None = None
     max_error_rate: float = 0.01
     confidence: float = 0.95
     suppress: tuple[str, ...] = ()
@@ -375,6 +383,8 @@ class Scenario:
         if self.regression is not None:
             plain["regression"] = self.regression.model_dump()
         plain |= {key: getattr(self, key) for key in ("seed", "chunk", "max_error_rate", "confidence")}
+        if self.rollout_timeout is not None:
+            plain["rollout_timeout"] = self.rollout_timeout
         plain["suppress"] = list(self.suppress)
         if self.cross_check is not None:
             plain["cross_check"] = self.cross_check.model_dump()

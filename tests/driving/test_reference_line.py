@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
+from avrare.base.errors import UsageError
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine
 
 BENDS = CurvedLine(

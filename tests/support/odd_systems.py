@@ -1,18 +1,21 @@
 """Systems for tests: odd containers of state and errors of every kind; worker processes can import them."""
 
+import ctypes
 import multiprocessing
 import os
+import resource
 import signal
 import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import NamedTuple
+from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from avrare.protocols import Floats
 from avrare.rollout import engine
-from avrare.testing.faulty_systems import Counting, Walk
+from avrare.testing.faulty_systems import Counting, Fragile, Walk
 from avrare.worlds.determinism import STEPS, probe
 
 
@@ -116,6 +119,45 @@ class Deadly(Walk):
     def step(self, state, noise):
         if multiprocessing.parent_process() is not None:
             os._exit(3)
+        return super().step(state, noise)
+
+
+class Native(Fragile):
+    """Walk that ends its process where a second noise channel exceeds ``beyond``, or hangs, in a worker.
+
+    In the main process such a rollout raises, so that all others can be compared.
+    """
+
+    def __init__(self, how, beyond):
+        super().__init__("raise", beyond)
+        self.end = how
+
+    def _state(self, x, noise, now):
+        if now and (noise[:, 1] > self.beyond).any() and multiprocessing.parent_process() is not None:
+            {"abort": os.abort, "fault": _read_null, "exit": lambda: os._exit(5), "hang": _hang}[self.end]()
+        return super()._state(x, noise, now)
+
+
+def _read_null():
+    ctypes.string_at(0)
+
+
+def _hang():
+    while True:
+        time.sleep(1.0)
+
+
+class Leak(Walk):
+    """Walk of a library that keeps memory at each step, in a worker: 4 MiB a call, of 256 MiB at most."""
+
+    kept: ClassVar[list[bytearray]] = []
+
+    def step(self, state, noise):
+        if multiprocessing.parent_process() is not None:
+            base = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            if not self.kept:
+                resource.setrlimit(resource.RLIMIT_AS, (base + 2**28, base + 2**28))
+            self.kept.append(bytearray(2**22))
         return super().step(state, noise)
 
 

@@ -262,7 +262,14 @@ def _list_changes(
     if isinstance(system, ClosedLoop):
         monitors = dict(zip(problem.names, problem.monitors, strict=True))
         for name, loop in list_alternatives(system).items():
-            other = Problem(loop, monitors, problem.steps, problem.score, chunk=problem.named_chunk)
+            other = Problem(
+                loop,
+                monitors,
+                problem.steps,
+                problem.score,
+                chunk=problem.named_chunk,
+                rollout_timeout=problem.rollout_timeout,
+            )
             yield name, other, tapes, fresh
 
 

@@ -18,8 +18,8 @@ from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.rollout.child_process import describe_exit
-from avrare.rollout.executors.in_flight import WorkerLost
 from avrare.rollout.executors.work import Task
+from avrare.rollout.executors.worker_pool import WorkerLost
 
 HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _PATIENCE = 10
@@ -35,7 +35,7 @@ _END = 10.0
 
 
 class WorkerProcess:
-    """Spawned process that runs one chunk at a time; ``work`` is pickled."""
+    """Spawned process that runs one task at a time; ``work`` is pickled."""
 
     def __init__(self, work: bytes) -> None:
         context = multiprocessing.get_context("spawn")
@@ -49,13 +49,19 @@ class WorkerProcess:
         self._stopped = 0
         self._hanging_up = threading.Lock()  # the number of a closed pipe may be that of another worker's
 
-    def run(self, chunk: Task) -> bytes:
-        """Run a chunk and return the pickled outcome or exception; raise ``WorkerLost`` at its death."""
+    def prepare(self) -> None:
+        """Send the work, and wait until the process has read it."""
+        if self._work is not None:
+            work, self._work = self._work, None
+            self._ask(work)
+
+    def run(self, task: Task) -> Any:
+        """Return the outcome of a task, or raise its exception; raise ``WorkerLost`` at its death."""
+        return unpack(self._ask(pickle.dumps(task)))
+
+    def _ask(self, question: bytes) -> bytes:
         try:
-            if self._work is not None:
-                self._connection.send_bytes(self._work)
-                self._work = None
-            self._connection.send(chunk)
+            self._connection.send_bytes(question)
             return self._connection.recv_bytes()
         except (OSError, EOFError):
             self._process.join(_FAREWELL)
@@ -66,7 +72,8 @@ class WorkerProcess:
                     'put the call under `if __name__ == "__main__":`, or use workers=1',
                 ) from None
             self.kill()
-            raise WorkerLost(_describe_end(exit_code)) from None
+            blameless = exit_code in (None, -signal.SIGKILL, _OUT_OF_MEMORY)
+            raise WorkerLost(_describe_end(exit_code), blameless=blameless) from None
 
     def look(self) -> None:
         """Kill the process if it stays stopped, and hang up if it is dead."""
@@ -139,6 +146,7 @@ def _serve(connection: Connection) -> None:
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent has closed the pipe
         work = _read_work(connection.recv_bytes())
+        connection.send_bytes(b"")  # ready
         while True:
             connection.send_bytes(pack(work, connection.recv()))
 

@@ -15,8 +15,8 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.settings import Settings
-from avrare.rollout.executors.in_flight import WorkerDied
 from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.testing import faulty_systems as systems
 from avrare_ray.config import RayConfig
 from avrare_ray.executor import build
@@ -50,8 +50,9 @@ def no_cluster():
     ray.shutdown()
 
 
-def problem(system=None):
-    return avrare.Problem(system or systems.Walk(), avrare.stl("always (x < 0.5)"), steps=20, chunk=10)
+def problem(system=None, **options):
+    formula = avrare.stl("always (x < 0.5)")
+    return avrare.Problem(system or systems.Walk(), formula, steps=20, chunk=10, **options)
 
 
 def estimate(executor, task=None, **options):
@@ -100,19 +101,26 @@ def test_a_dead_actor_is_replaced(tmp_path, monkeypatch, sample):
 
 
 @pytest.mark.usefixtures("cluster")
-@pytest.mark.parametrize(
-    ("sample", "place"),
-    [
-        (IN_THE_PROBE, "in the probe before the estimate"),
-        (IN_A_CHUNK, "begins at run 0, stage 0, particle 0"),
-    ],
-)
-def test_what_kills_every_actor_is_named(monkeypatch, sample, place):
+def test_what_kills_every_actor_is_named(monkeypatch):
     monkeypatch.syspath_prepend(HERE)
     from ray_systems import Fatal
 
-    with pytest.raises(WorkerDied, match=place):
-        estimate(build(RayConfig(workers=2)), problem(Fatal(sample)))
+    with pytest.raises(WorkerDied, match="in the probe before the estimate"):
+        estimate(build(RayConfig(workers=2)), problem(Fatal(IN_THE_PROBE)))
+
+
+@pytest.mark.usefixtures("cluster")
+@pytest.mark.parametrize("end", ["dies", "hangs"])
+def test_a_rollout_that_ends_its_actor_or_hangs_is_an_error(monkeypatch, end):
+    monkeypatch.syspath_prepend(HERE)
+    from ray_systems import Native
+
+    raises = estimate(SerialExecutor(), problem(Native("raises")))
+    executor = build(RayConfig(workers=2))
+    native = estimate(executor, problem(Native(end), rollout_timeout=2.0))
+    assert 0 < raises.errors == native.errors
+    assert executor.restarts >= raises.errors
+    np.testing.assert_array_equal(native.robustness, raises.robustness)
 
 
 @pytest.mark.usefixtures("cluster")

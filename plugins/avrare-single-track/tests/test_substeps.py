@@ -68,4 +68,3 @@ def test_a_heading_turns_the_short_way_within_a_step(monkeypatch):
     monkeypatch.setattr(sim, "_others", lambda step, plans: after)
     sim.step(replace(start, others=before), Action(np.zeros(1), np.zeros(1)), np.zeros((1, sim.noise_size)))
     assert seen == pytest.approx([3.1, np.pi])
-

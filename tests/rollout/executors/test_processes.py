@@ -9,9 +9,10 @@ import pytest
 
 import avrare
 import odd_systems
-from avrare.rollout.executors.processes import ProcessExecutor, WorkerDied
+from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Work
+from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
@@ -19,14 +20,14 @@ from avrare.testing import faulty_systems as systems
 CHUNK = 25
 
 
-def problem(system=None, score=None, steps=10):
+def problem(system=None, score=None, steps=10, limit=0.3, **options):
     return avrare.Problem(
-        system or systems.Walk(), avrare.stl("always (x < 0.3)"), steps=steps, score=score, chunk=CHUNK
+        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps, score, chunk=CHUNK, **options
     )
 
 
 def estimate(task, **options):
-    return avrare.estimate(task, workers=2, rollouts=100, **options)
+    return avrare.estimate(task, **{"workers": 2, "rollouts": 100, **options})
 
 
 def run_script(tmp_path, code, how="file"):
@@ -115,6 +116,55 @@ def test_an_accident_of_a_worker_costs_its_chunk_only(tmp_path, accident):
         executor.close()
     assert executor.restarts == 1
     np.testing.assert_array_equal(found, [work.run(chunk).scores for chunk in chunks])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("end", "workers", "message"),
+    [
+        ("abort", 1, "the rollout ended its process (SIGABRT)"),
+        ("fault", 2, "the rollout ended its process (SIGSEGV)"),
+        ("exit", 2, "the rollout ended its process (exit code 5)"),
+        ("hang", 1, "the rollout takes more than 2 s"),
+    ],
+)
+def test_a_rollout_that_ends_its_process_or_hangs_is_an_error(end, workers, message):
+    """Compare with a system that raises there."""
+    raises = avrare.estimate(problem(systems.Fragile("raise", 2.9)), rollouts=200)
+    native = problem(odd_systems.Native(end, 2.9), rollout_timeout=2.0)
+    with pytest.warns(avrare.HealthWarning, match="errors"):
+        native = estimate(native, rollouts=200, workers=workers)
+    assert native.errors == raises.errors == 3
+    assert message in native.health["errors"]
+    np.testing.assert_array_equal(native.robustness, raises.robustness)
+    assert (native.probability, native.interval) == (raises.probability, raises.interval)
+
+
+@pytest.mark.slow
+def test_branches_that_end_their_process_are_errors_of_splitting():
+    """Their scores are those where they branched, for any number of workers."""
+    native = problem(odd_systems.Native("abort", 3.1), limit=0.8, rollout_timeout=60.0)
+    options = {"particles": 60, "discard": 10, "runs": 2, "suppress": ["few_roots"]}
+    one, two = (avrare.estimate(native, "ams", workers=workers, **options) for workers in (1, 2))
+    assert one.errors > 0
+    assert (one.errors, one.probability) == (two.errors, two.probability)
+    assert one.probability == pytest.approx(0.0077, rel=0.5)
+    np.testing.assert_array_equal(one.failures.noise, two.failures.noise)
+
+
+@pytest.mark.slow
+def test_a_leak_up_to_the_limit_of_memory_costs_workers_alone():
+    leaking = problem(odd_systems.Leak(), rollout_timeout=60.0)
+    executor = SerialExecutor()
+    executor.open(Work(leaking, NoiseSource(0, 1), scored=False))
+    request = Request.from_start(np.zeros(300, dtype=np.int64), np.arange(300))
+    try:
+        chunks = [request.slice(at, at + CHUNK) for at in range(0, 300, CHUNK)]
+        found = np.concatenate([outcome.robustness for outcome in executor.map(chunks)])
+    finally:
+        executor.close()
+    assert executor.restarts > 0
+    np.testing.assert_array_equal(found[:, 0], avrare.estimate(problem(), rollouts=300).robustness)
 
 
 def test_a_system_that_cannot_be_unpickled_in_a_worker():
