@@ -40,7 +40,7 @@ def avrare_components() -> list[Component]:
             summary="importance sampling from a law of the noise or another perception model",
             warnings=WARNINGS,
             auto=AutoRole(
-                order=10, gives_up=True, options="avrare_estimators.importance.auto_options:choose_options"
+                order=10, gives_up=True, options="avrare_estimators.importance.config:choose_auto_options"
             ),
         ),
         Component(

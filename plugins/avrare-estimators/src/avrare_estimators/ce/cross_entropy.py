@@ -26,7 +26,7 @@ from avrare.rollout.weighted_problem import WeightedProblem
 from avrare_estimators.ce.config import CeConfig
 from avrare_estimators.ce.tilted_perception import Tilt, TrainingBatch, network_inputs, residuals
 from avrare_estimators.common.cost import affordable_rollouts
-from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_rows
+from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import PerceptionSource
 from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
 from avrare_estimators.common.weights import annealed, effective_size
@@ -97,14 +97,13 @@ class CrossEntropy(WeightedSampler):
     def _learn(self, state: SamplingState) -> SamplingState:
         # 1. Draw a sample to learn from; the first is plain Monte Carlo.
         stage = len(state.stages)
-        target_rows = state.rollouts if stage == 0 else round(self.config.target_share * state.rollouts)
         # The carries of every step, which the network learns from, as far as memory is given.
         memory, source = self.config.memory, state.source
         assert isinstance(source, PerceptionSource)
         most = 0 if memory is None else max(1, allowance(memory) // (2 * self.config.rollouts))
         source = replace(source, keep_carries=True, most_bytes=most)
-        wave = wave_rows(state.plan, self.config.memory)
-        task = PartialSample.begin(source, state.plan, state.run, stage, state.rollouts, target_rows, wave)
+        share = self.config.target_share if stage else 1.0
+        task = PartialSample.begin(source, state.plan, state.run, stage, state.rollouts, share, memory)
         return replace(state, task=task)
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:

@@ -21,6 +21,11 @@ from avrare.plugin import Options
 from avrare_estimators.common.config import LEARNED, LEAST_DEFENSIVE, LEAST_PILOT, WeightedConfig
 from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 
+_CHECK_SHARE = 0.3
+"""Share of the cross-check where no error is to be reached that would say what it takes: the samples are
+small, and with less it often falls short."""
+_MOST_STAGES = 20
+"""Stages of ``auto``: a small pilot climbs slowly; learning takes at most half of the rollouts anyway."""
 MOST_ROLLOUTS = 300_000
 """Upper bound of a sample with a stopping rule: a failure that is never met must end, too."""
 
@@ -175,3 +180,9 @@ class IsConfig(WeightedConfig):
         if self.relative_error is not None and self.runs > 1:
             raise ValueError("relative_error is a stopping rule for a single run; leave runs at 1")
         return self
+
+
+def choose_auto_options(relative_error: float | None, pilot: int) -> dict[str, object]:
+    """Return the options with which ``auto`` tries ``is``: it gives up where it gains nothing."""
+    options = {"pilot": max(LEAST_PILOT, pilot), "stages": _MOST_STAGES, "fall_back": False}
+    return options | ({"check": _CHECK_SHARE} if relative_error is None else {})

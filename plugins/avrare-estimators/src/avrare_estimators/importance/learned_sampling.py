@@ -18,12 +18,7 @@ from avrare.stack.noise_names import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.lessons.lessons import Lessons
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
-from avrare_estimators.common.samples.sampling import (
-    PartialSample,
-    Sample,
-    failing_weights,
-    wave_rows,
-)
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, failing_weights
 from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import (
@@ -154,9 +149,8 @@ class LearnedSampling(WeightedSampler):
         # 1. A pilot from the target and from tail atoms, then stages from what the stages before have taught.
         stage, source = len(state.stages), TapeSource(state.lessons.proposal)
         rows = self._stage_rows(state, stage)
-        target_rows = round((self.config.target_share if stage else _TARGET_OF_PILOT) * rows)
-        wave = wave_rows(state.plan, self.config.memory)
-        task = PartialSample.begin(source, state.plan, state.run, stage, rows, target_rows, wave)
+        share = self.config.target_share if stage else _TARGET_OF_PILOT
+        task = PartialSample.begin(source, state.plan, state.run, stage, rows, share, self.config.memory)
         return replace(state, source=source, task=task)
 
     def _affordable(self, state: LearnedState) -> int:
@@ -231,12 +225,9 @@ class LearnedSampling(WeightedSampler):
         # The parts to come get as much of what is left as their shares of the estimate.
         most = max(2.0, self._affordable(state) * share / (1.0 - sum(state.shares)))
         rows = int(min(most, max(_LEAST_ROWS, wanted)))
-        plain = state.source.mixture is None
-        target_rows = rows if plain else round(self.config.target_share * rows)
-        wave = wave_rows(state.plan, self.config.memory)
-        task = PartialSample.begin(
-            state.source, state.plan, state.run, len(state.samples), rows, target_rows, wave
-        )
+        of_target = 1.0 if state.source.mixture is None else self.config.target_share
+        stage, memory = len(state.samples), self.config.memory
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, of_target, memory)
         return replace(state, task=task, shares=(*state.shares, share))
 
     def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:

@@ -15,7 +15,7 @@ from avrare.estimation.plan.plan import Plan
 from avrare.rollout.request import Integers, Request, Rollouts
 from avrare.rollout.tape_law import TapeLaw
 from avrare_estimators.common.lessons.lessons import Lessons
-from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_rows
+from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import gain_nothing, is_learnt, is_worthless
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
@@ -87,11 +87,10 @@ class Learning:
         return state._after_particles(task) if task.done else state
 
     def _sample(self, rows: int, mixture: TapeMixture | None) -> Learning:
-        target_rows = rows if mixture is None else round(self.config.defensive * rows)
+        share = self.config.defensive if mixture is not None else 1.0
         source = TapeSource(mixture, tuple(self.schedule.tolist()))
-        wave = wave_rows(self.plan, self.config.memory)
         stage = len(self.lessons.samples)
-        task = PartialSample.begin(source, self.plan, 0, stage, rows, target_rows, wave)
+        task = PartialSample.begin(source, self.plan, 0, stage, rows, share, self.config.memory)
         return replace(self, task=task, spent=self.spent + rows)
 
     @property

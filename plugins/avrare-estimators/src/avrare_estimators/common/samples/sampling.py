@@ -26,15 +26,15 @@ _TAPES = 3
 """Tapes of each row of a wave at the peak: drawn, asked for, and weighed."""
 
 
-def wave_rows(plan: Plan, memory: float | None) -> int:
+def wave_bytes(plan: Plan, memory: float | None) -> int:
+    """Return the bytes of a wave at its peak."""
+    return _wave_rows(plan, memory) * _TAPES * plan.tape_bytes
+
+
+def _wave_rows(plan: Plan, memory: float | None) -> int:
     """Return the rows of a wave: some chunks, or fewer where their tapes would take half of the memory."""
     room = allowance(memory) // (2 * _TAPES * plan.tape_bytes)
     return min(_WAVE * plan.chunk, max(BLOCK, room))
-
-
-def wave_bytes(plan: Plan, memory: float | None) -> int:
-    """Return the bytes of a wave at its peak."""
-    return wave_rows(plan, memory) * _TAPES * plan.tape_bytes
 
 
 @dataclass(frozen=True)
@@ -59,17 +59,13 @@ class PartialSample:
 
     @staticmethod
     def begin(
-        source: Source, plan: Plan, run: int, stage: int, rows: int, target_rows: int, wave: int
+        source: Source, plan: Plan, run: int, stage: int, rows: int, share: float, memory: float | None
     ) -> PartialSample:
-        """Begin a sample of ``rows`` rows, ``target_rows`` of them from the target, in waves."""
+        """Begin a sample of ``rows`` rows, a ``share`` of them from the target, in waves."""
+        target_rows = round(share * rows)
         target = Stratum(plan, run, stage, target_rows, from_target=True)
         proposal = Stratum(plan, run, stage, rows - target_rows, from_target=False, first=target_rows)
-        return PartialSample.of(source, (target, proposal), wave)
-
-    @staticmethod
-    def of(source: Source, strata: tuple[Stratum, Stratum], wave: int) -> PartialSample:
-        """Begin a sample of given strata, those of the target first, in waves."""
-        return PartialSample(source, strata, wave)._next_wave()
+        return PartialSample(source, (target, proposal), _wave_rows(plan, memory))._next_wave()
 
     def tell(self, rollouts: Rollouts) -> PartialSample:
         """Store a wave and ask for the next."""

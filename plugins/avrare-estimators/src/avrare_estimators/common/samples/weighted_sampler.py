@@ -17,7 +17,7 @@ from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.common.config import WeightedConfig
 from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.common.samples.result import RunOutcome, summarise
-from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes, wave_rows
+from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes
 from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
 from avrare_estimators.common.samples.sources import Source
 
@@ -162,10 +162,8 @@ class WeightedSampler(Estimator):
 
     def _begin_run(self, state: SamplingState) -> SamplingState:
         rows = self._sample_rows(state)
-        target_rows = round(self.config.target_share * rows)
-        stage = len(state.stages)
-        wave = wave_rows(state.plan, self.config.memory)
-        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, target_rows, wave)
+        stage, share, memory = len(state.stages), self.config.target_share, self.config.memory
+        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, share, memory)
         return replace(state, task=task)
 
     def _sample_rows(self, state: SamplingState) -> int:
