@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.base.errors import UsageError
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.testing.conformance import Subject, checks_of
 from avrare_reference_drivers.config import CruiseConfig, HoldConfig, ReferenceDriverConfig

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from avrare.driving import Action
 from avrare_single_track.config import SingleTrackConfig

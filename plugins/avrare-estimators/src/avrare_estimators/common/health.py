@@ -28,12 +28,12 @@ def warn(name: str, **values: object) -> dict[str, str]:
 def check_runs(values: Sequence[float], roots: Sequence[int]) -> dict[str, str]:
     """Return the warnings on splitting runs; ``roots``: first particles that failures descend from."""
     runs, extinct, together = len(values), sum(not value for value in values), sum(roots)
-    found = warn("single_run") if runs == 1 else {}
+    warnings = warn("single_run") if runs == 1 else {}
     if extinct == runs:
-        return found | warn("extinct", runs=runs)
+        return warnings | warn("extinct", runs=runs)
     if together < FEWEST_ROOTS or 2 * extinct > runs:
-        found |= warn("few_roots", roots=together, extinct=extinct, runs=runs)
-    return found
+        warnings |= warn("few_roots", roots=together, extinct=extinct, runs=runs)
+    return warnings
 
 
 def allow_for_roots(
@@ -52,15 +52,15 @@ def check_weights(mean: float, error: float, effective: float, largest: float) -
         effective: Effective number of failing contributions; 0 without failures.
         largest: The largest contribution's share of the estimate.
     """
-    found: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     if abs(mean - 1.0) > LARGEST_DEVIATION * error + 1e-9 or error > LARGEST_MEAN_ERROR * mean:
         reason = f"the mean weight is {mean:.3g} +- {error:.2g} instead of 1"
-        found |= warn("weight_degenerate", reason=reason)
+        warnings |= warn("weight_degenerate", reason=reason)
     if effective == 0.0:
-        return found | warn("no_failures")
+        return warnings | warn("no_failures")
     if effective < LEAST_EFFECTIVE or largest > LARGEST_SHARE:
-        found |= warn("weight_degenerate", reason=describe_uneven(effective, largest))
-    return found
+        warnings |= warn("weight_degenerate", reason=describe_uneven(effective, largest))
+    return warnings
 
 
 def describe_uneven(effective: float, largest: float) -> str:

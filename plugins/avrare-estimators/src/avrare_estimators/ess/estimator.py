@@ -117,9 +117,9 @@ class NestedLevels(Estimator):
 
     def _forecast(self, state: EssState) -> CostForecast:
         """Return the rollouts of the whole estimate: for two probabilities, then by the pilot's levels."""
-        if state.found is not None and state.looks is not None:
+        if state.pilot is not None and state.looks is not None:
             share = self._shape(1, second=False).chains / self.config.chains
-            return state.found.forecast("rollouts", state.looks, state.runs, pilots=share * state.found.cost)
+            return state.pilot.forecast("rollouts", state.looks, state.runs, pilots=share * state.pilot.cost)
         looks = state.looks or Looks.until(
             self.config.relative_error, self._first_runs(state.plan), self._most_runs(state.plan, 1)
         )
@@ -152,15 +152,15 @@ class NestedLevels(Estimator):
 
     def _begin_counting(self, state: EssState) -> EssState:
         """Follow the levels of the pilot; the first one also decides how many runs, and how large."""
-        pilot, spent = state.level_pass, state.pilot + state.tally.rollouts - state.begun
+        pilot, spent = state.level_pass, state.pilot_rollouts + state.tally.rollouts - state.begun
         if state.looks is None:
             state = self._plan_runs(state)
-        growth = state.found.growth if state.found else 1
+        growth = state.pilot.growth if state.pilot else 1
         shape = self._shape(pilot.shape.runs, second=True, growth=growth)
-        left = self._share_of_budget(pilot.plan, shape.runs, growth) - (spent - state.pilot)
+        left = self._share_of_budget(pilot.plan, shape.runs, growth) - (spent - state.pilot_rollouts)
         most = self._most_levels(pilot.plan, shape, left)
         second = LevelPass.begin(pilot.plan, shape, self.kernel, pilot.levels, most)
-        return replace(state, counting=True, level_pass=second, pilot=spent)
+        return replace(state, counting=True, level_pass=second, pilot_rollouts=spent)
 
     def _plan_runs(self, state: EssState) -> EssState:
         config, result, runs = self.config, self._summary(state), state.level_pass.shape.runs
@@ -178,7 +178,7 @@ class NestedLevels(Estimator):
             growth -= 1
         pilot, most = replace(pilot, growth=growth), self._most_runs(state.plan, growth)
         first = pilot.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
-        return replace(state, found=pilot, looks=Looks.until(config.relative_error, first, most))
+        return replace(state, pilot=pilot, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
         """Begin a batch of further runs where they are wanted."""
@@ -188,7 +188,7 @@ class NestedLevels(Estimator):
         more = state.looks.missing(done, lambda: self._summary(state).relative_error)
         if not more:
             return state
-        more = min(more, self._batch(state.plan, state.found.growth if state.found else 1))
+        more = min(more, self._batch(state.plan, state.pilot.growth if state.pilot else 1))
         noise = NoiseSource(state.plan.noise.seed, state.plan.noise.noise_size, first_run=done)
         return state.next_batch(
             self._pilot(replace(state.plan, noise=noise), more), counting=not self.config.second_pass

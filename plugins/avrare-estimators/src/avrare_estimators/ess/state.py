@@ -29,13 +29,13 @@ class EssState:
         worst: The least robust rollout so far.
         first: Robustness of the first draw, NaN for errors.
         fresh: Counts of the first draws of both passes.
-        pilot: Rollouts of the pilots.
+        pilot_rollouts: Rollouts of the pilots.
         tally: Cost so far.
         begun: Rollouts before the present batch of runs.
         looks: When to stop; None before the first pilot has ended.
-        found: What the first pilot has found, if there was one.
+        pilot: Findings of the first pilot, if there was one.
         ended: Passes of the batches before, without their tapes.
-        kept: Failures of batches that have ended, the first few.
+        failures_before: Failures of batches that have ended, the first few.
     """
 
     plan: Plan
@@ -44,13 +44,13 @@ class EssState:
     worst: Worst
     first: Floats = field(default_factory=lambda: np.zeros(0))
     fresh: FreshRows = field(default_factory=FreshRows)
-    pilot: int = 0
+    pilot_rollouts: int = 0
     tally: Info = field(default_factory=Info)
     begun: int = 0
     looks: Looks | None = None
-    found: Pilot | None = None
+    pilot: Pilot | None = None
     ended: LevelPass | None = None
-    kept: Failures | None = None
+    failures_before: Failures | None = None
 
     @staticmethod
     def begin(plan: Plan, level_pass: LevelPass, looks: Looks | None) -> EssState:
@@ -65,23 +65,26 @@ class EssState:
     @property
     def failures(self) -> Failures:
         """Different failing tapes of the passes that count."""
-        if self.kept is not None:
-            return replace(self.kept, count=self.tally.failures)
+        if self.failures_before is not None:
+            return replace(self.failures_before, count=self.tally.failures)
         return _distinct_failures(self.level_pass, self.tally.failures)
 
     def joined(self) -> EssState:
         """Return the state in which all batches are one ended pass."""
         if self.ended is None:
             return self
-        assert self.kept is not None
+        assert self.failures_before is not None
         new, most = _distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
-        whole = {name: np.concatenate([getattr(self.kept, name), getattr(new, name)]) for name in _ARRAYS}
+        whole = {
+            name: np.concatenate([getattr(self.failures_before, name), getattr(new, name)])
+            for name in _ARRAYS
+        }
         run = whole["ancestors"][:, 0]
         rows = take_in_turn(run, most)
         thinned = {name: values[rows] for name, values in whole.items()}
         failures = _weighted_anew(Failures(**{**thinned, "weights": whole["weights"]}, count=0), run, rows)
         joined = self.ended.joined(self.level_pass.without_tapes())
-        return replace(self, level_pass=joined, ended=None, kept=failures)
+        return replace(self, level_pass=joined, ended=None, failures_before=failures)
 
     def next_batch(self, level_pass: LevelPass, counting: bool) -> EssState:
         """Set the ended runs aside and begin further ones."""
@@ -91,7 +94,7 @@ class EssState:
             counting=counting,
             begun=self.tally.rollouts,
             ended=self.level_pass.without_tapes(),
-            kept=self.failures,
+            failures_before=self.failures,
         )
 
     def tell(self, rollouts: Rollouts) -> EssState:

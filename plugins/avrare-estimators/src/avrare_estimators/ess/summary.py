@@ -64,7 +64,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
             "shares": _values_per_run(last, "share"),
             "effective_sizes": _values_per_run(last, "effective"),
             "samples": last.shape.samples,
-            "pilot_rollouts": state.pilot,
+            "pilot_rollouts": state.pilot_rollouts,
             "extinct_runs": int((values == 0.0).sum()),
             "roots": roots,
             "r_hat": r_hat(_ranks_by_chain(last)).tolist(),
@@ -78,11 +78,11 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
             if last.weighted
             else {}
         )
-        | (state.found.diagnostics(last.shape.chains, "chains") if state.found and grows else {})
+        | (state.pilot.diagnostics(last.shape.chains, "chains") if state.pilot and grows else {})
         | looks.diagnostics(math.sqrt(relative_variance)),
         notes=(
             *looks.notes(tally.rollouts, probability, math.sqrt(relative_variance)),
-            *(state.found.notes(last.shape.chains, "chains") if state.found and grows else ()),
+            *(state.pilot.notes(last.shape.chains, "chains") if state.pilot and grows else ()),
         ),
     )
 

@@ -107,7 +107,7 @@ class LearnedSampling(WeightedSampler):
         """Return the estimate from the final samples, and the file of the proposal."""
         result = super().estimate(state)[0]
         samples = [run.sample for run in state.finished]
-        told: dict[str, object] = {
+        diagnostics: dict[str, object] = {
             "learning_rollouts": sum(stage["rollouts"] for run in state.finished for stage in run.stages)
         }
         notes: list[Note] = []
@@ -121,16 +121,16 @@ class LearnedSampling(WeightedSampler):
             several = len(mixtures) > 1
             learned = [mixture.learned or mixture for mixture in mixtures]
             frozen = blend(learned, [1.0 / len(learned)] * len(learned)) if several else learned[0]
-            told["proposal"] = frozen.digest
+            diagnostics["proposal"] = frozen.digest
             artifacts = {FILE: to_entry(frozen, self.names)}
         if self.config.relative_error is not None:
-            told["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
+            diagnostics["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
             if not result.relative_error <= _NEAR_GOAL * self.config.relative_error:
                 progress = describe_precision(result.probability, result.relative_error)
                 notes.insert(0, describe_missed_goal(result.rollouts, progress))
         complete = replace(
             result,
-            diagnostics=result.diagnostics | told,
+            diagnostics=result.diagnostics | diagnostics,
             artifacts=artifacts,
             notes=(*result.notes, *notes),
         )
@@ -139,7 +139,7 @@ class LearnedSampling(WeightedSampler):
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
         plan = state.plan
-        lessons = Lessons(self.config.target_share, beside=tail_atoms(plan.steps, plan.noise.noise_size))
+        lessons = Lessons(self.config.target_share, tail=tail_atoms(plan.steps, plan.noise.noise_size))
         state = replace(state, lessons=lessons, shares=())
         if self.file is not None:
             return self._begin_final(state, with_tail_atoms(self.file.find(state.plan)))

@@ -60,8 +60,8 @@ class ProposalFile:
         """
         name = plan.names[0]
         if name not in self.mixtures:
-            known = ", ".join(self.mixtures)
-            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {known}", _AGAIN)
+            names = ", ".join(self.mixtures)
+            raise UsageError(f"learned: {self.path}: no proposal for {name}, but for {names}", _AGAIN)
         mixture, shape = self.mixtures[name], (plan.steps + 1, plan.noise.noise_size)
         if mixture.shape != shape:
             theirs, ours = (f"{rows - 1} steps of {size} numbers" for rows, size in (mixture.shape, shape))

@@ -178,7 +178,7 @@ class SequentialMonteCarlo(Estimator):
     def _next_runs(self, state: SmcState) -> SmcState:
         assert state.looks is not None
         assert state.course is not None
-        done = sum(len(one.probabilities) for one in state.counted)
+        done = sum(len(batch.probabilities) for batch in state.counted)
         more = state.looks.missing(done, lambda: _relative_error(state.counted))
         if not more:
             return state
@@ -228,7 +228,7 @@ class SequentialMonteCarlo(Estimator):
         return affordable
 
     def _info(self, state: SmcState) -> Info:
-        values = [one.probabilities for one in state.counted]
+        values = [runs.probabilities for runs in state.counted]
         probability = float(np.concatenate(values).mean()) if values else None
         return replace(state.tally, stage=len(state.learning.stages), probability=probability)
 
@@ -238,8 +238,8 @@ def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
 
     It stays so where the rollout breaks down after its failure.
     """
-    found = run_guarded("a replay of its failures", problem.system, partial(_replay, problem, noise))
-    return np.where(np.isnan(found), robustness, found)
+    complete = run_guarded("a replay of its failures", problem.system, partial(_replay, problem, noise))
+    return np.where(np.isnan(complete), robustness, complete)
 
 
 def _replay(problem: Problem, noise: Floats) -> Floats:
@@ -270,6 +270,6 @@ def _count_features(problem: Problem) -> int:
 
 
 def _relative_error(counted: tuple[Counted, ...]) -> float:
-    values = np.concatenate([one.probabilities for one in counted])
+    values = np.concatenate([batch.probabilities for batch in counted])
     mean = float(values.mean())
     return float((values / mean).std(ddof=1)) / len(values) ** 0.5 if mean and len(values) > 1 else np.inf

@@ -29,6 +29,8 @@ LEARNING_RUN = 2**31
 """Address of the noise of particles that only teach, far from those that count."""
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of what a budget pays for, all learning at most half."""
+_STUCK = 0.7
+"""Ratio of the deepest level's probability to the one before above which further stages lead nowhere."""
 
 
 @dataclass(frozen=True)
@@ -117,17 +119,17 @@ class Learning:
         return state._learn_potentials()
 
     def _after_particles(self, task: Particles) -> Learning:
-        found = task.paths()
-        own = found.weights * found.violated
+        paths = task.paths()
+        contributions = paths.weights * paths.violated
         entry = {
             "rollouts": task.runs * task.course.particles + task.copies,
-            "failures": int(found.violated.sum()),
-            "probability": float(own.mean()) if len(own) else 0.0,
+            "failures": int(paths.violated.sum()),
+            "probability": float(contributions.mean()) if len(contributions) else 0.0,
             "level_probability": float(self.potentials.chances[-1]) if self.potentials is not None else None,
-            "reached": effective_size(own) > 1.0,
+            "reached": effective_size(contributions) > 1.0,
             "level": None,
         }
-        state = replace(self, stages=(*self.stages, entry), paths=(*self.paths, found))
+        state = replace(self, stages=(*self.stages, entry), paths=(*self.paths, paths))
         return state._learn_potentials()
 
     def _learn_potentials(self) -> Learning:
@@ -135,14 +137,14 @@ class Learning:
         if not len(self.schedule):
             return replace(self, task=None)
         seed = (self.plan.noise.seed, LEARNING_RUN, len(self.stages))
-        found = learn(self.paths, seed)
-        before = self.potentials
-        state = replace(self, potentials=found or before, task=None)
-        stuck = found is None or (before is not None and found.chances[-1] > 0.7 * before.chances[-1])
-        if stuck or found is None or found.reached or not state._affords_stage:
+        potentials, before = learn(self.paths, seed), self.potentials
+        state = replace(self, potentials=potentials or before, task=None)
+        if potentials is None or potentials.reached or not state._affords_stage:
+            return state
+        if before is not None and potentials.chances[-1] > _STUCK * before.chances[-1]:
             return state
         rows = state._stage_rows
-        course = Course(self.plan, rows, state.law, self.schedule, found, 0, learning=True)
+        course = Course(self.plan, rows, state.law, self.schedule, potentials, 0, learning=True)
         task = Particles.begin(course, LEARNING_RUN + len(self.stages), 1)
         return replace(state, task=task, spent=self.spent + rows)
 
@@ -156,11 +158,11 @@ class Learning:
 
 def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> tuple[Paths, ...]:
     """Return the rollouts of all lessons as one stage, with the weights that they now have together."""
-    features = np.concatenate([*(known.features for known in paths), sample.features])
+    features = np.concatenate([*(stage.features for stage in paths), sample.features])
     samples = lessons.samples
 
     def joined(name: str) -> Any:
-        return np.concatenate([getattr(one, name) for one in samples])
+        return np.concatenate([getattr(lesson, name) for lesson in samples])
 
     weights = np.where(joined("error"), 0.0, lessons.weights)
     return (Paths(features, joined("score"), joined("violated"), weights, np.arange(len(weights))),)

@@ -163,8 +163,8 @@ class _Sampler:
 
     def draw(self, size: int, rng: np.random.Generator) -> _Batch:
         """Return ``size`` rows with the weights that make up for how they were drawn."""
-        found = np.searchsorted(self.ends, self.ends[-1] * rng.random(size), side="right")
-        picked = np.minimum(found, len(self.rows) - 1)
+        places = np.searchsorted(self.ends, self.ends[-1] * rng.random(size), side="right")
+        picked = np.minimum(places, len(self.rows) - 1)
         drawn, last = self.rows[picked], np.maximum(self.length[picked], 1)
         steps = np.minimum((rng.random(size) * last).astype(np.int64), last - 1)
         inputs = self.network.inputs(steps, self.examples.features[drawn, steps].astype(np.float64))

@@ -198,9 +198,9 @@ class Particles:
 
     def tell(self, outcome: Rollouts) -> Particles:
         """Take in the segment: some rows end, the others are resampled where that helps."""
-        own = self._own()
+        numbers = self._own()
         rows = replace(self.rows, lineage=self.rows.lineage.copy())
-        rows.lineage[:, self.segment] = own
+        rows.lineage[:, self.segment] = numbers
         ratio = outcome.log_weight
         rows = replace(rows, weight=rows.weight * np.exp(ratio - self.log_ratio))
         end = outcome.violated[:, 0] | outcome.error | self.last
@@ -215,15 +215,15 @@ class Particles:
         )
         going = np.flatnonzero(~end)
         place = np.full(len(end), -1)
-        carries = [(found, carry) for _, found, carry in outcome.carries]
-        carried = np.concatenate([found for found, _ in carries]) if carries else np.zeros(0, np.int64)
+        carries = [carry for _, _, carry in outcome.carries]
+        carried = np.concatenate([np.zeros(0, np.int64), *(rows for _, rows, _ in outcome.carries)])
         place[carried] = np.arange(len(carried))
         state = replace(
             self,
             segment=self.segment + 1,
             rows=batch.take(rows, going),
             ends=(*self.ends, ended),
-            carry=batch.concatenate([carry for _, carry in carries]) if carries else None,
+            carry=batch.concatenate(carries) if carries else None,
             evidence=outcome.evidence[going],
             log_ratio=ratio[going],
         )
@@ -235,11 +235,11 @@ class Particles:
     def _observed(self, rows: Rows, features: Floats | None) -> Rows:
         if features is None or not self.course.learning:
             return rows
-        kept, k = rows.features, self.course.stops[self.segment]
-        empty = np.full((*kept.shape[:2], features.shape[1]), np.nan)
-        kept = kept.copy() if kept.shape[2] else empty
-        kept[:, k] = features
-        return replace(rows, features=kept)
+        table, k = rows.features, self.course.stops[self.segment]
+        empty = np.full((*table.shape[:2], features.shape[1]), np.nan)
+        table = table.copy() if table.shape[2] else empty
+        table[:, k] = features
+        return replace(rows, features=table)
 
     def _resample(self, features: Floats, place: Integers) -> Particles:
         """Return the state with copies; ``place`` (n,) of each row's carry in ``self.carry``, -1: none."""
@@ -290,10 +290,10 @@ class Particles:
     def ended(self) -> Ends:
         """Return all particles that have ended, those of a run together."""
         # Of a part whose rows all ended before they were observed the number of features is not known.
-        width = max(one.rows.features.shape[2] for one in self.ends)
+        width = max(ends.rows.features.shape[2] for ends in self.ends)
         parts = [
-            replace(one, rows=replace(one.rows, features=widen(one.rows.features, width)))
-            for one in self.ends
+            replace(ends, rows=replace(ends.rows, features=widen(ends.rows.features, width)))
+            for ends in self.ends
         ]
         joined = batch.concatenate(parts)
         return batch.take(joined, np.argsort(joined.rows.run, kind="stable"))
@@ -313,8 +313,8 @@ def addresses(course: Course, lineage: NDArray[np.int32]) -> tuple[Integers, Int
     What follows a row's end belongs to its last segment.
     """
     segment = np.searchsorted(np.array(course.ends), np.arange(course.plan.steps + 1))
-    own = np.minimum(segment, (lineage >= 0).sum(axis=1)[:, None] - 1)
-    return course.stage + own, np.take_along_axis(lineage, own, axis=1).astype(np.int64)
+    segments = np.minimum(segment, (lineage >= 0).sum(axis=1)[:, None] - 1)
+    return course.stage + segments, np.take_along_axis(lineage, segments, axis=1).astype(np.int64)
 
 
 def draw_tapes(course: Course, first_run: int, rows: Rows) -> Floats:

@@ -81,8 +81,8 @@ class Counted:
             return np.asarray(np.bincount(run, np.where(chosen, weight, 0.0), runs), dtype=np.float64)
 
         size = course.particles
-        own = np.where(ends.violated, weight, 0.0)
-        sums = np.asarray(np.bincount(ends.rows.root, own, runs * size), dtype=np.float64)
+        failing_weight = np.where(ends.violated, weight, 0.0)
+        sums = np.asarray(np.bincount(ends.rows.root, failing_weight, runs * size), dtype=np.float64)
         by_root = sums.reshape(runs, size)
         alive = np.flatnonzero(~ends.error)
         least = alive[np.argsort(ends.robustness[alive], kind="stable")[:1]]
@@ -104,15 +104,15 @@ def _some_failures(ends: Ends, runs: int) -> Ends:
     """Return at most so many failures of each run, so that runs in batches tell the same."""
     chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
     for run in range(runs):
-        own = np.flatnonzero(ends.violated & (ends.rows.run == run))
-        weight = ends.rows.weight[own]
-        if len(own) > _KEPT:
+        rows = np.flatnonzero(ends.violated & (ends.rows.run == run))
+        weight = ends.rows.weight[rows]
+        if len(rows) > _KEPT:
             some, copies = np.unique(resample(weight, _KEPT, 0.5), return_counts=True)
-            own, weight = own[some], copies * weight.sum() / _KEPT
-        chosen.append(own)
+            rows, weight = rows[some], copies * weight.sum() / _KEPT
+        chosen.append(rows)
         weights.append(weight)
-    kept = batch.take(ends, np.concatenate(chosen))
-    return replace(kept, rows=replace(kept.rows, weight=np.concatenate(weights)))
+    failures = batch.take(ends, np.concatenate(chosen))
+    return replace(failures, rows=replace(failures.rows, weight=np.concatenate(weights)))
 
 
 def summarise(
@@ -138,8 +138,8 @@ def summarise(
     contributions, roots = _joined(counted, "contributions"), _joined(counted, "roots")
     relative = _relative_variance(values, contributions)
     # One resampled run suffices: its particles are not independent, whichever batch it advanced with.
-    plain = all(one.plain for one in counted)
-    own_fresh = sum((one.fresh for one in counted), FreshRows())
+    plain = all(runs_of_batch.plain for runs_of_batch in counted)
+    own_fresh = sum((runs_of_batch.fresh for runs_of_batch in counted), FreshRows())
     samples = learning.lessons.samples
     fresh = sum((sample.fresh for sample in samples), plan.seen)
     if plain:
@@ -184,7 +184,7 @@ def _diagnostics(counted: Sequence[Counted], learning: Learning) -> dict[str, ob
 
 
 def _joined(counted: Sequence[Counted], name: str) -> Any:
-    return np.concatenate([getattr(one, name) for one in counted])
+    return np.concatenate([getattr(runs, name) for runs in counted])
 
 
 def _relative_variance(values: Floats, contributions: Floats) -> float:
@@ -192,15 +192,15 @@ def _relative_variance(values: Floats, contributions: Floats) -> float:
     mean = float(values.mean())
     if mean == 0.0:
         return math.nan
-    own = 1.0 / effective_size(contributions)
-    return float((values / mean).var(ddof=1)) / len(values) or own if len(values) > 1 else own
+    within = 1.0 / effective_size(contributions)
+    return float((values / mean).var(ddof=1)) / len(values) or within if len(values) > 1 else within
 
 
 def _interval(
     counted: Sequence[Counted], values: Floats, relative: float, fresh: FreshRows
 ) -> Callable[[float], Interval]:
     if not values.any():
-        return fresh.interval_of_zero() if fresh.rows else intervals.unknown
+        return fresh.interval_of_zero()
     return partial(
         intervals.log_normal,
         float(values.mean()),
@@ -219,24 +219,24 @@ def _health(
     roots: Integers,
     tally: Info,
 ) -> dict[str, str]:
-    found = health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+    warnings = health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if float(values.mean()) == 1.0:
-        found |= health.warn("all_failed")
+        warnings |= health.warn("all_failed")
     if plain:
-        return found
+        return warnings
     if not values.any():
-        return found | health.warn("no_failures")
-    found |= health.check_runs(values.tolist(), roots.tolist())
+        return warnings | health.warn("no_failures")
+    warnings |= health.check_runs(values.tolist(), roots.tolist())
     effective, largest = effective_size(contributions), float(contributions.max() / contributions.sum())
     if effective < health.LEAST_EFFECTIVE or largest > health.LARGEST_SHARE:
-        found |= health.warn("weight_degenerate", reason=health.describe_uneven(effective, largest))
-    return found
+        warnings |= health.warn("weight_degenerate", reason=health.describe_uneven(effective, largest))
+    return warnings
 
 
 def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, tally: Info) -> Failures:
-    total = sum(len(one.failing.robustness) for one in counted)
+    total = sum(len(runs.failing.robustness) for runs in counted)
     parts = _chosen(counted, spread(np.arange(total), plan.kept_failures))
-    tapes = [draw_tapes(one.course, one.first_run, some.rows) for one, some in parts]
+    tapes = [draw_tapes(runs.course, runs.first_run, some.rows) for runs, some in parts]
     robustness = np.concatenate([some.robustness for _, some in parts])
     if plain:  # independent, of equal weights
         return Failures(np.concatenate(tapes), robustness, tally.failures)
@@ -244,8 +244,8 @@ def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, 
     if weights.any():
         weights *= mean / weights.sum()
     ancestors = [
-        np.stack([some.rows.run + one.first_run, some.rows.root % one.course.particles], axis=1)
-        for one, some in parts
+        np.stack([some.rows.run + runs.first_run, some.rows.root % runs.course.particles], axis=1)
+        for runs, some in parts
     ]
     return Failures(np.concatenate(tapes), robustness, tally.failures, weights, np.concatenate(ancestors))
 
@@ -253,18 +253,18 @@ def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, 
 def _chosen(counted: Sequence[Counted], rows: Integers) -> list[tuple[Counted, Ends]]:
     """Return some of the failures, ``rows`` of those of all runs, ascending."""
     parts, begin = [], 0
-    for one in counted:
-        end = begin + len(one.failing.robustness)
-        own = rows[(rows >= begin) & (rows < end)] - begin
-        parts.append((one, batch.take(one.failing, own)))
+    for runs in counted:
+        end = begin + len(runs.failing.robustness)
+        places = rows[(rows >= begin) & (rows < end)] - begin
+        parts.append((runs, batch.take(runs.failing, places)))
         begin = end
     return parts
 
 
 def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
-    known = [one for one in counted if len(one.worst.robustness)]
-    if not known:
+    alive = [runs for runs in counted if len(runs.worst.robustness)]
+    if not alive:
         return missing_worst(plan)
-    least = min(known, key=lambda one: float(one.worst.robustness[0]))
+    least = min(alive, key=lambda runs: float(runs.worst.robustness[0]))
     tape = draw_tapes(least.course, least.first_run, least.worst.rows)[0]
     return Worst(tape, float(least.worst.robustness[0]))

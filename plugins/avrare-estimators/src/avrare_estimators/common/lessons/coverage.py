@@ -24,13 +24,13 @@ def find_differing(samples: Sequence[Sample], mean: float, variance: float) -> d
         mean: Final estimate.
         variance: Its relative variance.
     """
-    known = [estimate for sample in samples if (estimate := _estimate(sample))[2] >= _LEAST_EFFECTIVE]
-    if not known or not mean:
+    estimates = [estimate for sample in samples if (estimate := _estimate(sample))[2] >= _LEAST_EFFECTIVE]
+    if not estimates or not mean:
         return {}
-    confidence = 1.0 - _RISK / len(known)
+    confidence = 1.0 - _RISK / len(estimates)
     apart = [
         format_probability(value)
-        for value, spread, effective in known
+        for value, spread, effective in estimates
         if abs(math.log(value / mean))
         > t_factor(confidence, int(effective) - 1) * math.sqrt(math.log1p(spread) + math.log1p(variance))
     ]

@@ -108,19 +108,19 @@ def entries_of_channel(steps: int) -> ChannelEntries:
     kind = np.concatenate(
         [np.repeat([2.0 * (scale == 1.0), 2.0 * (scale == 1.0) + 1.0], groups.shape) for _, scale in _LAWS]
     )
-    found = ChannelEntries(atoms, vectors, groups, kind, kind, kind)
+    entries = ChannelEntries(atoms, vectors, groups, kind, kind, kind)
     # What an entry's posterior is by chance: the same tapes in every process and for every problem.
     rng, count = np.random.default_rng(0), 0
     total, squares = np.zeros(len(kind)), np.zeros(len(kind))
     while count < _CHANCE_ROWS:
-        posterior = _posterior(found.ratios(rng.standard_normal((_CHANCE_BLOCK, steps + 1, 1)), 0))
+        posterior = _posterior(entries.ratios(rng.standard_normal((_CHANCE_BLOCK, steps + 1, 1)), 0))
         total, squares, count = (
             total + posterior.sum(axis=0),
             squares + (posterior**2).sum(axis=0),
             count + _CHANCE_BLOCK,
         )
     mean = total / count
-    return replace(found, mean=mean, deviation=np.sqrt(np.maximum(squares / count - mean**2, 0.0)) + 1e-12)
+    return replace(entries, mean=mean, deviation=np.sqrt(np.maximum(squares / count - mean**2, 0.0)) + 1e-12)
 
 
 def dictionary_bytes(steps: int) -> int:
@@ -132,18 +132,18 @@ def dictionary_bytes(steps: int) -> int:
 
 def _directions(steps: int) -> tuple[list[Row], list[list[int]]]:
     """Return directions (channel 0, first, last, decay, start), and groups that differ only in time."""
-    found: list[Row] = []
+    directions: list[Row] = []
     families: list[list[int]] = []
     for shape in _shapes(steps):
-        own = list(range(len(found), len(found) + len(shape)))
-        found += shape
+        places = list(range(len(directions), len(directions) + len(shape)))
+        directions += shape
         first = 1 if shape[0][1] == 0 else 0  # step 0 has its own law in many systems
         width = _SHORTEST if shape[0][1] == shape[0][2] else 2 * _SHORTEST
-        while len(own) > 1 and width < 2 * len(own):
-            w = min(width, len(own) - first)
-            families += [own[k : k + w] for k in range(first, len(own) + 1 - w, max(1, w // 2))]
+        while len(places) > 1 and width < 2 * len(places):
+            w = min(width, len(places) - first)
+            families += [places[k : k + w] for k in range(first, len(places) + 1 - w, max(1, w // 2))]
             width *= 2
-    return found, families
+    return directions, families
 
 
 def _shapes(steps: int) -> list[list[Row]]:
@@ -177,14 +177,14 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     weights = weights / weights.sum()
     shape = (tapes.shape[1], tapes.shape[2])
     # 1. Entries that the tapes speak for, and their shares.
-    table, found, ratios = _screened(tapes, weights)
-    kind = table.kind[[index for _, index in found]]
+    table, places, ratios = _screened(tapes, weights)
+    kind = table.kind[[index for _, index in places]]
     start = _even(kind)
     rounds = _best_rounds(ratios, weights, defensive, start)
     share = _shares(ratios, weights, defensive, start, rounds)
     single: dict[tuple[tuple[Row, float], ...], float] = {}
     for k in np.flatnonzero(share > _LEAST_SHARE * share.max()):
-        channel, index = found[k]
+        channel, index = places[k]
         for group, amount in _smoothed(table.entry(index, channel), float(share[k]), shape[0]):
             key = tuple(group.items())
             single[key] = single.get(key, 0.0) + amount
@@ -194,11 +194,11 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     pairs = [[i, j] for n, i in enumerate(groups) for j in groups[:n] if _channel(i) != _channel(j)]
     if pairs:
         start = np.array([amount for amount, _ in components] + [sum(share) / len(pairs)] * len(pairs))
-        candidates = [own for _, own in components] + pairs
+        candidates = [parts for _, parts in components] + pairs
         ratios = _component_ratios(candidates, tapes)
         if _held_out_gain(ratios, weights, defensive, start, len(components), rounds) > _LEAST_NATS:
             share = _shares(ratios, weights, defensive, start, rounds)
-            components = [(float(a), own) for a, own in zip(share, candidates, strict=True)]
+            components = [(float(a), parts) for a, parts in zip(share, candidates, strict=True)]
     return TapeMixture.frozen(components, shape)
 
 
@@ -210,17 +210,17 @@ def _screened(tapes: Floats, weights: Floats) -> tuple[ChannelEntries, list[tupl
     """
     table = entries_of_channel(tapes.shape[1] - 1)
     noise_of_mean = math.sqrt(float((weights**2).sum()))
-    found: list[tuple[float, int, int]] = []
+    entries: list[tuple[float, int, int]] = []
     columns: list[Floats] = []
     for channel in range(tapes.shape[2]):
         ratios = table.ratios(tapes, channel)
         score = (weights @ _posterior(ratios) - table.mean) / (table.deviation * noise_of_mean)
         best = np.argsort(-score, kind="stable")[:_MOST_ITEMS]
         best = best[(score[best] > _LEAST_SCORE) | (best == best[0])]  # the best of each channel is tried
-        found += [(-float(score[k]), channel, int(k)) for k in best]
+        entries += [(-float(score[k]), channel, int(k)) for k in best]
         columns.append(ratios[:, best])
-    order = sorted(range(len(found)), key=found.__getitem__)[:_MOST_ITEMS]
-    places = [found[i][1:] for i in order]
+    order = sorted(range(len(entries)), key=entries.__getitem__)[:_MOST_ITEMS]
+    places = [entries[i][1:] for i in order]
     return table, places, np.concatenate(columns, axis=1)[:, order]
 
 
@@ -257,11 +257,11 @@ def _best_rounds(ratios: Floats, weights: Floats, defensive: float, start: Float
     loss = np.zeros(_MOST_ROUNDS)
     for fold in range(_FOLDS):
         out = np.arange(len(weights)) % _FOLDS == fold
-        own, rest = ratios[~out], ratios[out]
+        fitted, held_out = ratios[~out], ratios[out]
         share = (1.0 - defensive) * start / start.sum()
         for turn in range(_MOST_ROUNDS):
-            share = _improved(share, own, weights[~out], defensive)
-            loss[turn] += weights[out] @ (1.0 / (defensive + rest @ share))
+            share = _improved(share, fitted, weights[~out], defensive)
+            loss[turn] += weights[out] @ (1.0 / (defensive + held_out @ share))
     return int(loss.argmin()) + 1
 
 
@@ -272,12 +272,12 @@ def _held_out_gain(
     gains = np.zeros(len(weights))
     for fold in range(_FOLDS):
         out = np.arange(len(weights)) % _FOLDS == fold
-        found = []
-        for own in (ratios[:, :count], ratios):
+        logs = []
+        for columns in (ratios[:, :count], ratios):
             given = weights[~out] / weights[~out].sum()
-            share = _shares(own[~out], given, defensive, start[: own.shape[1]], rounds)
-            found.append(np.log(defensive + own[out] @ share))
-        gains[out] = found[1] - found[0]
+            share = _shares(columns[~out], given, defensive, start[: columns.shape[1]], rounds)
+            logs.append(np.log(defensive + columns[out] @ share))
+        gains[out] = logs[1] - logs[0]
     mean = float(weights @ gains)
     return mean - math.sqrt(float(weights**2 @ (gains - mean) ** 2))
 
@@ -292,9 +292,9 @@ def _smoothed(group: Group, share: float, length: int) -> list[tuple[Group, floa
     if not next(iter(group))[5]:
         return parts
     mirrored = [
-        ({(*row[:5], -row[5], row[6]): w for row, w in own.items()}, _MIRRORED * a) for own, a in parts
+        ({(*row[:5], -row[5], row[6]): w for row, w in part.items()}, _MIRRORED * a) for part, a in parts
     ]
-    return [(own, (1.0 - _MIRRORED) * a) for own, a in parts] + mirrored
+    return [(part, (1.0 - _MIRRORED) * a) for part, a in parts] + mirrored
 
 
 def _moved(row: Row, delay: int, length: int) -> Row:
@@ -306,12 +306,12 @@ def _moved(row: Row, delay: int, length: int) -> Row:
 
 def _strongest(components: Sequence[tuple[float, list[Group]]]) -> list[Group]:
     """Return what widens a channel, what raises it and what lowers it, as groups; the strongest ones."""
-    found: dict[Any, Group] = {}
+    groups: dict[Any, Group] = {}
     for amount, (group,) in components:
         for row, part in group.items():
-            own = found.setdefault((row[0], float(np.sign(row[5]))), {})
-            own[row] = own.get(row, 0.0) + amount * part
-    return sorted(found.values(), key=lambda group: -sum(group.values()))[:_MOST_GROUPS]
+            sums = groups.setdefault((row[0], float(np.sign(row[5]))), {})
+            sums[row] = sums.get(row, 0.0) + amount * part
+    return sorted(groups.values(), key=lambda group: -sum(group.values()))[:_MOST_GROUPS]
 
 
 def _channel(group: Group) -> int:

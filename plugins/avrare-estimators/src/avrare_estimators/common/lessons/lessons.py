@@ -38,10 +38,10 @@ class Lessons:
 
     Attributes:
         defensive: Share of the target in all samples but the first.
-        beside: What the first sample was drawn from beside the target, and a share of each later one.
+        tail: Law of the first sample, but for the target, and of a share of each later one.
         samples: Samples, one a stage.
         mixtures: Proposals; number k has drawn sample k + 1.
-        log_ratios: (n, 1 + K) log p/q of the rows of each sample under ``beside`` (infinite where there is
+        log_ratios: (n, 1 + K) log p/q of the rows of each sample under ``tail`` (infinite where there is
             none) and under each proposal alone.
     """
 
@@ -49,12 +49,12 @@ class Lessons:
     samples: tuple[Sample, ...] = ()
     mixtures: tuple[TapeMixture, ...] = ()
     log_ratios: tuple[Floats, ...] = ()
-    beside: TapeMixture | None = None
+    tail: TapeMixture | None = None
 
     def add(self, sample: Sample) -> Lessons:
         """Add the sample of the present proposal."""
         none = np.full(len(sample.error), np.inf)
-        columns = [ratios_of(sample, self.beside) if self.beside is not None else none]
+        columns = [ratios_of(sample, self.tail) if self.tail is not None else none]
         ratios = np.stack([*columns, *(ratios_of(sample, mixture) for mixture in self.mixtures)], axis=1)
         return replace(self, samples=(*self.samples, sample), log_ratios=(*self.log_ratios, ratios))
 
@@ -98,17 +98,17 @@ class Lessons:
 
     def _ratio(self, log_ratios: Floats, k: int) -> Floats:
         """Return log p/q of rows under the law that sample ``k`` was drawn from, but for the target."""
-        beside = log_ratios[:, 0]
-        if not k or self.beside is None:
+        first = log_ratios[:, 0]
+        if not k or self.tail is None:
             return log_ratios[:, k]
-        return -np.logaddexp(math.log(SHARE) - beside, math.log1p(-SHARE) - log_ratios[:, k])
+        return -np.logaddexp(math.log(SHARE) - first, math.log1p(-SHARE) - log_ratios[:, k])
 
     @property
     def proposal(self) -> TapeMixture | None:
         """The law that the next sample is drawn from, but for the target; None: the target."""
         if not self.mixtures:
-            return self.beside
-        return self.mixtures[-1] if self.beside is None else with_tail_atoms(self.mixtures[-1])
+            return self.tail
+        return self.mixtures[-1] if self.tail is None else with_tail_atoms(self.mixtures[-1])
 
     @property
     def violated(self) -> Any:
@@ -187,8 +187,8 @@ class Lessons:
         values = failing_weights(self.samples[-1])
         if effective_size(values) < _FEW:
             return None
-        own = values / values.mean()
-        return len(own) * stratified_variance(own, self.samples[-1].target_rows)
+        relative = values / values.mean()
+        return len(relative) * stratified_variance(relative, self.samples[-1].target_rows)
 
     def expected_variance(self, mixture: TapeMixture | None) -> float | None:
         """Return the relative variance of one row drawn from ``mixture`` (None: the target), for failures."""
@@ -221,7 +221,7 @@ class Lessons:
         before = self.mixtures[:-1]
         shares = [*(_PAST / len(before) for _ in before), 1.0 - _PAST] if before else [1.0]
         learned = blend(self.mixtures, shares)
-        return learned if self.beside is None else with_tail_atoms(learned)
+        return learned if self.tail is None else with_tail_atoms(learned)
 
     def _tapes(self, rows: Integers) -> Floats:
         begin, tapes = 0, []
@@ -238,9 +238,9 @@ def _gain(chance: float, variance: float | None) -> float | None:
 
 def ratios_of(sample: Sample, mixture: TapeMixture) -> Floats:
     """Return log p/q (n,) of all rows of a sample under a proposal."""
-    rows, found = len(sample.error), []
+    rows, ratios = len(sample.error), []
     size = max(1, _BLOCK // math.prod(mixture.shape))
     for begin in range(0, rows, size):
         tapes = sample.tapes(np.arange(begin, min(begin + size, rows)))
-        found.append(mixture.log_ratio_of(tapes))
-    return np.concatenate(found)
+        ratios.append(mixture.log_ratio_of(tapes))
+    return np.concatenate(ratios)

@@ -128,7 +128,7 @@ def rollouts_to_vouch(samples: Sequence[Sample]) -> int:
 
 def _target_places(samples: Sequence[Sample]) -> list[Integers]:
     """Return the places of the rows drawn from the target that have not broken down."""
-    return [np.flatnonzero(~one.error[: one.target_rows]) for one in samples]
+    return [np.flatnonzero(~sample.error[: sample.target_rows]) for sample in samples]
 
 
 def _most_chains(budget: int, rows: int, estimate: float, most: int) -> int:
@@ -149,22 +149,23 @@ def _levels(chains: int, rows: int, estimate: float) -> float:
 
 def _choose_starts(samples: Sequence[Sample], places: Sequence[Integers], size: int) -> tuple[Points, Floats]:
     """Return ``size`` starts of each group, and the share of its rows that they stand for."""
-    score = np.concatenate([one.score[rows] for one, rows in zip(samples, places, strict=True)])
-    violated = np.concatenate([one.violated[rows] for one, rows in zip(samples, places, strict=True)])
-    robustness = np.concatenate([one.robustness[rows] for one, rows in zip(samples, places, strict=True)])
+    pairs = list(zip(samples, places, strict=True))
+    score = np.concatenate([sample.score[rows] for sample, rows in pairs])
+    violated = np.concatenate([sample.violated[rows] for sample, rows in pairs])
+    robustness = np.concatenate([sample.robustness[rows] for sample, rows in pairs])
     key = np.where(violated, np.inf, score)
     chosen, shares = [], []
     for group in range(GROUPS):
-        mine = np.arange(group, len(key), GROUPS)
-        best, share = _best(key[mine], size)
-        chosen.append(mine[best])
+        places_of_group = np.arange(group, len(key), GROUPS)
+        best, share = _best(key[places_of_group], size)
+        chosen.append(places_of_group[best])
         shares.append(share)
     rows = np.concatenate(chosen)
     ends = np.cumsum([0, *map(len, places)])
     tapes = np.empty((len(rows), *samples[0].tapes(places[0][:0]).shape[1:]))
-    for begin, one, own in zip(ends, samples, places, strict=False):
-        here = (rows >= begin) & (rows < begin + len(own))
-        tapes[here] = one.tapes(own[rows[here] - begin])
+    for begin, sample, target_rows in zip(ends, samples, places, strict=False):
+        here = (rows >= begin) & (rows < begin + len(target_rows))
+        tapes[here] = sample.tapes(target_rows[rows[here] - begin])
     root = np.tile(np.arange(size), GROUPS)
     points = Points(tapes, score[rows], violated[rows], robustness[rows], root, np.zeros(len(rows)))
     return points, np.array(shares)

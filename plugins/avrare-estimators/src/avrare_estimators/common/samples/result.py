@@ -129,8 +129,8 @@ def summarise(
     interval_at = _interval_of_weights(runs, mean, variance, marks)
     notes: tuple[Note, ...] = ()
     if mean:
-        own = interval_at(plan.confidence)
-        doubts, notes = compare_checks(mean, own, math.sqrt(variance), checks, plan.confidence)
+        interval = interval_at(plan.confidence)
+        doubts, notes = compare_checks(mean, interval, math.sqrt(variance), checks, plan.confidence)
         warnings |= doubts
         shortfall = sum(run.shortfall(mean) for run in runs) / len(runs)
         interval_at = _interval_of_weights(runs, mean, variance + shortfall, marks)
@@ -178,17 +178,19 @@ def _pooled_quality(runs: Sequence[RunOutcome]) -> Quality:
 
 
 def _health(plan: Plan, runs: Sequence[RunOutcome], marks: Quality, tally: Info) -> dict[str, str]:
-    found: dict[str, str] = {}
+    warnings: dict[str, str] = {}
     if not all(run.plain for run in runs):
-        found = health.check_weights(
+        warnings = health.check_weights(
             marks.mean, marks.standard_error, marks.effective_failures, marks.largest_share
         )
     if any(run.unreached for run in runs):
         stages = max(len(run.stages) for run in runs)
-        found |= health.warn("unchecked", reason=f"the elite has not reached failure after {stages} stages")
+        warnings |= health.warn(
+            "unchecked", reason=f"the elite has not reached failure after {stages} stages"
+        )
     if all(run.sample.violated.all() for run in runs):
-        found |= health.warn("all_failed")
-    return found | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
+        warnings |= health.warn("all_failed")
+    return warnings | health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
 
 
 def _relative_variance(runs: Sequence[RunOutcome], values: Floats) -> float:
@@ -210,7 +212,7 @@ def _interval_of_weights(
 
 
 def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object]:
-    found: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "mean_weight": marks.mean,
         "mean_weight_error": marks.standard_error,
         "effective_size": marks.effective,
@@ -222,10 +224,10 @@ def _diagnostics(runs: Sequence[RunOutcome], marks: Quality) -> dict[str, object
         "check_rollouts": sum(run.cross_check.rollouts for run in runs if run.cross_check is not None),
     }
     if any(run.counted for run in runs):
-        found["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
+        entries["shares"] = [[round(share, 4) for share, _ in run.parts] for run in runs]
     if any(run.stages for run in runs):
-        found["stages"] = [list(run.stages) for run in runs]
-    return found
+        entries["stages"] = [list(run.stages) for run in runs]
+    return entries
 
 
 def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
@@ -234,11 +236,11 @@ def _replayable(run: RunOutcome, chosen: Bools) -> Integers:
 
 
 def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: int | None) -> Failures:
-    found = [_replayable(run, run.sample.violated) for run in runs]
-    run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in found])
+    failing = [_replayable(run, run.sample.violated) for run in runs]
+    run_of = np.repeat(np.arange(len(runs)), [len(rows) for rows in failing])
     chosen = spread(np.arange(len(run_of)), plan.kept_failures)
-    kept = [np.concatenate(found)[chosen[run_of[chosen] == r]] for r in range(len(runs))]
-    pairs = list(zip(runs, kept, strict=True))
+    kept_rows = [np.concatenate(failing)[chosen[run_of[chosen] == r]] for r in range(len(runs))]
+    pairs = list(zip(runs, kept_rows, strict=True))
     # Where only the target's rows can be drawn again, those alone are a sample of failures: of equal weights.
     weighted = all(run.sample.source.replayable for run in runs)
     weights = np.concatenate(

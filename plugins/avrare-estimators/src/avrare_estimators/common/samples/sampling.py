@@ -155,8 +155,8 @@ class Sample:
         tapes = np.empty((len(index), self.strata[0].plan.steps + 1, self.strata[0].plan.noise.noise_size))
         begin = 0
         for stratum in self.strata:
-            own = (index >= begin) & (index < begin + stratum.rows)
-            tapes[own] = self.source.tapes(stratum, index[own] - begin)
+            here = (index >= begin) & (index < begin + stratum.rows)
+            tapes[here] = self.source.tapes(stratum, index[here] - begin)
             begin += stratum.rows
         return tapes
 

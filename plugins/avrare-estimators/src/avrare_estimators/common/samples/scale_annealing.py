@@ -135,8 +135,8 @@ class ScaleAnnealing:
         rows = np.zeros((GROUPS, self.group), np.int64)
         for group in np.flatnonzero(shares):
             begin = group * self.first
-            found = begin + np.flatnonzero(failed[begin : begin + self.first])
-            rows[group] = found[resample(np.ones(len(found)), self.group, 0.5)]
+            failing = begin + np.flatnonzero(failed[begin : begin + self.first])
+            rows[group] = failing[resample(np.ones(len(failing)), self.group, 0.5)]
         began = replace(self, probabilities=shares, walkers=tapes[rows.ravel()], stages=self.stages + 1)
         return began._cool()
 

@@ -176,7 +176,7 @@ class WeightedSampler(Estimator):
 
     def _check_rollouts(self, state: SamplingState) -> int:
         share = self.config.check
-        return int(share / (1.0 - share) * sum(len(one.error) for one in state.samples))
+        return int(share / (1.0 - share) * sum(len(sample.error) for sample in state.samples))
 
     def _info(self, state: SamplingState) -> Info:
         estimates = [outcome.probability for outcome in state.finished]

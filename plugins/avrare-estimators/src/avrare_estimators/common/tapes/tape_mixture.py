@@ -64,17 +64,17 @@ class TapeMixture:
         most = max(share for share, _ in components)
         alone: Group = {}
         pairs = []
-        for share, own in components:
+        for share, groups in components:
             if share < _LEAST_SHARE * most:
                 continue
-            if len(own) > 1:
-                pairs.append((share, [_rounded(group) for group in own]))
+            if len(groups) > 1:
+                pairs.append((share, [_rounded(group) for group in groups]))
                 continue
-            total = sum(own[0].values())
-            for row, weight in own[0].items():
+            total = sum(groups[0].values())
+            for row, weight in groups[0].items():
                 alone[row] = alone.get(row, 0.0) + share * weight / total
-        kept = [(share, [{row: 1.0}]) for row, share in _rounded(_without_least(alone)).items()]
-        return TapeMixture.of([*kept, *pairs], shape)
+        single = [(share, [{row: 1.0}]) for row, share in _rounded(_without_least(alone)).items()]
+        return TapeMixture.of([*single, *pairs], shape)
 
     @staticmethod
     def of(
@@ -87,14 +87,14 @@ class TapeMixture:
         rows: dict[Row, int] = {}
         groups: dict[tuple[tuple[int, ...], tuple[float, ...]], int] = {}
         parts, shares = [], []
-        for share, own in components:
+        for share, groups_of_component in components:
             places = []
-            for group in own:
+            for group in groups_of_component:
                 size = sum(group.values())
                 weights = {row: round(weight / size, _DIGITS) for row, weight in group.items()}
-                kept = {row: weight for row, weight in weights.items() if weight > 0.0}
-                index = tuple(rows.setdefault(row, len(rows)) for row in kept)
-                places.append(groups.setdefault((index, tuple(kept.values())), len(groups)))
+                positive = {row: weight for row, weight in weights.items() if weight > 0.0}
+                index = tuple(rows.setdefault(row, len(rows)) for row in positive)
+                places.append(groups.setdefault((index, tuple(positive.values())), len(groups)))
             parts.append([*places, NONE][:2])
             shares.append(max(round(share / total, _DIGITS), 10.0**-_DIGITS))
         built = tuple((np.array(index), np.array(weights)) for index, weights in groups)
@@ -133,11 +133,11 @@ class TapeMixture:
     def _active(self) -> list[tuple[Integers, Integers, Floats]]:
         """Sums that a step changes, and of the directions among them channels and numbers (k, 1)."""
         channel, count = self.atoms.channel[self.atoms.directions[0]], self._vectors.shape[1]
-        found = []
+        changes = []
         for vector in self._vectors:
-            own = np.flatnonzero(vector)
-            found.append((np.append(own, count), channel[own], vector[own, None]))
-        return found
+            directions = np.flatnonzero(vector)
+            changes.append((np.append(directions, count), channel[directions], vector[directions, None]))
+        return changes
 
     @cached_property
     def _alone(self) -> Integers:
@@ -168,13 +168,13 @@ class TapeMixture:
             group = self.parts[component, column]
             chosen["atom"][:, column] = np.where(group == NONE, NONE, self._alone[group])
             for g in np.unique(group[(group != NONE) & (self._alone[group] == NONE)]):
-                own = np.flatnonzero(group == g)
+                rows = np.flatnonzero(group == g)
                 index, weights = self.groups[g]
                 if logs is None:
-                    place, rest[own] = _pick(weights, rest[own])
+                    place, rest[rows] = _pick(weights, rest[rows])
                 else:
-                    place, rest[own] = _pick_by_row(logs[np.ix_(own, index)] + np.log(weights), rest[own])
-                chosen["atom"][own, column] = index[place]
+                    place, rest[rows] = _pick_by_row(logs[np.ix_(rows, index)] + np.log(weights), rest[rows])
+                chosen["atom"][rows, column] = index[place]
         chosen["amount"] = self._amounts(chosen["atom"], uniform, sums)
         return chosen
 
@@ -182,14 +182,14 @@ class TapeMixture:
         """Return the amounts (M, 2) along the directions of atoms, given the steps so far."""
         radius, angle = np.sqrt(-2.0 * np.log(uniform[:, 1])), 2.0 * np.pi * uniform[:, 2]
         normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-        own = self.atoms.take(atom)  # of NONE, too: never used
-        spread = own.scale**2 - 1.0
+        atoms = self.atoms.take(atom)  # of NONE, too: never used
+        spread = atoms.scale**2 - 1.0
         if sums is None:
-            return np.asarray(own.shift + np.sqrt(spread) * normal)
+            return np.asarray(atoms.shift + np.sqrt(spread) * normal)
         direction = self.atoms.directions[1][atom]
         along = np.take_along_axis(sums, direction, axis=1)
         grown = 1.0 + spread * self._lengths[_steps_of(sums)[:, None], direction]
-        return np.asarray((own.shift + spread * along) / grown + np.sqrt(spread / grown) * normal)
+        return np.asarray((atoms.shift + spread * along) / grown + np.sqrt(spread / grown) * normal)
 
     def transform(self, noise: Floats, chosen: NDArray[np.void], first: int) -> None:
         """Change standard normals (M, K, noise_size) of the steps from ``first`` on into the rows' law."""
@@ -219,9 +219,11 @@ class TapeMixture:
         first = self._alone[self.parts[:, 0]]
         logs = atom_logs[:, first]
         paired = np.flatnonzero((first == NONE) | (self.parts[:, 1] != NONE))
-        found = {g: self._group_logs(atom_logs, g) for g in np.unique(self.parts[paired]) if g != NONE}
+        logs_of_group = {
+            g: self._group_logs(atom_logs, g) for g in np.unique(self.parts[paired]) if g != NONE
+        }
         for j in paired:
-            logs[:, j] = sum(found[g] for g in self.parts[j] if g != NONE)
+            logs[:, j] = sum(logs_of_group[g] for g in self.parts[j] if g != NONE)
         logs += np.log(self.share / self.share.sum())
         return logs
 
@@ -268,11 +270,13 @@ class TapeMixture:
         try:
             atoms = Atoms.of([tuple(float(atom[name]) for name in _FIELDS) for atom in content["atoms"]])
             groups = tuple(
-                (np.array(one["atoms"], dtype=np.int64), np.array(one["shares"], dtype=np.float64))
-                for one in content["groups"]
+                (np.array(entry["atoms"], dtype=np.int64), np.array(entry["shares"], dtype=np.float64))
+                for entry in content["groups"]
             )
-            parts = np.array([[*one["groups"], NONE][:2] for one in content["components"]], dtype=np.int64)
-            share = np.array([float(one["share"]) for one in content["components"]])
+            parts = np.array(
+                [[*entry["groups"], NONE][:2] for entry in content["components"]], dtype=np.int64
+            )
+            share = np.array([float(entry["share"]) for entry in content["components"]])
             shape = (int(content["steps"]) + 1, int(content["noise_size"]))
             mixture = TapeMixture(atoms, groups, parts, share, shape)
             mixture._check()
@@ -288,16 +292,16 @@ class TapeMixture:
         inside &= (a.channel >= 0) & (a.channel < channels) & (a.scale >= 1.0) & (a.decay > 0)
         inside &= (a.start >= 0) & ((a.start == 0) | (a.first > 0) & (a.start < 1.0))
         numbers = bool(np.isfinite([a.shift, a.decay, a.start, a.scale]).all())
-        known = all(i.ndim == w.ndim == 1 for i, w in self.groups) and self.parts.ndim == 2
-        known = known and all(
+        fits = all(i.ndim == w.ndim == 1 for i, w in self.groups) and self.parts.ndim == 2
+        fits = fits and all(
             (i >= 0).all() and (i < a.size).all() and len(i) == len(w) > 0 for i, w in self.groups
         )
-        known &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
-        known &= bool((self.parts < len(self.groups)).all())
-        known &= all(
+        fits &= bool((self.parts[:, 0] >= 0).all() and (self.parts[:, 1] >= NONE).all())
+        fits &= bool((self.parts < len(self.groups)).all())
+        fits &= all(
             (w > 0).all() and np.isfinite(w).all() for w in (*(w for _, w in self.groups), self.share)
         )
-        if not (inside.all() and numbers and known and len(self.share)):
+        if not (inside.all() and numbers and fits and len(self.share)):
             raise ValueError("an atom lies outside the tape, or a number is out of range")
         channels_of = [set(a.channel[index].tolist()) for index, _ in self.groups]
         if any(k != NONE and channels_of[g] & channels_of[k] for g, k in self.parts.tolist()):
@@ -334,11 +338,11 @@ def _steps_of(sums: Floats) -> Integers:
 
 def _rounded(group: Group) -> Group:
     """Return a group whose atoms have rounded numbers."""
-    found: Group = {}
+    rounded: Group = {}
     for row, weight in group.items():
         near = (*row[:3], *(round(value, _DIGITS) for value in row[3:]))
-        found[near] = found.get(near, 0.0) + weight
-    return found
+        rounded[near] = rounded.get(near, 0.0) + weight
+    return rounded
 
 
 def _pick(shares: Floats, uniform: Floats) -> tuple[Integers, Floats]:
