@@ -46,7 +46,7 @@ def write_proposal(problem: Problem, rule: str, seed: int, failing: list[int], k
     single = [(share, groups) for share, groups in learned.components if len(groups) == 1]
     total = sum(share for share, _ in single)
     components = [(share / total, groups) for share, groups in single]
-    mixture = prune(TapeMixture.frozen(components, learned.shape), keep)
+    mixture = prune(TapeMixture.freeze(components, learned.shape), keep)
     content = {rule: {**mixture.to_dict(), "digest": mixture.digest}}
     out.write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")
 

@@ -31,7 +31,7 @@ def prune(mixture: TapeMixture, keep: int) -> TapeMixture:
     components = mixture.components
     largest = np.sort(np.argsort([-share for share, _ in components], kind="stable")[:keep])
     total = sum(components[k][0] for k in largest)
-    return TapeMixture.frozen([(components[k][0] / total, components[k][1]) for k in largest], mixture.shape)
+    return TapeMixture.freeze([(components[k][0] / total, components[k][1]) for k in largest], mixture.shape)
 
 
 def failing_tapes(file: Path, rule: str, level: float, shape: tuple[int, int]) -> Floats:

@@ -19,7 +19,7 @@ STEPS, AT = 40, 12
 NOISE = NoiseSource(3, 1)
 SHIFT = {(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 0.5, (0, 5, 30, 1.0, 0.2, -3.0, 1.5): 0.5}
 OUTLIER = {(0, t, t, 1.0, 0.0, 0.0, 2.5): 0.25 for t in (3, 10, 20, 30)}
-MIXTURE = TapeMixture.frozen([(0.6, [SHIFT]), (0.4, [OUTLIER])], (STEPS + 1, 1))
+MIXTURE = TapeMixture.freeze([(0.6, [SHIFT]), (0.4, [OUTLIER])], (STEPS + 1, 1))
 LAW = TapeLaw(DefendedMixture(MIXTURE, 0.25))
 
 
@@ -147,7 +147,7 @@ def test_a_request_of_one_row_is_not_changed():
 
 
 def test_a_row_that_is_surely_of_the_target_is_chosen_without_a_warning():
-    single = TapeMixture.frozen([(1.0, [{(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 1.0}])], (STEPS + 1, 1))
+    single = TapeMixture.freeze([(1.0, [{(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 1.0}])], (STEPS + 1, 1))
     law = DefendedMixture(single, 0.25)
     sums = np.tile([-400.0, STEPS + 1.0], (3, 1))  # far on the other side
     with warnings.catch_warnings():

@@ -112,7 +112,7 @@ def test_no_structure_falls_back_to_monte_carlo():
 
 
 def test_shares_that_round_to_zero_are_left_out():
-    frozen = TapeMixture.frozen([(1.0, [{wide(0, 1): 1.0, wide(0, 2): 1e-9}])], (STEPS + 1, 3))
+    frozen = TapeMixture.freeze([(1.0, [{wide(0, 1): 1.0, wide(0, 2): 1e-9}])], (STEPS + 1, 3))
     assert frozen.atoms.rows == [wide(0, 1)]
     assert TapeMixture.from_dict(frozen.to_dict()).digest == frozen.digest
 
@@ -125,7 +125,7 @@ def test_an_error_that_lasts_is_drawn_along_its_own_direction():
     tapes[:, :, 1] += (3.2 * np.where(along > 0, 1.0, -1.0) - 0.3 * along)[:, None] * v
     mixture = fit(tapes[:200], np.ones(200), 0.25)
     gained = np.log(0.25 + 0.75 * np.exp(-mixture.log_ratio_of(tapes[200:])))
-    single = TapeMixture.frozen([(1.0, [{wide(1, t): 1.0}]) for t in range(31)], (31, 3))
+    single = TapeMixture.freeze([(1.0, [{wide(1, t): 1.0}]) for t in range(31)], (31, 3))
     assert gained.mean() > 2.0  # of the 4.4 nats of drawing exactly these
     assert gained.mean() > np.log(0.25 + 0.75 * np.exp(-single.log_ratio_of(tapes[200:]))).mean() + 1.5
     shared = sum(
@@ -142,7 +142,7 @@ def test_lasting_noise_pays():
 
 
 def test_a_mode_that_the_file_lacks_is_found_by_tail_atoms(tmp_path):
-    lacking = TapeMixture.frozen([(1.0, [{wide(0, t): 1.0}]) for t in range(1, STEPS + 1)], (STEPS + 1, 3))
+    lacking = TapeMixture.freeze([(1.0, [{wide(0, t): 1.0}]) for t in range(1, STEPS + 1)], (STEPS + 1, 3))
     path = tmp_path / "learned.json"
     path.write_text(json.dumps({"specification": lacking.to_dict()}))
     exact = peak(4.2) + (1.0 - peak(4.2)) * peak(3.6)

@@ -17,7 +17,7 @@ from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.proposal_file import ProposalFile, to_entry
 
 GROUP = {wide(1, t): 1.0 / 3.0 for t in (1, 2, 3)}
-PAIRED = TapeMixture.frozen(
+PAIRED = TapeMixture.freeze(
     [
         (0.3, [{wide(0, 4): 1.0}]),
         (0.2, [{(2, 1, 4, 1.0, 0.0, 1.6, 1.0): 1.0}]),
@@ -89,7 +89,7 @@ def test_a_group_by_itself_is_the_mixture_of_its_atoms():
         (0.3, [{wide(1, 3): 0.5, wide(1, 4): 0.5}]),
         (0.2, [{wide(0, 2): 1.0}, GROUP]),
     ]
-    mixture = TapeMixture.frozen(components, (STEPS + 1, 3))
+    mixture = TapeMixture.freeze(components, (STEPS + 1, 3))
     tapes = np.random.default_rng(4).standard_normal((50, STEPS + 1, 3)) * 1.5
     assert len(mixture.components) == 4 + 1
     np.testing.assert_allclose(

@@ -5,7 +5,7 @@ import pytest
 
 from avrare_estimators.common.tapes.gaussian_mixture import GaussianMixture
 from avrare_estimators.common.weights import (
-    annealed,
+    anneal,
     effective_size,
     mixture_log_weights,
     quality,
@@ -59,11 +59,11 @@ def test_stratified_variance_is_that_of_the_mean():
 
 def test_annealing_keeps_the_order_and_the_effective_size():
     logs = np.random.default_rng(1).normal(0, 6, 60)
-    weights = annealed(logs, 30.0)
+    weights = anneal(logs, 30.0)
     assert effective_size(weights) == pytest.approx(30.0, rel=1e-3)
     assert weights.sum() == pytest.approx(1)
     np.testing.assert_array_equal(np.argsort(weights), np.argsort(logs))
-    mild = annealed(0.01 * logs, 30.0)
+    mild = anneal(0.01 * logs, 30.0)
     np.testing.assert_allclose(mild, np.exp(0.01 * logs) / np.exp(0.01 * logs).sum())
 
 

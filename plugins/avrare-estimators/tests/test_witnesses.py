@@ -79,7 +79,7 @@ def test_every_number_of_every_step_has_its_tails():
 
 
 def test_a_learned_proposal_keeps_its_share_beside_them():
-    learned = TapeMixture.frozen([(1.0, [{(0, 3, 3, 1.0, 0.0, 3.0, 1.0): 1.0}])], (6, 1))
+    learned = TapeMixture.freeze([(1.0, [{(0, 3, 3, 1.0, 0.0, 3.0, 1.0): 1.0}])], (6, 1))
     law = with_tail_atoms(learned)
     assert law.learned is learned
     assert law.share.sum() == pytest.approx(1.0, abs=1e-3)

@@ -15,7 +15,7 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.scores.progress_score import ProgressScored
 from avrare.rollout.scores.scored_specifications import FormulaScored, FunctionScored, MarginScored
 from avrare.rollout.scores.term_sizes import ScaledMonitor
-from avrare_estimators.common.chains.kernel import TURN, Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import TURN, Draw, Kernel, Move, Points, rotate
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.predicates import AffineFormula
 
@@ -112,7 +112,7 @@ class ExactKernel(Kernel):
             # 2. A uniform angle on the segments inside the level set.
             angle = draw_angles(self.slicer.cut(along, across, threshold), draw.uniforms(chains, move))
             # 3. Turn the tape and its margins.
-            tape, along = rotated(tape, other, angle), rotated(along, across, angle)
+            tape, along = rotate(tape, other, angle), rotate(along, across, angle)
         return Move.begin(state, level, draw, tape, ())
 
     def tell(self, move: Move, points: Points) -> Move:

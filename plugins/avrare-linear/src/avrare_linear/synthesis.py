@@ -24,7 +24,7 @@ from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
-from avrare_estimators.common.chains.kernel import rotated
+from avrare_estimators.common.chains.kernel import rotate
 from avrare_estimators.ess.state import EssState
 from avrare_linear.ellipse import Slicer, draw_angles
 from avrare_linear.estimator import LinearLevels
@@ -132,7 +132,7 @@ def _walk(slicer: Slicer, tape: Floats, noise: NoiseSource, moves: int) -> Itera
         other = noise.normals(0, stage, chains[:, None], steps)
         across = slicer.margins(other)
         angle = draw_angles(slicer.cut(along, across), noise.choices(0, stage, chains))
-        tape, along = rotated(tape, other, angle), rotated(along, across, angle)
+        tape, along = rotate(tape, other, angle), rotate(along, across, angle)
         yield tape
 
 

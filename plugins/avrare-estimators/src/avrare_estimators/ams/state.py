@@ -54,7 +54,7 @@ class EndedRuns:
     retired_failures: TapeAddresses
     worst: TapeAddresses
 
-    def joined(self, other: EndedRuns, most: int) -> EndedRuns:
+    def join(self, other: EndedRuns, most: int) -> EndedRuns:
         """Return these runs and then those of ``other``, with at most so many tapes of each kind."""
         names = ("weight", "pairs", "retired", "error_weight", "violated", "error", "root")
         arrays: dict[str, Any] = {
@@ -167,7 +167,7 @@ class AmsState:
 
     def next_batch(self, runs: int) -> AmsState:
         """Begin further runs; what these have found stays."""
-        ended = self.finished()
+        ended = self.finish()
         return AmsState.begin(
             self.plan,
             runs,
@@ -193,7 +193,7 @@ class AmsState:
             probabilities if self.ended is None else np.concatenate([self.ended.probabilities, probabilities])
         )
 
-    def finished(self) -> EndedRuns:
+    def finish(self) -> EndedRuns:
         """Return all runs so far, these included, as they would be if they ended now."""
         population, most, shape = self.population, self.plan.kept_failures, (self.runs, self.particles)
         none = population.addresses(np.zeros(0, dtype=np.int64), self.particles, 0)
@@ -216,7 +216,7 @@ class AmsState:
             retired,
             _least_robust(batch.concatenate([least_robust, retired])),
         )
-        return runs if self.ended is None else self.ended.joined(runs, most)
+        return runs if self.ended is None else self.ended.join(runs, most)
 
     @property
     def done(self) -> int:

@@ -35,7 +35,7 @@ _STATIC = (
 
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     """Return the result of runs that have all ended."""
-    plan, tally, ended = state.plan, state.tally, state.finished()
+    plan, tally, ended = state.plan, state.tally, state.finish()
     looks, pilot = state.looks or Looks((ended.runs,)), state.pilot
     fresh = plan.seen + state.fresh
     before = pilot.rollouts if pilot else 0

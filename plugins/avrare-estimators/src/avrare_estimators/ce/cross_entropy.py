@@ -29,7 +29,7 @@ from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import PerceptionSource
 from avrare_estimators.common.samples.weighted_sampler import SamplingState, WeightedSampler
-from avrare_estimators.common.weights import annealed, effective_size
+from avrare_estimators.common.weights import anneal, effective_size
 
 _LEAST_SHARE = 0.5
 """Effective size of the elite's weights, as a share of its rows: below it they are annealed."""
@@ -114,7 +114,7 @@ class CrossEntropy(WeightedSampler):
         logs = sample.log_weights[rows]
         entry["elite_effective"] = effective_size(np.exp(logs))
         if len(rows):
-            weights = annealed(logs, _LEAST_SHARE * len(rows))
+            weights = anneal(logs, _LEAST_SHARE * len(rows))
             state = replace(state, source=self._fit(sample, rows, weights))
         # 3. Learning ends once the elite has reached failure twice, or once with even weights.
         before = bool(state.stages) and state.stages[-1]["reached"]

@@ -33,13 +33,13 @@ def train(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        trained = _descend(batch, start or _untrained(batch, options.hidden, seed), options)
+        trained = _descend(batch, start or _start_network(batch, options.hidden, seed), options)
         return _limit_divergence(trained, batch, nats)
     finally:
         torch.set_num_threads(threads)
 
 
-def _untrained(batch: TrainingBatch, hidden: int, seed: int) -> TiltNetwork:
+def _start_network(batch: TrainingBatch, hidden: int, seed: int) -> TiltNetwork:
     rng = np.random.default_rng(seed)
     sizes = ((INPUTS, hidden), (hidden, hidden))
     layers = [part for a, b in sizes for part in (rng.normal(0, math.sqrt(2 / a), (a, b)), np.zeros(b))]

@@ -55,7 +55,7 @@ class Looks:
 
     def missing(self, done: int, relative_error: Callable[[], float]) -> int:
         """Return how many more runs are wanted after ``done``; 0: stop."""
-        if done >= self.runs[-1] or (done in self.runs and self._reached(relative_error())):
+        if done >= self.runs[-1] or (done in self.runs and self._reaches_goal(relative_error())):
             return 0
         return next(look for look in self.runs if look > done) - done
 
@@ -69,26 +69,26 @@ class Looks:
     def interval(self, done: int, interval_at: Callable[[float], Interval]) -> Callable[[float], Interval]:
         """Return the interval that holds at all looks together, of runs that stopped at ``done``."""
         share = self.share(done)
-        return interval_at if share == 1.0 else partial(_widened, interval_at, share)
+        return interval_at if share == 1.0 else partial(_widen, interval_at, share)
 
     def diagnostics(self, relative_error: float) -> dict[str, object]:
         """Return the looks, and whether the goal was reached; empty without a goal."""
         if self.goal is None:
             return {}
-        return {"looks": list(self.runs), "goal_reached": self._reached(relative_error)}
+        return {"looks": list(self.runs), "goal_reached": self._reaches_goal(relative_error)}
 
     def notes(self, rollouts: int, probability: float, relative_error: float) -> tuple[Note, ...]:
         """Return the note on an estimate that ended short of its goal; none where it did not."""
-        if self.goal is None or self._reached(relative_error):
+        if self.goal is None or self._reaches_goal(relative_error):
             return ()
         progress = describe_precision(probability, relative_error)
         return (describe_missed_goal(rollouts, progress, "most_runs"),)
 
-    def _reached(self, relative_error: float) -> bool:
+    def _reaches_goal(self, relative_error: float) -> bool:
         return self.goal is not None and relative_error <= self.goal
 
 
-def _widened(interval_at: Callable[[float], Interval], share: float, confidence: float) -> Interval:
+def _widen(interval_at: Callable[[float], Interval], share: float, confidence: float) -> Interval:
     return interval_at(1.0 - share * (1.0 - confidence))
 
 

@@ -75,24 +75,24 @@ def stratified_variance(values: Floats, target_rows: int) -> float:
     return sum(len(stratum) * float(stratum.var(ddof=1)) for stratum in strata) / len(values) ** 2
 
 
-def annealed(log_weights: Floats, least: float) -> Floats:
+def anneal(log_weights: Floats, least: float) -> Floats:
     """Return weights exp(g log w) summing to 1, with the largest g <= 1 of an effective size of ``least``.
 
     In many dimensions raw weights rest on a single row, and a law fitted to one row is of no use. The fitted
     law only decides from where to draw; the estimate itself uses the true weights.
     """
 
-    def powered(exponent: float) -> Floats:
+    def raise_to(exponent: float) -> Floats:
         weights = np.exp(exponent * (log_weights - log_weights.max()))
         return np.asarray(weights / weights.sum())
 
-    if effective_size(powered(1.0)) >= least:
-        return powered(1.0)
+    if effective_size(raise_to(1.0)) >= least:
+        return raise_to(1.0)
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if effective_size(powered(middle)) >= least else (low, middle)
-    return powered(low)
+        low, high = (middle, high) if effective_size(raise_to(middle)) >= least else (low, middle)
+    return raise_to(low)
 
 
 def resample(weights: Floats, count: int, uniform: float) -> Integers:

@@ -182,7 +182,7 @@ class NestedLevels(Estimator):
 
     def _continue(self, state: EssState) -> EssState:
         """Begin a batch of further runs where they are wanted."""
-        state = state.joined()
+        state = state.join_batches()
         assert state.looks is not None
         done = state.level_pass.shape.runs
         more = state.looks.missing(done, lambda: self._summary(state).relative_error)

@@ -69,7 +69,7 @@ class EssState:
             return replace(self.failures_before, count=self.tally.failures)
         return _distinct_failures(self.level_pass, self.tally.failures)
 
-    def joined(self) -> EssState:
+    def join_batches(self) -> EssState:
         """Return the state in which all batches are one ended pass."""
         if self.ended is None:
             return self
@@ -83,7 +83,7 @@ class EssState:
         rows = take_in_turn(run, most)
         thinned = {name: values[rows] for name, values in whole.items()}
         failures = _weighted_anew(Failures(**{**thinned, "weights": whole["weights"]}, count=0), run, rows)
-        joined = self.ended.joined(self.level_pass.without_tapes())
+        joined = self.ended.join(self.level_pass.without_tapes())
         return replace(self, level_pass=joined, ended=None, failures_before=failures)
 
     def next_batch(self, level_pass: LevelPass, counting: bool) -> EssState:

@@ -53,7 +53,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
         interval_at=interval_at,
         relative_error=math.sqrt(relative_variance),
         health=warnings,
-        failures=_scaled(state.failures, probability),
+        failures=_scale_weights(state.failures, probability),
         worst=state.worst,
         robustness=state.first,
         fresh=fresh,
@@ -87,7 +87,7 @@ def summarise(name: str, kernel: Kernel, state: EssState, declared: Mapping[str,
     )
 
 
-def _scaled(failures: Failures, probability: float) -> Failures:
+def _scale_weights(failures: Failures, probability: float) -> Failures:
     # The weights are of runs in turn; together they add up to the estimate.
     total = 0.0 if failures.weights is None else float(failures.weights.sum())
     if failures.weights is None or total == 0.0:

@@ -89,7 +89,7 @@ def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
     """Return the network with the least loss on the rows held out; the same bits for the same ``seed``."""
     rng = np.random.default_rng(seed)
     chance = _chance(examples)
-    network = _untrained(examples, np.log(chance / (1.0 - chance)), rng)
+    network = _start_network(examples, np.log(chance / (1.0 - chance)), rng)
     held, trained = np.flatnonzero(examples.held_out), np.flatnonzero(~examples.held_out)
     sampler = _Sampler(network, examples, chance, trained)
     test = _Sampler(network, examples, chance, held).draw(4 * _BATCH, rng)
@@ -113,7 +113,7 @@ def _chance(examples: Examples) -> Floats:
     return np.asarray(np.clip((weights * examples.reached).sum(axis=0), 1e-12, 1.0 - 1e-6))
 
 
-def _untrained(examples: Examples, offset: Floats, rng: np.random.Generator) -> Network:
+def _start_network(examples: Examples, offset: Floats, rng: np.random.Generator) -> Network:
     # Step by step: the features of all steps are the largest table there is.
     steps, size = examples.features.shape[1:]
     moments = [_moments(examples.features[:, k]) for k in range(steps)]

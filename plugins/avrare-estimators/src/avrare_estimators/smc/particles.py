@@ -205,7 +205,7 @@ class Particles:
         rows = replace(rows, weight=rows.weight * np.exp(ratio - self.log_ratio))
         end = outcome.violated[:, 0] | outcome.error | self.last
         features = outcome.features[:, 0] if outcome.features.shape[1] else None
-        rows = self._observed(rows, features)
+        rows = self._observe(rows, features)
         ended = Ends(
             batch.take(rows, end),
             outcome.violated[end, 0],
@@ -232,7 +232,7 @@ class Particles:
         assert features is not None
         return state._resample(features[going], place[going])
 
-    def _observed(self, rows: Rows, features: Floats | None) -> Rows:
+    def _observe(self, rows: Rows, features: Floats | None) -> Rows:
         if features is None or not self.course.learning:
             return rows
         table, k = rows.features, self.course.stops[self.segment]
@@ -287,7 +287,7 @@ class Particles:
         copies = wanted * target[parents] / target.sum()
         return parents, weight[parents] / copies, True
 
-    def ended(self) -> Ends:
+    def list_ended(self) -> Ends:
         """Return all particles that have ended, those of a run together."""
         # Of a part whose rows all ended before they were observed the number of features is not known.
         width = max(ends.rows.features.shape[2] for ends in self.ends)
@@ -300,7 +300,7 @@ class Particles:
 
     def paths(self) -> Paths:
         """Return the rollouts for learning, without those that broke down."""
-        ends = self.ended()
+        ends = self.list_ended()
         alive = ~ends.error
         rows = batch.take(ends.rows, alive)
         weights = rows.weight * len(rows.run) / self.runs

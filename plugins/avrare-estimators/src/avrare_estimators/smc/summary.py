@@ -74,7 +74,7 @@ class Counted:
     @staticmethod
     def of(particles: Particles) -> Counted:
         """Sum up runs that have ended."""
-        ends, runs, course = particles.ended(), particles.runs, particles.course
+        ends, runs, course = particles.list_ended(), particles.runs, particles.course
         run, weight = ends.rows.run, ends.rows.weight
 
         def by_run(chosen: Any) -> Floats:
@@ -133,9 +133,9 @@ def summarise(
         looks: Numbers of runs at which the estimate could end.
         tally: Cost of all rollouts.
     """
-    values = _joined(counted, "probabilities")
+    values = _concatenate(counted, "probabilities")
     mean, runs = float(values.mean()), len(values)
-    contributions, roots = _joined(counted, "contributions"), _joined(counted, "roots")
+    contributions, roots = _concatenate(counted, "contributions"), _concatenate(counted, "roots")
     relative = _relative_variance(values, contributions)
     # One resampled run suffices: its particles are not independent, whichever batch it advanced with.
     plain = all(runs_of_batch.plain for runs_of_batch in counted)
@@ -171,11 +171,11 @@ def summarise(
 
 
 def _diagnostics(counted: Sequence[Counted], learning: Learning) -> dict[str, object]:
-    contributions = _joined(counted, "contributions")
+    contributions = _concatenate(counted, "contributions")
     return {
         "particles": counted[0].course.particles,
         "resampled_at": [counted[0].course.ends[k] for k in range(len(counted[0].course.stops))],
-        "roots": _joined(counted, "roots").tolist(),
+        "roots": _concatenate(counted, "roots").tolist(),
         "effective_failures": effective_size(contributions),
         "largest_share": float(contributions.max(initial=0.0) / max(contributions.sum(), 1e-300)),
         "pilot_rollouts": sum(stage["rollouts"] for stage in learning.stages),
@@ -183,7 +183,7 @@ def _diagnostics(counted: Sequence[Counted], learning: Learning) -> dict[str, ob
     }
 
 
-def _joined(counted: Sequence[Counted], name: str) -> Any:
+def _concatenate(counted: Sequence[Counted], name: str) -> Any:
     return np.concatenate([getattr(runs, name) for runs in counted])
 
 
@@ -206,7 +206,7 @@ def _interval(
         float(values.mean()),
         relative,
         freedom=len(values) - 1,
-        errors=float(_joined(counted, "errors").mean()),
+        errors=float(_concatenate(counted, "errors").mean()),
         logs=intervals.cox(values),
     )
 
@@ -235,7 +235,7 @@ def _health(
 
 def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, tally: Info) -> Failures:
     total = sum(len(runs.failing.robustness) for runs in counted)
-    parts = _chosen(counted, spread(np.arange(total), plan.kept_failures))
+    parts = _choose_failures(counted, spread(np.arange(total), plan.kept_failures))
     tapes = [draw_tapes(runs.course, runs.first_run, some.rows) for runs, some in parts]
     robustness = np.concatenate([some.robustness for _, some in parts])
     if plain:  # independent, of equal weights
@@ -250,7 +250,7 @@ def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, 
     return Failures(np.concatenate(tapes), robustness, tally.failures, weights, np.concatenate(ancestors))
 
 
-def _chosen(counted: Sequence[Counted], rows: Integers) -> list[tuple[Counted, Ends]]:
+def _choose_failures(counted: Sequence[Counted], rows: Integers) -> list[tuple[Counted, Ends]]:
     """Return some of the failures, ``rows`` of those of all runs, ascending."""
     parts, begin = [], 0
     for runs in counted:

@@ -59,11 +59,11 @@ class Points:
         """Return whether each point (M,) lies in the set of its level; rollouts that broke down never do."""
         return self.key > level
 
-    def updated(self, rows: Integers, new: Points) -> Points:
+    def update(self, rows: Integers, new: Points) -> Points:
         """Return a copy with ``rows`` replaced by the points ``new``; roots stay."""
-        return replace(self.replaced([rows], [new]), root=self.root)
+        return replace(self.replace_rows([rows], [new]), root=self.root)
 
-    def replaced(self, places: Sequence[Integers], replacements: Sequence[Points]) -> Points:
+    def replace_rows(self, places: Sequence[Integers], replacements: Sequence[Points]) -> Points:
         """Return a copy with the rows of each of ``places`` replaced, roots included."""
         values = {}
         for array in fields(self):
@@ -136,7 +136,7 @@ class Move:
         rows = self.waiting[good]
         accepted = self.accepted.copy()
         accepted[rows] = True
-        state = self.state.updated(rows, batch.take(points, good))
+        state = self.state.update(rows, batch.take(points, good))
         rest = ~good
         return replace(
             self, state=state, accepted=accepted, waiting=self.waiting[rest], proposal=self.proposal[rest]
@@ -203,7 +203,7 @@ class Kernel:
         return {}
 
 
-def rotated(tape: Floats, other: Floats, angle: Floats) -> Floats:
+def rotate(tape: Floats, other: Floats, angle: Floats) -> Floats:
     """Return tape cos(angle) + other sin(angle), row by row: standard normal where both are.
 
     Args:

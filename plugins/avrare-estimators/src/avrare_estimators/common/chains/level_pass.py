@@ -172,7 +172,7 @@ class LevelPass:
         """Return this ended pass without its tapes, which may be large."""
         return replace(self, population=replace(self.points, tape=self.points.tape[:, :0]))
 
-    def joined(self, other: LevelPass) -> LevelPass:
+    def join(self, other: LevelPass) -> LevelPass:
         """Return the runs of this ended pass and then those of another, both without tapes."""
         both, tunings = (self, other), [half.tuning for half in (self, other) if half.tuning is not None]
         names = ("weight", "active", "error_weight", "rollouts", "errors")
@@ -252,18 +252,18 @@ class LevelPass:
         if self.fresh is not None:
             run, sample = np.divmod(np.arange(len(self.fresh)), self.shape.samples)
             drawn = Points.of(self.fresh, rollouts, sample)
-            after = replace(self._counted(run, rollouts.error), population=drawn, fresh=None)._next_level()
+            after = replace(self._count(run, rollouts.error), population=drawn, fresh=None)._next_level()
         else:
             assert self.move is not None
             waiting = self.move.waiting
             points = Points.of(self.move.proposal, rollouts, self.move.state.root[waiting])
-            after = self._counted(self.move.draw.run[waiting], rollouts.error)
+            after = self._count(self.move.draw.run[waiting], rollouts.error)
             after = replace(after, move=self.kernel.tell(self.move, points))
         while after.move is not None and not len(after.move.waiting):
             after = after._step_done()
         return after
 
-    def _counted(self, run: Integers, error: Bools) -> LevelPass:
+    def _count(self, run: Integers, error: Bools) -> LevelPass:
         rollouts = self.rollouts + np.bincount(run, minlength=self.shape.runs)
         errors = self.errors + np.bincount(run, error, minlength=self.shape.runs).astype(np.int64)
         return replace(self, rollouts=rollouts, errors=errors)
@@ -352,7 +352,7 @@ class LevelPass:
         shape, chains = self.shape, np.arange(self.shape.chains)
         first = np.flatnonzero(self.active)[:, None] * shape.samples
         places = [(first + k * shape.chains + chains).ravel() for k in range(shape.length)]
-        population = self.points.replaced(places, self.samples)
+        population = self.points.replace_rows(places, self.samples)
         levels = self.levels
         if self.schedule is None:
             levels = (*levels[:-1], replace(levels[-1], tuning=self.tuning))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, StepOutcome, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, StepOutcome, rotate
 
 _ACCEPTANCE = 0.44
 _FIRST, _LEAST = 0.7, 0.02
@@ -28,7 +28,7 @@ class PcnKernel(Kernel):
         return np.full(runs, _FIRST)
 
     def start(self, tuning: Floats, state: Points, level: Floats, draw: Draw) -> Move:
-        return Move.begin(state, level, draw, rotated(state.tape, draw.tapes(), tuning), ())
+        return Move.begin(state, level, draw, rotate(state.tape, draw.tapes(), tuning), ())
 
     def tell(self, move: Move, points: Points) -> Move:
         return move.accept(points.above(move.level[move.waiting]), points).stay()

@@ -177,7 +177,7 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     weights = weights / weights.sum()
     shape = (tapes.shape[1], tapes.shape[2])
     # 1. Entries that the tapes speak for, and their shares.
-    table, places, ratios = _screened(tapes, weights)
+    table, places, ratios = _screen_entries(tapes, weights)
     kind = table.kind[[index for _, index in places]]
     start = _even(kind)
     rounds = _best_rounds(ratios, weights, defensive, start)
@@ -185,7 +185,7 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
     single: dict[tuple[tuple[Row, float], ...], float] = {}
     for k in np.flatnonzero(share > _LEAST_SHARE * share.max()):
         channel, index = places[k]
-        for group, amount in _smoothed(table.entry(index, channel), float(share[k]), shape[0]):
+        for group, amount in _smooth_entry(table.entry(index, channel), float(share[k]), shape[0]):
             key = tuple(group.items())
             single[key] = single.get(key, 0.0) + amount
     components: list[tuple[float, list[Group]]] = [(a, [dict(key)]) for key, a in single.items()]
@@ -199,10 +199,10 @@ def fit(tapes: Floats, weights: Floats, defensive: float) -> TapeMixture:
         if _held_out_gain(ratios, weights, defensive, start, len(components), rounds) > _LEAST_NATS:
             share = _shares(ratios, weights, defensive, start, rounds)
             components = [(float(a), parts) for a, parts in zip(share, candidates, strict=True)]
-    return TapeMixture.frozen(components, shape)
+    return TapeMixture.freeze(components, shape)
 
 
-def _screened(tapes: Floats, weights: Floats) -> tuple[ChannelEntries, list[tuple[int, int]], Floats]:
+def _screen_entries(tapes: Floats, weights: Floats) -> tuple[ChannelEntries, list[tuple[int, int]], Floats]:
     """Return the dictionary, channel and index of its entries that the tapes speak for, their g/p (E, J).
 
     Each entry is judged by its posterior where it had half of the weight, r / (1 + r) with r = g / p, which
@@ -238,11 +238,11 @@ def _shares(ratios: Floats, weights: Floats, defensive: float, start: Floats, ro
     """Return shares (J,) after some rounds from the first ones towards the least second moment."""
     share: Floats = (1.0 - defensive) * start / start.sum()
     for _ in range(rounds):
-        share = _improved(share, ratios, weights, defensive)
+        share = _improve_shares(share, ratios, weights, defensive)
     return share
 
 
-def _improved(share: Floats, ratios: Floats, weights: Floats, defensive: float) -> Floats:
+def _improve_shares(share: Floats, ratios: Floats, weights: Floats, defensive: float) -> Floats:
     """Return shares after a round.
 
     It is one of expectation-maximisation with each row weighed by p/q as well. Its fixed point is the minimum
@@ -260,7 +260,7 @@ def _best_rounds(ratios: Floats, weights: Floats, defensive: float, start: Float
         fitted, held_out = ratios[~out], ratios[out]
         share = (1.0 - defensive) * start / start.sum()
         for turn in range(_MOST_ROUNDS):
-            share = _improved(share, fitted, weights[~out], defensive)
+            share = _improve_shares(share, fitted, weights[~out], defensive)
             loss[turn] += weights[out] @ (1.0 / (defensive + held_out @ share))
     return int(loss.argmin()) + 1
 
@@ -282,13 +282,13 @@ def _held_out_gain(
     return mean - math.sqrt(float(weights**2 @ (gains - mean) ** 2))
 
 
-def _smoothed(group: Group, share: float, length: int) -> list[tuple[Group, float]]:
+def _smooth_entry(group: Group, share: float, length: int) -> list[tuple[Group, float]]:
     """Return an entry and what gets a part of its share: its neighbours in time, its mirror image."""
     parts = [(group, share)]
     if len(group) == 1:
         row = next(iter(group))
         leaks = ((-1, _LEAK), (0, 1.0 - 2.0 * _LEAK), (1, _LEAK))
-        parts = [({_moved(row, delay, length): 1.0}, leak * share) for delay, leak in leaks]
+        parts = [({_move_atom(row, delay, length): 1.0}, leak * share) for delay, leak in leaks]
     if not next(iter(group))[5]:
         return parts
     mirrored = [
@@ -297,7 +297,7 @@ def _smoothed(group: Group, share: float, length: int) -> list[tuple[Group, floa
     return [(part, (1.0 - _MIRRORED) * a) for part, a in parts] + mirrored
 
 
-def _moved(row: Row, delay: int, length: int) -> Row:
+def _move_atom(row: Row, delay: int, length: int) -> Row:
     """Return an atom one stride of its own later or earlier, as far as the tape goes."""
     channel, first, last, decay, *rest = row
     by = delay * (1 if first == last else _stride(last - first + 1, decay))

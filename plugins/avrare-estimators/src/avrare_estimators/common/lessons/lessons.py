@@ -61,7 +61,7 @@ class Lessons:
     def learn(self) -> Lessons:
         """Fit the next proposal to the elite."""
         rows, weights = self.elite
-        weights = self._raised(rows, weights)
+        weights = self._raise_failures(rows, weights)
         if len(rows) > _MOST_ELITE:
             rows = np.sort(rows[resample(weights, _MOST_ELITE, 0.5)])
             weights = np.ones(len(rows))
@@ -72,7 +72,7 @@ class Lessons:
         )
         return replace(self, mixtures=(*self.mixtures, mixture), log_ratios=ratios)
 
-    def _raised(self, rows: Integers, weights: Floats) -> Floats:
+    def _raise_failures(self, rows: Integers, weights: Floats) -> Floats:
         """Return weights of an elite in which the failures have a share: a score may lead away from them.
 
         The share is that of their effective number in the one that suffices to learn from failures alone.
@@ -208,10 +208,10 @@ class Lessons:
         """
         weights = self.weights[rows]
         mean = weights.sum() / len(self.violated)
-        second = (weights * self.bounded(log_ratio)).sum() / len(self.violated)
+        second = (weights * self.bound_ratio(log_ratio)).sum() / len(self.violated)
         return float(second / mean**2 - 1.0) if mean else None
 
-    def bounded(self, log_ratio: Floats) -> Floats:
+    def bound_ratio(self, log_ratio: Floats) -> Floats:
         """Return p over the proposal with its share of the target."""
         density = self.defensive + (1.0 - self.defensive) * np.exp(np.minimum(-log_ratio, 700.0))
         return np.asarray(1.0 / density)

@@ -92,7 +92,7 @@ class ScaleAnnealing:
         failed = rollouts.violated[:, 0] & ~rollouts.error
         if self.walkers is None:
             return done._after_inflation(failed)
-        walkers = np.where(failed[:, None, None], self._moved(), self.walkers)
+        walkers = np.where(failed[:, None, None], self._propose(), self.walkers)
         alive = np.repeat(self.probabilities > 0.0, self.group)
         accepted = float(failed[alive].mean()) if alive.any() else 0.0
         size = min(max(self.size * math.exp(accepted - _ACCEPTED), 0.05), 0.95)
@@ -142,7 +142,7 @@ class ScaleAnnealing:
 
     def _go_on(self) -> ScaleAnnealing:
         if self.move < _MOVES:
-            return self._ask(self._moved())
+            return self._ask(self._propose())
         return self._cool() if self.scale > 1.0 else replace(self, done=True)
 
     def _cool(self) -> ScaleAnnealing:
@@ -174,7 +174,7 @@ class ScaleAnnealing:
         cooled = replace(self, scale=scale, probabilities=probabilities, move=0)
         return replace(cooled, walkers=self.walkers[rows.ravel()])._go_on()
 
-    def _moved(self) -> Floats:
+    def _propose(self) -> Floats:
         # 3. Moves that leave the inflated law as it is; those that leave failure are refused.
         assert self.walkers is not None
         fresh = self.scale * self._normals(len(self.walkers))

@@ -109,9 +109,9 @@ class WeightedSampler(Estimator):
             return self._finish_run(state, task.result())
         assert isinstance(task, PartialSample)
         sample = task.sample()
-        return self._sample_complete(self._stored(state, sample), sample)
+        return self._sample_complete(self._store(state, sample), sample)
 
-    def _stored(self, state: SamplingState, sample: Sample) -> SamplingState:
+    def _store(self, state: SamplingState, sample: Sample) -> SamplingState:
         samples = (*state.samples, sample.without_carries())
         first = np.where(sample.error, np.nan, sample.robustness) if state.first is None else state.first
         return replace(state, samples=samples, fresh=state.fresh + sample.fresh, first=first)
@@ -156,7 +156,7 @@ class WeightedSampler(Estimator):
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample = state.samples[-1]
         checked = self.config.check > 0.0 and sample.share < 1.0
-        outcome = RunOutcome(sample, checked, result, state.stages, self._counted(state))
+        outcome = RunOutcome(sample, checked, result, state.stages, self._list_counted(state))
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -170,7 +170,7 @@ class WeightedSampler(Estimator):
         """Return the rows of the final sample."""
         raise NotImplementedError
 
-    def _counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+    def _list_counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
 

@@ -55,7 +55,7 @@ class TapeMixture:
     learned: TapeMixture | None = None
 
     @staticmethod
-    def frozen(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
+    def freeze(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
         """Return a mixture of components (share, one or two groups) in rounded numbers, without tiny ones.
 
         A component of one group is the same law as one component for each of its atoms, which is what it
@@ -68,12 +68,12 @@ class TapeMixture:
             if share < _LEAST_SHARE * most:
                 continue
             if len(groups) > 1:
-                pairs.append((share, [_rounded(group) for group in groups]))
+                pairs.append((share, [_round_group(group) for group in groups]))
                 continue
             total = sum(groups[0].values())
             for row, weight in groups[0].items():
                 alone[row] = alone.get(row, 0.0) + share * weight / total
-        single = [(share, [{row: 1.0}]) for row, share in _rounded(_without_least(alone)).items()]
+        single = [(share, [{row: 1.0}]) for row, share in _round_group(_without_least(alone)).items()]
         return TapeMixture.of([*single, *pairs], shape)
 
     @staticmethod
@@ -318,7 +318,7 @@ def blend(mixtures: Sequence[TapeMixture], shares: Sequence[float]) -> TapeMixtu
         for share, groups in mixture.components:
             key = tuple(tuple(group.items()) for group in groups)
             total[key] = total.get(key, 0.0) + weight * share
-    return TapeMixture.frozen(
+    return TapeMixture.freeze(
         [(share, [dict(group) for group in key]) for key, share in total.items()], mixtures[0].shape
     )
 
@@ -336,7 +336,7 @@ def _steps_of(sums: Floats) -> Integers:
     return sums[:, -1].astype(np.int64)
 
 
-def _rounded(group: Group) -> Group:
+def _round_group(group: Group) -> Group:
     """Return a group whose atoms have rounded numbers."""
     rounded: Group = {}
     for row, weight in group.items():

@@ -17,7 +17,7 @@ import numpy as np
 
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotate
 
 _CIRCLE = 2.0 * np.pi
 _MOST_TURNS = 200
@@ -88,7 +88,7 @@ class Elimination(Kernel):
         tried = np.zeros((len(move.level), 1))
         tried[rows, 0] = angle
         work = replace(work, tried=np.concatenate([work.tried, tried], axis=1))
-        proposal = rotated(move.state.tape[rows], work.other[rows], angle)
+        proposal = rotate(move.state.tape[rows], work.other[rows], angle)
         return replace(move, proposal=proposal, turn=move.turn + 1, work=work)
 
     @staticmethod
@@ -113,7 +113,7 @@ class Elimination(Kernel):
         arcs = Arcs(
             other, bound, angle[:, None], np.zeros((len(level), 0)), SlopeStatistics.empty(len(level))
         )
-        return Move.begin(state, level, draw, rotated(state.tape, other, angle), arcs)
+        return Move.begin(state, level, draw, rotate(state.tape, other, angle), arcs)
 
 
 def free_angle(centre: Floats, half: Floats, uniforms: Floats) -> tuple[Floats, Bools]:

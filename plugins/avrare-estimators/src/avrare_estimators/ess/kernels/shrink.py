@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avrare.protocols import Floats
-from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotate
 
 _MOST_TURNS = 100
 """By then a bracket is 2^-100 of the ellipse: the proposal is the chain's own tape."""
@@ -60,7 +60,7 @@ class ShrinkKernel(Kernel):
             high = self.width * draw.uniforms(rows, _MOST_TURNS)  # no bracket shrinks so often
             angle += high - self.width
         bracket = _Bracket(other, angle, high - self.width, high)
-        return Move.begin(state, level, draw, rotated(state.tape, other, angle), bracket)
+        return Move.begin(state, level, draw, rotate(state.tape, other, angle), bracket)
 
     def tell(self, move: Move, points: Points) -> Move:
         # 3. Accept a proposal inside the level's set.
@@ -76,7 +76,7 @@ class ShrinkKernel(Kernel):
         low[rows[below]], high[rows[~below]] = angle[rows[below]], angle[rows[~below]]
         # 5. Draw the next angle uniformly on what is left; go on with step 3.
         angle[rows] = low[rows] + (high[rows] - low[rows]) * move.draw.uniforms(rows, move.turn)
-        proposal = rotated(move.state.tape[rows], old.other[rows], angle[rows])
+        proposal = rotate(move.state.tape[rows], old.other[rows], angle[rows])
         return replace(
             move, proposal=proposal, turn=move.turn + 1, work=_Bracket(old.other, angle, low, high)
         )

@@ -21,7 +21,7 @@ import numpy as np
 
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
-from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, StepOutcome, rotated
+from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, StepOutcome, rotate
 from avrare_estimators.ess.kernels.elimination import Elimination
 
 AcquisitionName = Literal["ucb", "ei", "poi"]
@@ -161,7 +161,7 @@ class BayesianKernel(Kernel):
         flags = work.last.copy()
         flags[rows] = last
         work = replace(work, angle=np.concatenate([work.angle, column], axis=1), last=flags)
-        proposal = rotated(move.state.tape[rows], work.other[rows], angle)
+        proposal = rotate(move.state.tape[rows], work.other[rows], angle)
         turn = work.angle.shape[1] - 2
         return replace(move, proposal=proposal, turn=turn, work=work)
 
