@@ -25,7 +25,7 @@ _TURNED = 1e-3
 """Most angle between them [rad]."""
 _MOST_TURNED = 100.0
 """Most angle that a spiral may turn by [rad]: more would be computed for hours."""
-_STEP = 0.5
+_STEP = 0.2
 """Distance of the points of a curve that is a polynomial [m]."""
 
 
