@@ -16,30 +16,52 @@ SHARED = next(
 )
 METRES, RADIANS, SPEED = 0.3, 0.02, 0.3
 CONTROLLER = "a controller of the player's own drives it"
-STEP = "the player's tests run it with steps of 0.1 s, in which a new speed counts for the whole step"
-EDITION = "recorded with another edition of the road, whose arms are 150 m long"
-FOLLOW = "the player's own limits of the vehicle shape the profile"
-HEADING = "a place is reached with a heading, which is not compared"
-SLOPE = "the road climbs; headings are those in the plane"
+EDITION = "recorded with another edition of the file, whose arms are 150 m long"
 REFUSED = "swarms, other simulators and coupled trailers are refused"
+TILTED = "the road climbs or is banked; headings and ways are those of a flat one"
+LATERAL = "the player steers to a lateral distance by a law of its own, and waits two steps more for its end"
+STEP = "a step of the player's tests, 0.01 or 0.1 s, earlier or later"
+END = "the player goes on for one more step at the end of a road"
+LANES = "the player leaves the route on the oncoming side of a junction, and lane offsets cost it no way"
+TIMES = "times of control points are left out"
 EXPLAINED = {
     ("test_ghost_restart", ""): CONTROLLER,
     ("test_ghost_restart2", ""): CONTROLLER,
     ("test_multi_controller", ""): CONTROLLER,
     ("test_ALKS", "Ego"): CONTROLLER,
-    ("test_ALKS", "LeadVehicle"): STEP,
-    ("test_velodrome", ""): STEP,
-    ("test_traj_speed", ""): STEP,
-    ("test_rising_edge", ""): STEP,
-    ("test_reverse_lane_change", ""): STEP,
-    ("test_AEB", ""): EDITION,
-    ("test_speed_profile", "Car1"): FOLLOW,
-    ("test_heading_trig", ""): HEADING,
-    ("test_star", ""): SLOPE,
+    ("test_AEB_C2C_2023_NCAP_AEB_C2C_CCFtap", ""): EDITION,
+    ("test_AEB_VRU_2023_NCAP_AEB_VRU_CB", ""): EDITION,
+    ("test_AEB_VRU_2023_NCAP_AEB_VRU_CPTA", ""): EDITION,
+    ("test_star", ""): TILTED,
+    ("test_velodrome", ""): TILTED,
+    ("test_lat", ""): LATERAL,
+    ("test_heading_trig", ""): STEP,
+    ("test_repeats_and_relative_speed", ""): STEP,
+    ("test_relative_speed_trig", ""): STEP,
+    ("test_speed_profile", ""): STEP,
+    ("test_ltap_od", ""): STEP,
+    ("test_lane_change_simple", ""): END,
+    ("test_route_lane_change", ""): LANES,
+    ("test_action_dynamics", ""): LANES,
+    ("test_trajectory", ""): TIMES,
 }
 """Beginning of the test's name and entity (any where empty) -> why its states may differ, agree or not."""
-LEAST = 889
-"""States of 1,138 in acted scenes that agree at least; nine of ten is the goal."""
+TENTHS = (
+    "test_repeats_and_relative_speed",
+    "test_rising_edge",
+    "test_traj_heading",
+    "test_traj_speed",
+    "test_traj_special_cases",
+    "test_lane_change_simple",
+    "test_lat_dist_road_coordinates",
+    "test_lateral_distance_entity",
+    "test_velodrome",
+)
+"""Tests that the player runs with steps of 0.1 s."""
+LEAST = 970
+"""States of 1,138 in acted scenes that agree at least."""
+LEAST_SHARE = 0.9
+"""The same as a share of those that no controller drives, on roads of the same edition."""
 
 
 def explain(test, entity):
@@ -61,7 +83,7 @@ def differ(state, row):
 def test_states_are_those_of_the_player():
     counts, reasons = np.zeros(2, int), {}
     for case in json.loads((SHARED / "conformance/openscenario_positions.json").read_text()):
-        step, rows = case["timestep"] or 0.01, case["rows"]
+        step, rows = 0.1 if case["test"] in TENTHS else case["timestep"] or 0.01, case["rows"]
         try:
             file = read_acted(str(SHARED / "data/openscenario" / case["file"]), step)
             times, states = act_out(file, step, max(row["time"] for row in rows) + step)
@@ -78,4 +100,9 @@ def test_states_are_those_of_the_player():
     print(f"\n{counts[0]} of {counts[1]} states of acted scenes agree")
     for why, agreeing in sorted(reasons.items()):
         print(f"{sum(agreeing):>5} of {len(agreeing)} {why}")
+    unexplained = {why: agreeing for why, agreeing in reasons.items() if why.startswith("no reason")}
+    assert all(map(all, unexplained.values())), unexplained
+    compared = [each for why in reasons.keys() - {CONTROLLER, EDITION, REFUSED} for each in reasons[why]]
+    print(f"{sum(compared)} of {len(compared)} that obey the same file")
     assert counts[0] >= LEAST
+    assert np.mean(compared) >= LEAST_SHARE
