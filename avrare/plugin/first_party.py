@@ -50,14 +50,14 @@ def avrare_components() -> list[Component]:
         Component(
             kind="executor",
             name="serial",
-            config="avrare.rollout.executors.serial:ExecutorConfig",
+            config="avrare.rollout.executors.work:ExecutorConfig",
             factory="avrare.rollout.executors.serial:build",
             summary="one chunk after another in this process",
         ),
         Component(
             kind="executor",
             name="processes",
-            config="avrare.rollout.executors.serial:ExecutorConfig",
+            config="avrare.rollout.executors.work:ExecutorConfig",
             factory="avrare.rollout.executors.processes:build",
             summary="chunks on worker processes of this machine",
         ),

@@ -57,10 +57,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
         return {}
 
     def features(self, state: Any) -> Floats | None:
-        """Return (N, F) numbers that tell how a rollout may go on, for estimators that learn it.
-
-        Default: None. A simulator has its signals and vehicles, any other system its signals.
-        """
+        """Return (N, F) numbers that tell how a rollout may go on. Default: None, signals and vehicles."""
         return None
 
 
@@ -109,8 +106,7 @@ class System(_Dynamics):
 class Simulator(_Dynamics):
     """Simulator: the world without the stack under test.
 
-    A driving simulator has a scene, and worlds with ``ego`` and ``others`` (``avrare.driving.Vehicles``). A
-    controller sees ``ego`` of any world; of one without it the signals (N, d), in order.
+    Worlds of driving have ``ego`` and ``others``; of others a controller sees the signals (N, d), in order.
 
     Attributes:
         dt: Time of a step [s].
@@ -258,8 +254,8 @@ class Controller(ABC):
     def act(self, memory: Any, ego: Any, prediction: Prediction | None) -> tuple[Any, Any]:
         """Return the action for the next step and the memory after it; called before each step.
 
-        ``ego`` is what the simulator shows: in driving ``avrare.driving.Vehicles``, and the answer an
-        ``Action``. ``prediction`` is None without tracker.
+        In driving ``ego`` is ``avrare.driving.Vehicles``, and the answer an ``Action``. ``prediction`` is
+        None without tracker.
         """
 
     def alternatives(self) -> Mapping[str, Controller]:

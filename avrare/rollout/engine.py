@@ -35,10 +35,7 @@ def simulate(
     *,
     scored: bool = True,
 ) -> Rollouts:
-    """Run the rows of ``request`` to step ``steps`` or to their breakdown; the first specification scores.
-
-    ``scored=False`` leaves out the score of every step.
-    """
+    """Run the rows of ``request`` to ``steps`` or their breakdown; the first specification scores."""
     if request.law is not None:
         system = adapt(System, system.under(request.law))
     if request.past is not None:
@@ -367,10 +364,8 @@ def _restore_carries(
     retrace_request = Request(run, run, run, past.origin[order], carries, tape)
     retrace = _Retrace(system, specifications, until, retrace_request)
     if retrace.run().error.any():
-        raise UsageError(
-            "a rollout broke down on noise on which it did not break down before: the system does not depend "
-            "on its noise alone"
-        )
+        text = "a rollout broke down on noise on which it did not before"
+        raise UsageError(f"{text}: the system does not depend on its noise alone")
     carried = np.ones(request.rows, dtype=bool)
     carried[rows] = False
     reached = {t: (rows[who], carry) for t, (who, carry) in retrace.reached.items()}

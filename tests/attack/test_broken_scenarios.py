@@ -181,10 +181,11 @@ def complaint(code, out, err):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for beside in ("_base", "openscenario"):
-        shutil.copytree(SCENARIOS / beside, tmp_path / beside)
-    return tmp_path
+    folder = tmp_path / "scenarios"
+    for place in (folder / "_base", folder / "openscenario", tmp_path / "openscenario"):
+        shutil.copytree(SCENARIOS / place.name, place)
+    monkeypatch.chdir(folder)
+    return folder
 
 
 @pytest.mark.slow

@@ -70,9 +70,10 @@ def test_a_warning_shared_by_all_is_shown_once(problem):
 def test_splitting_says_what_its_score_may_miss_and_monte_carlo_need_not(problem):
     split = avrare.estimate(problem, "ams", particles=100, discard=10, runs=1, seed=3)
     sentence = f"Failures that the score does not lead to could be as likely as {split.blind_bound:.2g}."
-    assert note_lines([split, split]) == [sentence]
+    assert sentence in note_lines([split, split])
     counted = replace(avrare.estimate(problem, "mc", rollouts=50), specification="counted")
-    assert note_lines([split, counted]) == [f"{split.specification}: {sentence}"]
+    assert f"{split.specification}: {sentence}" in note_lines([split, counted])
+    assert not note_lines([counted])
 
 
 @pytest.mark.parametrize("mode", ["plain", "auto"])

@@ -67,6 +67,7 @@ MAKERS = {
     "counts": lambda: estimate("mc", problem(system=Solved()), rollouts=50),
     "blind": lambda: estimate("ams", runs=4, **SMALL),
     "witness": lambda: estimate("is", rollouts=20_000),
+    "doubt": lambda: estimate("ams", particles=30, discard=10, runs=3),
     "choice": lambda: estimate("auto", problem(0.5), rollouts=5000),
     "model": estimate_ensemble,
     "cross_check": lambda: estimate("ams", runs=4, cross_check={"share": 1.0}, **SMALL),

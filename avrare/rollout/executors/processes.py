@@ -7,8 +7,7 @@ import pickle
 import sys
 
 from avrare.base.errors import UsageError
-from avrare.rollout.executors.serial import ExecutorConfig
-from avrare.rollout.executors.work import Work
+from avrare.rollout.executors.work import ExecutorConfig, Work
 from avrare.rollout.executors.worker_pool import WorkerPool
 from avrare.rollout.executors.worker_process import HINT, WorkerProcess, exit_if_unguarded
 

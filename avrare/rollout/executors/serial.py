@@ -8,17 +8,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from pydantic import Field
-
-from avrare.plugin import Options
 from avrare.rollout.child_process import run_guarded
-from avrare.rollout.executors.work import Errand, Executor, Task, Work
-
-
-class ExecutorConfig(Options):
-    """Options of the core's executors."""
-
-    workers: int = Field(default=1, ge=1, le=1024, description="processes")
+from avrare.rollout.executors.work import Errand, Executor, ExecutorConfig, Task, Work
 
 
 def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from avrare import protocols
 from avrare.base.errors import UsageError
+from avrare.plugin import Options
 from avrare.plugin.registry import default_registry
 from avrare.rollout.child_process import run_here
 from avrare.rollout.noise import NoiseSource
@@ -25,6 +27,12 @@ _FIELDS = ("scores", "robustness", "violated", "error", "log_weight")
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+
+class ExecutorConfig(Options):
+    """Options of the core's executors."""
+
+    workers: int = Field(default=1, ge=1, le=1024, description="processes")
 
 
 @dataclass(frozen=True)

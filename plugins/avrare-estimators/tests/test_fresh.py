@@ -85,13 +85,3 @@ def test_an_estimate_of_0_has_the_bound_of_all_fresh_rows():
     rows = FreshRows(rows=200, failures=1, errors=2)
     assert rows.interval_of_zero()(0.9) == intervals.clopper_pearson(0, 200, 0.9, errors=3)
     assert FreshRows().interval_of_zero()(0.9) == (0.0, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("interval", "vouched"), [((0.7, 1.4), True), ((0.9, 1.4), False), ((0.7, 1.3), False)]
-)
-def test_fresh_rows_vouch_for_an_interval_whose_ends_lie_near_theirs_or_beyond(interval, vouched):
-    low, high = FreshRows(1000, 20).interval(0.95)
-    given = (interval[0] * 2.0 * low, interval[1] * high / 2.0)
-    assert FreshRows(1000, 20).vouch_for(given, 0.95) == vouched
-    assert not FreshRows(1000, 0).vouch_for(given, 0.95)
