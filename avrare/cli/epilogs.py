@@ -11,6 +11,7 @@ docs/rates.md.
 examples:
   avrare rate scenarios/catalogues/parked_car.yaml --workers 2 --out night
   avrare rate scenarios/catalogues/parked_car.yaml --out night --resume
+  avrare rate scenarios/catalogues/motorway_cut_ins.yaml --against reference_driver=fsm
 
 exit code: 0 all thresholds pass (or there are none), 1 a threshold fails, 3 inconclusive, 4 bad
 catalogue or command, 6 too many rollout errors
@@ -43,6 +44,7 @@ examples:
       --budget steps=40000 --repeat 5 --truth mc=10000 --workers 4 --out comparison
   avrare compare drive.yaml --against drive_new.yaml --budget rollouts=5000
   avrare compare drive.yaml --against drive.yaml --set against.controller.horizon=15
+  avrare compare scenarios/motorway_cut_in.yaml --against reference_driver=cc
 """,
     "report": """\
 DIR is a folder written by `avrare run`. The report is a single file without external
