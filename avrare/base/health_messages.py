@@ -17,7 +17,7 @@ MESSAGES = {
     "outliers": "failures that begin with {what} {when} have a probability of at least {low:.2g}, and the "
     "estimate's interval ends at {upper:.2g}: it misses them; use mc, more first rollouts, or "
     "importance sampling with a learned proposal",
-    "horizon_short": "the formula looks {horizon} samples ahead but a rollout has {steps} step(s): windows "
+    "horizon_short": "the formula looks {horizon} samples ahead but a rollout ends after {steps}: windows "
     "are clipped at its last sample",
     "solver_failures": "{fallbacks} of {solves} solves of the controller failed: it reused its last plan",
     "not_deterministic": "{reason}: the system depends on more than its noise, and this result cannot be "

@@ -59,6 +59,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--blob cannot be combined with --run", "give one of them")
     if "" in args.export:
         raise UsageError("--export must be a file, not ''")
+    if args.export:
+        load_function("export")  # before the replay, where its distribution is missing
 
 
 def _replay_stored_failure(args: argparse.Namespace) -> FailureReplay:

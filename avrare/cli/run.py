@@ -259,7 +259,7 @@ def estimate_run(
 
 def _report_restarts(executor: Executor) -> None:
     if executor.restarts:  # no part of any result: the chunks gave the same bits the second time
-        say(f"note: workers died {executor.restarts} time(s); their chunks were run again", error=True)
+        say(f"note: workers died: {executor.restarts}; their chunks were run again", error=True)
 
 
 def _show(

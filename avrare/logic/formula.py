@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -19,7 +19,7 @@ from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
 from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
 from avrare.logic.syntax import nodes
-from avrare.logic.syntax.lint import LintWarning
+from avrare.logic.syntax.lint import LintWarning, choose_warnings
 from avrare.logic.syntax.parser import parse, parse_with_warnings
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Bools, Floats, Signals, Specification
@@ -51,7 +51,7 @@ def stl(
     """
     if until not in ("closed", "half-open"):
         raise FormulaError(f"until is {until!r}", 'use until="closed" or until="half-open"')
-    _, lint = parse_with_warnings(text, _FINEST_STEP if dt is None else dt)
+    lint = choose_warnings(parse_with_warnings(text, _FINEST_STEP if dt is None else dt)[1], until)
     if warn:
         for warning in lint:
             hint = f"\nhint: {warning.hint}" if warning.hint else ""
@@ -97,20 +97,20 @@ class Formula:
         Raises:
             FormulaError: A bound is no multiple of the step, or the formula has another sampling period.
         """
-        if self.dt is None:
+        if self.dt is None and self.derived is None:
             return stl(self.text, dt, self.until, warn=False)
         try:
-            fits = parse(self.text, dt) == self.node
+            fits = parse(self.text, dt) == parse(self.text, self.period)
         except FormulaError:  # a bound is no multiple of the step
             fits = False
         if not fits:
-            text = (
-                f"{self.text!r} takes {float(self.dt):g} s for a sample, but a step of the system is {dt:g} s"
+            period, hint = (
+                float(self.period),
+                "leave dt out, or give the formula the step: avrare.stl(..., dt=",
             )
-            raise FormulaError(
-                text, f"leave dt out, or give the formula the step: avrare.stl(..., dt={dt:g})"
-            )
-        return self
+            text = f"{self.text!r} takes {period:g} s for a sample, but a step of the system is {dt:g} s"
+            raise FormulaError(text, f"{hint}{dt:g})")
+        return replace(self, dt=dt) if self.dt is None else self
 
     def __str__(self) -> str:
         return to_text(self.node)

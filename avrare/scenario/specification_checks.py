@@ -7,6 +7,7 @@ from fractions import Fraction
 from avrare.base.errors import FormulaError
 from avrare.base.health_messages import MESSAGES
 from avrare.logic.syntax import nodes
+from avrare.logic.syntax.lint import choose_warnings
 from avrare.logic.syntax.parser import parse_with_warnings
 from avrare.scenario.schema import Block, Formula, ScoreFormula
 from avrare.scenario.validation import Mistake, failed_check
@@ -31,22 +32,24 @@ def check_specification(
     """
     if isinstance(part, Block):
         return _check_block(part, node, path, dt)
-    errors, warnings = _check_text(part.stl, node, path, dt, steps)
+    errors, warnings = _check_text(part.stl, part.until, node, path, dt, steps)
     if isinstance(part.score, ScoreFormula):
-        score = _check_text(part.score.stl, node.entries["score"], (*path, "score"), dt, steps)
+        score = _check_text(part.score.stl, part.until, node.entries["score"], (*path, "score"), dt, steps)
         errors, warnings = errors + score[0], warnings + score[1]
     return errors, warnings
 
 
 def _check_text(
-    text: str, node: Node, path: Path, dt: float | None, steps: int | None
+    text: str, until: str, node: Node, path: Path, dt: float | None, steps: int | None
 ) -> tuple[list[Mistake], list[Mistake]]:
     mark, path = node.entries["stl"].mark, (*path, "stl")
     try:
         formula, lint = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
     except FormulaError as error:
         return [Mistake(mark, path, error.message, error.hint)], []
-    warnings = [Mistake(mark, path, warning.message, warning.hint) for warning in lint]
+    warnings = [
+        Mistake(mark, path, warning.message, warning.hint) for warning in choose_warnings(lint, until)
+    ]
     if dt is not None and steps is not None:
         warnings += [Mistake(mark, path, text) for text in reach_warnings(formula, steps)]
     return [], warnings

@@ -33,7 +33,7 @@ def test_build_checks_the_horizon_of_a_plugins_rule(capsys, steps, doubts):
     if doubts:
         place = f"{LANE_CHANGE}: specifications.enter"
         assert err.startswith(
-            f"warning: {place}: the formula looks 50 samples ahead but a rollout has 20 step(s): "
+            f"warning: {place}: the formula looks 50 samples ahead but a rollout ends after 20: "
         )
 
 

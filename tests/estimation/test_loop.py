@@ -167,7 +167,7 @@ def test_a_formula_beyond_the_end_and_a_failing_solver_give_warnings():
     task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
     result = avrare.estimate(task, rollouts=50)
     assert set(result.health) == {"horizon_short", "solver_failures"}
-    assert "30 samples ahead but a rollout has 20 step(s)" in result.health["horizon_short"]
+    assert "30 samples ahead but a rollout ends after 20" in result.health["horizon_short"]
     assert "1000 of 10000 solves" in result.health["solver_failures"]
 
 

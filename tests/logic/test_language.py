@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -265,3 +266,34 @@ def test_a_name_before_a_last_statement_that_is_a_number(text):
 )
 def test_temporal_operators_on_both_sides_are_unambiguous(text):
     assert parse_with_warnings(text)[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "warned"),
+    [
+        ("(x < 0.5) until[0,1] (x >= 0.5)", True),
+        ("(x < 0.5) S (x >= 0.5)", True),
+        ("((x < 0.5) or (x >= 0.5)) unless (x >= 0.5)", False),
+        ("(x < 0.5) until (y > 0)", False),
+    ],
+)
+def test_a_closed_until_about_one_signal_is_a_warning(text, warned):
+    found = [warning.message for warning in stl(text, warn=False).warnings]
+    assert any("must hold where the right one does" in message for message in found) == warned
+    assert stl(text, until="half-open", warn=False).warnings == ()
+
+
+def test_the_hint_of_a_closed_until_is_the_half_open_reading():
+    x = np.random.default_rng(0).normal(0.5, 0.3, (50, 6))
+    half = stl("(x < 0.5) until[0,3] (x >= 0.5)", until="half-open").robustness({"x": x})
+    written = stl("((x < 0.5) or (x >= 0.5)) until[0,3] (x >= 0.5)", warn=False).robustness({"x": x})
+    np.testing.assert_array_equal(written, half)
+
+
+def test_a_derived_formula_keeps_its_tree_at_another_step():
+    formula = stl("always (x > 0)")
+    derived = replace(formula, derived=formula.node.child)
+    assert derived.at(0.1).node == formula.node.child
+    timed = stl("always[0,2] (x > 0)")
+    with pytest.raises(FormulaError, match="takes 1 s for a sample"):
+        replace(timed, derived=timed.node.child).at(0.1)

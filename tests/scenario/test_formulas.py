@@ -29,8 +29,8 @@ def test_a_bound_beyond_the_rollout_is_a_warning(good, read):
     [(message, hint)] = read(text).warnings
     assert hint is None
     assert message == (
-        "s.yaml:10:14: specifications.far.stl: the formula looks 60 samples ahead but a rollout has "
-        "40 step(s): windows are clipped at its last sample"
+        "s.yaml:10:14: specifications.far.stl: the formula looks 60 samples ahead but a rollout ends "
+        "after 40: windows are clipped at its last sample"
     )
 
 
@@ -52,7 +52,7 @@ def test_only_bounded_future_operators_count(text, span):
     assert reach_warnings(node, span) == []
     for steps in range(span):
         [words] = reach_warnings(node, steps)
-        assert words.startswith(f"the formula looks {span} samples ahead but a rollout has {steps} step(s): ")
+        assert words.startswith(f"the formula looks {span} samples ahead but a rollout ends after {steps}: ")
 
 
 def test_warnings_of_the_formula_language_are_passed_on(good, read):

@@ -93,10 +93,12 @@ def summarise(result: MonitoringResult) -> str:
         overall = "" if same else f" (overall robustness {robustness})"
         return f"{verdict} first and worst {_describe(result, first)}{overall}"
     # A part may be further from holding than the formula, where other parts make up for it.
-    overall = " overall" if first.value < first.robustness else ""
+    overall = ""
+    if first.value < first.robustness:
+        overall = f"whole formula {format_robustness(first.robustness)} there, "
     at = "" if worst is None else f" at {format_sample_time(result.recording, worst.sample)} s"
     limit = f", decided by {worst.limit}" if worst is not None and worst.limit and overall else ""
-    return f"{verdict} first {_describe(result, first)} (worst{overall} robustness {robustness}{at}{limit})"
+    return f"{verdict} first {_describe(result, first)} ({overall}worst robustness {robustness}{at}{limit})"
 
 
 def _describe(result: MonitoringResult, decisive: DecisiveSample) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import UsageError
+from avrare.base.number_format import format_count
 from avrare.estimation.checks.result_builder import build_result, missing_worst
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import MOST_ROBUSTNESS, Counts
@@ -226,8 +227,9 @@ def _affordable_rollouts(plan: Plan, config: McConfig) -> int:
     cost = max(plan.steps, 1) if budget.kind == "steps" else 1
     rollouts = int(budget.amount // (cost * config.runs))
     if rollouts < 1:
+        runs = format_count(config.runs, "run")
         raise UsageError(
-            f"a budget of {budget.kind}={budget.amount:g} does not pay for {config.runs} run(s) of a rollout",
+            f"a budget of {budget.kind}={budget.amount:g} does not pay for {runs} of a rollout",
             f"one rollout costs {cost} {budget.kind}",
         )
     return rollouts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from avrare.logic.syntax.definitions import Definitions
@@ -31,10 +31,12 @@ class LintWarning:
         message: Place, text and mark in the layout of an error's message:
             ``line 1, column 3: what is odd``, the source line, and a mark below the place.
         hint: Suggestion, if there is one.
+        of_closed: Whether it is of the closed reading of until and since alone.
     """
 
     message: str
     hint: str | None = None
+    of_closed: bool = False
 
 
 _Placed = tuple[tuple[int, int], LintWarning]
@@ -48,7 +50,13 @@ def find_lint_warnings(
     parts = [part for tree in trees for part in tree.iter_subtrees()]
     warnings += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
     warnings += _signless(text, parts)
+    warnings += [warning for part in parts if part.data == "until" for warning in _closed_until(text, part)]
     return tuple(warning for _, warning in sorted(warnings, key=lambda pair: pair[0]))
+
+
+def choose_warnings(warnings: tuple[LintWarning, ...], until: str) -> tuple[LintWarning, ...]:
+    """Return the warnings about a text that hold for a reading of until."""
+    return tuple(warning for warning in warnings if until == "closed" or not warning.of_closed)
 
 
 def _warn(text: str, place: Place, message: str, hint: str) -> _Placed:
@@ -88,6 +96,21 @@ def _early_end(text: str, tree: Tree[Token]) -> list[_Placed]:
     message = f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}"
     hint = f"write ({op} ...) {joint} ... if that is meant, {op} (... {joint} ...) if not"
     return [_warn(text, op, message, hint)]
+
+
+def _closed_until(text: str, tree: Tree[Token]) -> list[_Placed]:
+    # Where both sides are about one signal, the left one seldom holds where the right one does.
+    op = get_token(tree, 1)
+    sides = [
+        {str(part.children[0]) for part in get_subtree(tree, at).iter_subtrees() if part.data == "signal"}
+        for at in (0, -1)
+    ]
+    if not sides[0] & sides[1] or op.type == "UNLESS":
+        return []
+    message = f"the left side of {op!s} must hold where the right one does, too, as they are read here"
+    hint = f"write (left or right) {op!s} right; or choose the half-open reading, that of rtamt"
+    place, warning = _warn(text, op, message, hint)
+    return [(place, replace(warning, of_closed=True))]
 
 
 def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:

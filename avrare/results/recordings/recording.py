@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
+from avrare.driving.contact import find_contacts, interpolate
 from avrare.driving.frames import to_plane
-from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.driving.geometry import Rectangle, ego_rectangle, other_rectangles, signed_distance
 from avrare.driving.lanes import lane_overlap
 from avrare.protocols import Bools, Floats
 
@@ -120,7 +121,6 @@ def assemble_recording(
         rows = np.array([values[field] for values in filled], dtype=np.float64)
         signals[f"others_{field}"] = rows.reshape(len(others), len(ego.present)).T.copy()
     lengths, widths = (np.array([getattr(other, key) for other in others]) for key in ("length", "width"))
-    signals |= _compute_distances(signals, ego, lengths, widths, road)
     names = tuple(other.name for other in others)
     scene = None
     if road is not None:
@@ -128,7 +128,34 @@ def assemble_recording(
         moving = np.array([bool(np.any(np.abs(speed) > _PARKED_SPEED)) for speed in speeds], dtype=bool)
         scene = Scene(dt, road, ego.length, ego.width, names, lengths, widths, moving)
         _require_lanes(source, signals, scene)
+        _show_contacts(signals, scene)
+    signals |= _compute_distances(signals, ego, lengths, widths, road)
     return Recording(source, dt, start, signals, scene, names)
+
+
+def _show_contacts(signals: dict[str, Floats], scene: Scene) -> None:
+    # Vehicles that pass through the ego between two samples are at the second one where they touch it first.
+    ego, others = (Vehicles(*(signals[f"{who}_{field}"] for field in FIELDS)) for who in ("ego", "others"))
+    before, after = ((_at(ego, rows), _at(others, rows)) for rows in (slice(None, -1), slice(1, None)))
+    contacts = find_contacts(scene, before, after)
+    apart = signed_distance(ego_rectangle(ego, scene), other_rectangles(others, scene)) > 0.0
+    hidden = np.isfinite(contacts) & apart[:-1] & apart[1:]
+    for sample, vehicle in np.argwhere(hidden).tolist():
+        share = contacts[sample, vehicle]
+        own, other = (
+            interpolate(_at(one, place), _at(later, place), share)
+            for one, later, place in (
+                (before[0], after[0], sample),
+                (before[1], after[1], (sample, vehicle)),
+            )
+        )
+        for field in FIELDS:
+            signals[f"ego_{field}"][sample + 1] = getattr(own, field)
+            signals[f"others_{field}"][sample + 1, vehicle] = getattr(other, field)
+
+
+def _at(vehicles: Vehicles, place: Any) -> Vehicles:
+    return Vehicles(*(values[place] for values in vars(vehicles).values()))
 
 
 def _require_lanes(source: str, signals: Mapping[str, Floats], scene: Scene) -> None:

@@ -189,3 +189,11 @@ def test_a_folder_that_cannot_store_failures_is_reported_before_the_run(avrare, 
     code, _, err = run(avrare, "--out", "a", "--failures", "file")
     assert (code, "not a writable folder" in err) == (4, True)
     assert not (tmp_path / "a" / "result.json").exists()
+
+
+def test_an_export_without_its_distribution_is_refused_before_the_replay(avrare, stored, monkeypatch):
+    monkeypatch.setattr("avrare.plugin.provided.entry_points", lambda **names: [])
+    monkeypatch.setattr("avrare.cli.replay.replay", None)  # not called
+    code, _, err = avrare("replay", SCENARIO, *CHANGES, "--failure", stored, "--export", "x.csv")
+    assert code == 5
+    assert "avrare.export is provided by avrare-recordings" in err

@@ -133,5 +133,5 @@ def test_a_dead_worker_is_replaced(night):
     trap = night.folder / "trap"
     trap.touch()
     _, err = night.run(scenario, "--out", "mended", "--workers", 2, AVRARE_TOY_DIE=str(trap))
-    assert "note: workers died 1 time(s); their chunks were run again" in err
+    assert "note: workers died: 1; their chunks were run again" in err
     assert night.result("mended") == night.result("whole")

@@ -100,7 +100,7 @@ class DiscreteActions(_NoisyActions):
             return self._number(commands[:, 0])
         if commands.shape[1] != self.width:
             raise UsageError(
-                f"a command for {self.count} actions has {self.width} number(s), not {commands.shape[1]}",
+                f"a command for {self.count} actions has the size {self.width}, not {commands.shape[1]}",
                 "two actions: one number, positive for the second; more: one score per action",
             )
         if self.channel is not None:
@@ -136,7 +136,7 @@ class BoxActions(_NoisyActions):
         if commands is not None and np.size(commands) != len(noise) * self.low.size:
             size = np.size(commands) // len(noise)
             raise UsageError(
-                f"an action has {self.low.size} number(s), the controller's command {size}",
+                f"an action has the size {self.low.size}, the controller's command {size}",
                 "`gain` needs one row and `action` one entry per number",
             )
         replaced = self._is_replaced(commands, noise)

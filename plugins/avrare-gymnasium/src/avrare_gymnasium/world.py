@@ -140,7 +140,7 @@ class GymWorld(World):
             observation = np.asarray(spaces.flatten(self.space, observation) if self.nested else observation)
         if observation.size != self.size:  # the entries would be read as other signals
             raise UsageError(
-                f"an observation has {observation.size} number(s), the observation_space {self.size}",
+                f"an observation has the size {observation.size}, the observation_space {self.size}",
                 "the environment must follow its observation_space",
             )
         numbers: list[float] = observation.ravel().tolist()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from avrare.base.errors import UsageError
+from avrare.base.number_format import format_count
 from avrare.estimation.plan.plan import Plan
 
 
@@ -72,8 +73,8 @@ def affordable_rollouts(plan: Plan, rollouts: int, runs: int, stages: int, check
     least = 2 if stages == 1 else 20
     if paid < least:
         raise UsageError(
-            f"a budget of {budget.kind}={budget.amount:g} does not pay for {runs} run(s) of {stages} "
-            f"stage(s) of {least} rollouts",
+            f"a budget of {budget.kind}={budget.amount:g} does not pay for {format_count(runs, 'run')} of "
+            f"{format_count(stages, 'stage')} of {least} rollouts",
             f"raise it to {math.ceil(least * cost / (1.0 - check))}",
         )
     return paid
