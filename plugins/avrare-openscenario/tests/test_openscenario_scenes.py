@@ -16,6 +16,7 @@ from avrare_openscenario.scenes_command import judge_scene, list_scenes, read_ac
 from avrare_openscenario.trace import act_out
 from openscenario_files import (
     AT_ONE,
+    COLLISION,
     SCENARIOS,
     SPEED,
     change_lane,
@@ -360,3 +361,15 @@ def test_the_census_does_not_fall():
     findings = [judge_scene(path) for path in roads]
     assert sum(finding.status != "refused" for finding in findings) >= READ_BY_NOW
     assert all(finding.reason for finding in findings if finding.status == "refused")
+
+
+@pytest.mark.parametrize(("value", "noted"), [("0.0", True), ("1.0", False)])
+def test_a_rising_edge_that_holds_at_its_first_check_is_noted(write, value, noted):
+    now = AT_ONE.replace('value="1.0"', f'value="{value}"')
+    found = judge_scene(write(document(event(slow_down(), now, edge="rising"))))
+    assert ("a rising edge that holds at its first check" in found.reason) == noted
+
+
+def test_a_time_to_collision_across_lanes_is_noted(write):
+    found = judge_scene(write(document(event(slow_down(), of_entity(COLLISION)))))
+    assert "is taken along the road, also to vehicles in other lanes" in found.reason

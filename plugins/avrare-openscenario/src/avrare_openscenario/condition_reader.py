@@ -160,6 +160,7 @@ class ConditionReader:
             raise one.error(
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
+        one.note("is taken along the road, also to vehicles in other lanes")
         target = one.child("TimeToCollisionConditionTarget").choice()
         if target.tag == "Position":
             place = read_place(target, self.parameters, self.roads, self.names, self.curves)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from avrare.base.errors import UsageError
 from avrare.plugin.component import FoundScene
 from avrare_openscenario.parameters import Parameters
-from avrare_openscenario.xml_tree import Element, parse_number, read_xml
+from avrare_openscenario.xml_tree import Element, read_xml
 
 _KNOWN = (
     "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram, ProbabilityDistributionSet"
 )
 
 _Axis = tuple[dict[str, str], ...]
+_PLACE = "parameters."
 
 
 def list_scenes(path: str, ego: str | None) -> list[FoundScene]:
@@ -26,27 +27,20 @@ def list_scenes(path: str, ego: str | None) -> list[FoundScene]:
     where its scene is read.
     """
     options = {"entity": ego or "Ego", "ignore_ego_events": True}
-    plain: list[FoundScene] = []
-    varied: list[FoundScene] = []
+    scenes: list[FoundScene] = []
     templates: set[str] = set()
     for file in sorted(map(str, Path(path).rglob("*.xosc"))) if os.path.isdir(path) else [path]:
         named, axes = file, tuple[_Axis]()
-        try:
+        with suppress(UsageError):
             top = read_xml(file, "OpenSCENARIO")
-            if (block := top.find("ParameterValueDistribution")) is None:
-                if top.find("Catalog") is None:
-                    plain.append(FoundScene(file, {**options, "file": file}))
+            if top.find("Catalog") is not None:
                 continue
-            named = _find_template(block)
-            templates.add(os.path.realpath(named))
-            if (sets := block.find("Deterministic")) is not None:
-                axes = tuple(map(_read_axis, sets.children))
-            else:
-                named = file
-        except UsageError:
-            axes = ()
-        varied.append(FoundScene(file, {**options, "file": named}, axes))
-    return [*(scene for scene in plain if os.path.realpath(scene.path) not in templates), *varied]
+            if (block := top.find("ParameterValueDistribution")) is not None:
+                templates.add(template := _find_template(block))
+                if (sets := block.find("Deterministic")) is not None:
+                    named, axes = template, tuple(map(_read_axis, sets.children))
+        scenes.append(FoundScene(file, {**options, "file": named}, axes))
+    return [scene for scene in scenes if os.path.normpath(scene.path) not in templates]
 
 
 def _find_template(block: Element) -> str:
@@ -55,22 +49,22 @@ def _find_template(block: Element) -> str:
 
 
 def _read_axis(element: Element) -> _Axis:
-    match element.tag, element.choice().tag:
-        case "DeterministicSingleParameterDistribution", "DistributionSet":
-            name = f"parameters.{element.attribute('parameterName')}"
-            return tuple({name: _read_value(one)} for one in element.choice().list("Element"))
-        case "DeterministicSingleParameterDistribution", "DistributionRange":
-            name = f"parameters.{element.attribute('parameterName')}"
-            return tuple({name: value} for value in _list_range(element.choice()))
-        case "DeterministicMultiParameterDistribution", "ValueSetDistribution":
-            return tuple(
-                {
-                    f"parameters.{one.attribute('parameterRef')}": _read_value(one)
-                    for one in values.list("ParameterAssignment")
-                }
-                for values in element.choice().list("ParameterValueSet")
-            )
-    raise element.unknown("DistributionSet, DistributionRange, ValueSetDistribution")
+    choices = element.choice()
+    if choices.tag == "ValueSetDistribution":
+        sets = (values.list("ParameterAssignment") for values in choices.list("ParameterValueSet"))
+        return tuple(
+            {_PLACE + one.attribute("parameterRef"): _read_value(one) for one in each} for each in sets
+        )
+    name = _PLACE + element.attribute("parameterName")
+    if choices.tag == "DistributionSet":
+        return tuple({name: _read_value(one)} for one in choices.list("Element"))
+    if choices.tag != "DistributionRange":
+        raise choices.unknown("DistributionSet, DistributionRange, ValueSetDistribution")
+    step, bounds = choices.number("stepWidth"), _range(choices.child("Range"))
+    if step <= 0.0 or bounds["high"] < bounds["low"]:
+        raise choices.error("stepWidth should be above 0, and upperLimit not below lowerLimit")
+    count = math.floor((bounds["high"] - bounds["low"]) / step + 1e-9) + 1
+    return tuple({name: f"{bounds['low'] + k * step:.12g}"} for k in range(count))
 
 
 def _read_value(element: Element) -> str:
@@ -79,17 +73,6 @@ def _read_value(element: Element) -> str:
     if not written.startswith("${"):
         return written
     return f"{Parameters(None, {}, element.path).fixed(element, 'value'):.12g}"
-
-
-def _list_range(element: Element) -> Iterator[str]:
-    step, bounds = (
-        parse_number(element, "stepWidth", element.attribute("stepWidth")),
-        _range(element.child("Range")),
-    )
-    if step <= 0.0 or bounds["high"] < bounds["low"]:
-        raise element.error("stepWidth should be above 0, and upperLimit not below lowerLimit")
-    count = math.floor((bounds["high"] - bounds["low"]) / step + 1e-9) + 1
-    return (f"{bounds['low'] + k * step:.12g}" for k in range(count))
 
 
 def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]:

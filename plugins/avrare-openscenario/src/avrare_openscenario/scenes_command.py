@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from avrare.base.errors import ExitCode, UsageError
 from avrare_openscenario.acted_traffic import ActedTraffic
 from avrare_openscenario.picture import draw_scene
@@ -108,13 +110,14 @@ def judge_scene(path: str) -> Finding:
         top = read_xml(path, "OpenSCENARIO")
         features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
         file = read_acted(path, _STEP)
+        notes = (*file.notes, *list_spent_edges(file))
     except UsageError as error:
         place = _PLACE.fullmatch(error.message)
         if place is None:
             return Finding(path, "refused", error.message, None, features)
         other = "" if place["path"] == path else f"{os.path.basename(place['path'])}: "
         return Finding(path, "refused", other + place["reason"], int(place["line"]), features)
-    return Finding(path, "notes" if file.notes else "read", "; ".join(_shorten(file.notes)), None, features)
+    return Finding(path, "notes" if notes else "read", "; ".join(_shorten(notes)), None, features)
 
 
 def read_acted(path: str, dt: float) -> ScenarioFile:
@@ -126,6 +129,17 @@ def read_acted(path: str, dt: float) -> ScenarioFile:
     file = read_scenario(path, None, dt, {})
     ActedTraffic(file, dt).check_start()
     return file
+
+
+def list_spent_edges(file: ScenarioFile) -> list[str]:
+    """Return a note where a condition with a rising edge holds from the start: it may never fire."""
+    traffic = ActedTraffic(file, _STEP)
+    _, others, memory = traffic.start(1, {})
+    memory, _ = traffic.step(memory, np.array([0]), None, others)
+    edges = zip(file.story.conditions, memory.before[0].tolist(), strict=True)
+    if all(condition.edge != "rising" or was != 1 for condition, was in edges):
+        return []
+    return [f"{file.path}: a rising edge that holds at its first check fires only after it was false"]
 
 
 def _act_out(args: argparse.Namespace) -> int:
