@@ -166,7 +166,7 @@ def elite(sample: Sample, share: float) -> tuple[Integers, dict[str, Any]]:
 
 
 def _collect_observations(sample: Sample, rows: Integers, weights: Floats, target: Any) -> TrainingBatch:
-    """Collect the observations along ``rows`` of a sample; the rows' weights add up to 1."""
+    """Return the observations along ``rows`` of a sample, each with the weight of its row."""
     weight = np.zeros(len(sample.error))
     weight[rows] = weights
     parts: list[tuple[Floats, ...]] = []

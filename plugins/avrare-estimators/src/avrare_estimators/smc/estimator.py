@@ -125,14 +125,14 @@ class SequentialMonteCarlo(Estimator):
         return state, self._info(state)
 
     def estimate(self, state: SmcState) -> list[Result]:
-        """Return the mean of the runs with its interval, what was learnt, and the file of it."""
+        """Return the mean of the runs with its interval, and the robustness of complete rollouts."""
         assert state.looks is not None
         assert self.problem is not None
         result = summarise(self.name, state.plan, state.learning, state.counted, state.looks, state.tally)
-        kept, worst = result.failures, result.worst
-        robustness = _complete(self.problem, kept.noise, kept.robustness)
+        failures, worst = result.failures, result.worst
+        robustness = _complete(self.problem, failures.noise, failures.robustness)
         (least,) = _complete(self.problem, worst.noise[None], np.array([worst.robustness])).tolist()
-        failures = replace(kept, robustness=robustness)
+        failures = replace(failures, robustness=robustness)
         return [replace(result, failures=failures, worst=Worst(worst.noise, least))]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
@@ -188,8 +188,8 @@ class SequentialMonteCarlo(Estimator):
     def _begin_counting(self, state: SmcState) -> SmcState:
         learning, config = state.learning, self.config
         particles, most = self._size(state)
-        what = learning.law, learning.schedule, learning.potentials
-        course = Course(state.plan, particles, *what, _COUNTING_STAGE, learning=False)
+        law, schedule, potentials = learning.law, learning.schedule, learning.potentials
+        course = Course(state.plan, particles, law, schedule, potentials, _COUNTING_STAGE, learning=False)
         looks = Looks.until(config.relative_error, min(config.runs, most), most)
         return self._next_runs(replace(state, course=course, looks=looks))
 
