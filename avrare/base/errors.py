@@ -120,6 +120,25 @@ class OutOfMemory(AvrareError):
         super().__init__(message, hint or advice)
 
 
+FIRST_ROLLOUTS = 200
+"""Rollouts of an estimate that all end in an error, after which it ends."""
+
+
+class EveryRolloutBroke(AvrareError):
+    """An end because the first rollouts of an estimate all ended in an error."""
+
+    exit_code = ExitCode.ROLLOUT_ERRORS
+
+    def __init__(self, message: str, hint: str | None = None) -> None:
+        advice = "`avrare validate --build` runs the first steps, and names the part that breaks down"
+        super().__init__(message, hint or advice)
+
+    @staticmethod
+    def after(cause: str) -> EveryRolloutBroke:
+        """Return the error with the cause of the first of them."""
+        return EveryRolloutBroke(f"each of the first {FIRST_ROLLOUTS} rollouts ended in an error: {cause}")
+
+
 class PluginError(AvrareError):
     """A plugin that is missing, broken, or lacks a dependency."""
 

@@ -238,9 +238,11 @@ def estimate_run(
     journal = cache(lambda specification: checkpoint.journal(f"{definition.name}/{specification}"))
     executors: list[Executor] = []
     begun: set[str] = set()
+    # What ended a run that goes on may have been a crash, which a worker process survives.
+    default = "processes" if args.resume and checkpoint.chunks else None
 
     def start_executor() -> Executor:
-        executors.append(build_executor(args.workers, args.executor))
+        executors.append(build_executor(args.workers, args.executor or default))
         return executors[-1]
 
     @contextmanager

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from avrare.base import batch
-from avrare.base.errors import AvrareError, UsageError
+from avrare.base.errors import FIRST_ROLLOUTS, AvrareError, EveryRolloutBroke, UsageError
 from avrare.protocols import Bools, Floats, Signals, Specification, System, adapt
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
@@ -85,7 +85,7 @@ class _Simulation:
     ) -> None:
         self.system, self.specifications, self.steps = system, specifications, steps
         self.noise, self.request, self.scored = noise, request, scored
-        rows, count = request.rows, len(specifications)
+        self.raised, rows, count = 0, request.rows, len(specifications)  # rows that raise, in succession
         self.robustness = np.full((rows, count), np.inf)
         self.violated = np.zeros((rows, count), dtype=bool)
         self.error = np.zeros(rows, dtype=bool)
@@ -199,16 +199,20 @@ class _Simulation:
         self, function: Callable[[Any, Floats], Sample], state: object, noise: Floats, rows: Integers
     ) -> tuple[Sample | None, Bools]:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
-        if self.request.crash:
+        if self.request.crash:  # they would end the process again
             self._tell(self.request.crash, rows)
             return None, np.zeros(len(noise), dtype=bool)
         try:
             sample = function(state, noise)
+            self.raised = 0
         except (AvrareError, MemoryError):  # the machine's fault, not a rollout's
             raise
         except (Exception, SystemExit) as error:  # a plugin that calls exit(0) ends no program as passed
             if len(noise) == 1:
                 self._tell(f"{type(error).__name__}: {error}", rows)
+                self.raised += 1
+                if self.raised == FIRST_ROLLOUTS and self.request.is_fresh:
+                    raise EveryRolloutBroke.after(next(iter(self.messages))) from error
                 return None, np.zeros(1, dtype=bool)
             return self._bisect(function, state, noise, rows)
         alive = ~sample[2]

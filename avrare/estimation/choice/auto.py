@@ -94,6 +94,8 @@ class Auto(MonteCarlo):
             return aim, "only Monte Carlo stops at a threshold"
         if budget is not None and budget.kind == "seconds":
             return aim, "only Monte Carlo can be stopped by the clock"
+        if not problem.noise_size:
+            return aim, "there is no noise, so that all rollouts are alike"
         if aim.small:
             return aim, "too few rollouts are allowed to choose from a pilot"
         return aim, ""

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from avrare.base.errors import Interrupted, UsageError
+from avrare.base.errors import FIRST_ROLLOUTS, EveryRolloutBroke, Interrupted, UsageError
 from avrare.estimation.checks.result_builder import examine
 from avrare.estimation.loop.pace import Pace
 from avrare.estimation.loop.preflight import Clearance, clear_estimate
@@ -135,6 +135,9 @@ class _Loop:
             for part in self._outcomes(stage, request):
                 parts.append(self._needed(part))
                 so_far = so_far.plus(part)
+                hopeless = FIRST_ROLLOUTS <= so_far.errors == so_far.rollouts
+                if hopeless and (stage == 0 or request.is_fresh):
+                    raise EveryRolloutBroke.after(so_far.messages[0])
                 self._show(so_far, request.rows, so_far.rollouts - info.rollouts)
             if not parts:  # the time left pays for no more
                 break
