@@ -1,12 +1,16 @@
 """OpenSCENARIO files: what vehicles do is what the file says; what is not read is named at its place."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from avrare.base.errors import ScenarioError, UsageError
 from avrare.scenario.load import load
+from avrare_openscenario.config import OpenScenarioConfig
 from avrare_openscenario.distributions import read_distributions
 from avrare_openscenario.opendrive import read_opendrive
+from avrare_openscenario.simulator import OpenScenario
 from avrare_openscenario.xml_tree import read_xml
 from openscenario_files import (
     APART,
@@ -274,3 +278,45 @@ def test_a_set_of_values_with_probabilities_is_a_discrete_law(tmp_path):
     )
     with pytest.raises(UsageError, match="fewer than two values"):
         read_distributions(read_xml(str(path), "OpenSCENARIO"))
+
+
+def test_offsets_that_are_left_out_are_0(build):
+    text = document(event(change_lane(offset=' targetLaneOffset="0"')), car=lane_position(30))
+    bare = text.replace(' offset="0"', "").replace(' targetLaneOffset="0"', "")
+    assert bare != text
+    for name, values in drive(build(text), 4.0).items():
+        np.testing.assert_array_equal(drive(build(bare), 4.0)[name], values)
+
+
+def test_t_counts_from_the_reference_line_whatever_the_lanes_offset(build):
+    simulator = build(document(event(slow_down()), car='<RoadPosition roadId="1" s="40" t="0"/>'))
+    road = Path(simulator.file.road_path)
+    shifted = road.read_text(encoding="utf-8").replace(
+        "<lanes>", '<lanes><laneOffset s="0" a="1.2" b="0" c="0" d="0"/>'
+    )
+    assert "laneOffset" in shifted
+    road.write_text(shifted, encoding="utf-8")
+    again = OpenScenario(OpenScenarioConfig(file=simulator.file.path))
+    assert again.reset(np.zeros((1, 0))).others.y[0, 0] == pytest.approx(0.0)
+    lanes, before = again.file.roads.road.lane_centres, simulator.file.roads.road.lane_centres
+    np.testing.assert_allclose(np.array(lanes) - before, 1.2)
+
+
+def test_each_of_several_conditions_is_asked_what_held_its_delay_ago(build):
+    # The car brakes and drives on: the event begins when it is fast again, a second after it was slow.
+    slow = of_entity('<SpeedCondition value="15.0" rule="lessThan"/>', "Car")
+    both = (
+        "<Condition name='a' delay='1.0' conditionEdge='none'>" + slow + "</Condition>"
+        "<Condition name='b' delay='0' conditionEdge='none'>" + AT_ONE + "</Condition>"
+    )
+    dip = event(slow_down("linear", "time", 2.0, 12.0), AT_ONE, "dip")
+    late = AT_ONE.replace("1.0", "3.0")
+    back = event(slow_down("linear", "time", 0.5, 20.0), late, "back", priority="override")
+    text = document(dip, back, event(change_lane("linear", "time", 1.0), name="last"))
+    begin = text.rindex("<Condition name='c'")
+    end = text.index("</ConditionGroup>", begin)
+    found = drive(build(text[:begin] + both + text[end:]), 6.0)
+    first_slow = np.flatnonzero(found["speed"][:, 0, 0] < 15.0)[0]
+    moved = np.flatnonzero(found["y"][:, 0, 0] != -8.75)[0] - 1
+    assert moved - first_slow in (10, 11)
+    assert found["speed"][moved, 0, 0] > 15.0
