@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 from avrare.analysis.compare import REPEAT
@@ -16,7 +17,7 @@ from avrare.analysis.compare.study import StudyWatch, compare
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import display
-from avrare.cli.output import can_draw, write_files
+from avrare.cli.output import can_draw, say, write_files
 from avrare.output.documents.comparison_documents import comparison_document, paired_document
 from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
@@ -83,6 +84,7 @@ def _compare_estimators(args: argparse.Namespace) -> Comparison:
             seed=args.seed,
             workers=args.workers,
             watch=watch,
+            announce=None if args.quiet else partial(say, error=True),
         )
 
 

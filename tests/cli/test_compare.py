@@ -29,6 +29,12 @@ REPETITION = {
 }  # fmt: skip
 
 
+def test_a_comparison_says_beforehand_how_long_it_takes(capsys):
+    words = ["compare", "problem:d_rw_L2.5", "--estimators", "mc", "--budget", "rollouts=200", "--repeat", "2"]
+    assert main([*words, "--plain"]) == 0
+    assert capsys.readouterr().err.startswith("2 estimates of 200 rollouts: under 1 s or more\n")
+
+
 @pytest.mark.slow
 def test_a_reference_problem(tmp_path, capsys):
     assert main([*WALK, *SMALL, "--out", str(tmp_path / "new" / "folder"), "--seed", "4"]) == 0

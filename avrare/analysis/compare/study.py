@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from avrare.analysis.compare import REPEAT
 from avrare.analysis.compare.case import (
@@ -18,16 +22,22 @@ from avrare.analysis.compare.case import (
 from avrare.analysis.compare.comparison import ArmResult, Comparison, StudyDesign
 from avrare.analysis.compare.estimator_options import Arm, make_arm, parse_arms, split_settings
 from avrare.base.errors import AvrareError, UsageError
+from avrare.base.number_format import format_duration
 from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import check_estimate
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
 from avrare.plugin.registry import default_registry
+from avrare.rollout.child_process import run_guarded
 from avrare.rollout.executors.work import build_executor
+from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
+from avrare.rollout.request import Request
 from avrare.scenario.overrides import as_settings
 
+_TIMED = 8
+"""Rollouts that are timed before a study."""
 StudyWatch = Callable[[str, Problem], Progress]
 """Called with a label and the problem as each estimate begins; gives its progress display."""
 
@@ -44,6 +54,7 @@ def compare(
     seed: int | None = None,
     workers: int = 1,
     watch: StudyWatch | None = None,
+    announce: Callable[[str], None] | None = None,
     safe: bool = False,
 ) -> Comparison:
     """Compare estimators: each makes several estimates with the same seeds and the same budget.
@@ -59,6 +70,7 @@ def compare(
         seed: Seed of the first of them; None: the scenario's, or 0.
         workers: Number of processes; changes no number.
         watch: Progress display.
+        announce: Called with a line on the estimates to come, and about how long they take.
         safe: As for ``avrare.load``.
 
     Raises:
@@ -75,7 +87,7 @@ def compare(
     def begin(label: str, problem: Problem) -> Progress:
         return watch(f"{case.name}  {label}", problem) if watch is not None else lambda info: None
 
-    return run_study(case, arms, design, begin, known if isinstance(known, int) else None)
+    return run_study(case, arms, design, begin, known if isinstance(known, int) else None, announce)
 
 
 def parse_cost(budget: Budget | Mapping[str, float] | str) -> Budget:
@@ -100,6 +112,7 @@ def run_study(
     design: StudyDesign,
     watch: StudyWatch,
     truth_rollouts: int | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> Comparison:
     """Run the study; Ctrl-C ends it with the repetitions that are complete.
 
@@ -110,6 +123,8 @@ def run_study(
     # 1. Find the estimators that cannot take the problem.
     results = {arm.label: ArmResult(arm, refusal=_find_refusal(case, arm, design)) for arm in arms}
     _require_one_accepted(results)
+    if announce is not None:
+        announce(_forecast(case, design, sum(result.refusal is None for result in results.values())))
     # 2. Estimate the truth; its seed follows those of the repetitions, so it shares no rollout with them.
     if truth_rollouts is not None:
         reference = make_arm(default_registry(), "mc", {"rollouts": truth_rollouts})
@@ -132,6 +147,25 @@ def run_study(
             raise
     done = tuple(results.values())
     return Comparison(case, design, done, case.truth or _pool_monte_carlo(done), interrupted)
+
+
+def _forecast(case: ComparisonCase, design: StudyDesign, arms: int) -> str:
+    """Return the estimates of a study and about how long they take, by a few rollouts that do not count."""
+    problem, budget = case.problem, design.budget
+    noise = NoiseSource(design.seed, problem.noise_size)
+
+    def time_rollouts(rows: int) -> float:
+        began = time.perf_counter()
+        problem.simulate(noise, Request.from_start(np.zeros(rows, np.int64), np.arange(rows)), scored=False)
+        return time.perf_counter() - began
+
+    purpose, sizes = "the rollouts that tell how long the comparison takes", (1, 1, _TIMED)
+    _, call, more = run_guarded(purpose, problem.system, lambda: [time_rollouts(rows) for rows in sizes])
+    rollouts = budget.amount / (max(problem.steps, 1) if budget.kind == "steps" else 1)
+    each = math.ceil(rollouts / problem.chunk) * call + rollouts * max(more - call, 0.0) / (_TIMED - 1)
+    estimates = design.repeat * arms
+    duration = format_duration(each * estimates / design.workers)
+    return f"{estimates} estimates of {rollouts:,.0f} rollouts: {duration} or more"
 
 
 def _find_refusal(case: ComparisonCase, arm: Arm, design: StudyDesign) -> UsageError | None:
