@@ -141,20 +141,20 @@ class BatchResult(Answer):
         return tuple(self._total(rule) for rule in dict.fromkeys(score.rule for score in self.scores))
 
     def _total(self, rule: str) -> RuleTotal:
-        mine = [score for score in self.scores if score.rule == rule]
+        scores = [score for score in self.scores if score.rule == rule]
         return RuleTotal(
             rule,
-            len(mine),
-            sum(score.violations > 0 for score in mine),
-            sum(score.violations for score in mine),
-            math.fsum(score.seconds for score in mine) / 3600.0,
-            math.fsum(score.metres for score in mine) / 1000.0,
+            len(scores),
+            sum(score.violations > 0 for score in scores),
+            sum(score.violations for score in scores),
+            math.fsum(score.seconds for score in scores) / 3600.0,
+            math.fsum(score.metres for score in scores) / 1000.0,
         )
 
     def find_worst(self, rule: str, count: int = _SHOWN) -> list[DriveScore]:
         """Return the least robust drives of a rule that are violated."""
-        mine = [score for score in self.scores if score.rule == rule and score.violations]
-        return sorted(mine, key=lambda score: score.robustness)[:count]
+        violations = [score for score in self.scores if score.rule == rule and score.violations]
+        return sorted(violations, key=lambda score: score.robustness)[:count]
 
     def table(self) -> Records:
         """Return one row for each rule; ``scores`` has one for each drive."""
@@ -249,13 +249,13 @@ def monitor_files(
     scores: list[DriveScore] = []
     refusals: list[Refusal] = []
     work = [part for file in files for part in _split(file, question, refusals)]
-    for done, (mine, refused) in enumerate(_run(work, question, workers), start=1):
-        scores += mine
+    for done, (new_scores, refused) in enumerate(_run(work, question, workers), start=1):
+        scores += new_scores
         refusals += refused
         if progress is not None:
             progress(done, len(work))
     order = {file: place for place, file in enumerate(files)}
-    return BatchResult(tuple(scores), tuple(sorted(refusals, key=lambda one: order[one.file])))
+    return BatchResult(tuple(scores), tuple(sorted(refusals, key=lambda refusal: order[refusal.file])))
 
 
 Work = tuple[str, tuple[str, ...]]
@@ -327,11 +327,11 @@ def _score(file: str, ego: str, rule: str, settings: Sequence[str], recording: R
 def _judge(
     rule: str, specification: Specification, recording: Recording
 ) -> tuple[int, float, DecisiveSample | None, DecisiveSample | None]:
-    found = describe_body(specification, recording)
-    if found is None:  # no ``always`` formula: the drive as a whole is violated or not
+    described = describe_body(specification, recording)
+    if described is None:  # no ``always`` formula: the drive as a whole is violated or not
         whole = monitor_recording(rule, specification, recording)
         return int(whole.violated), whole.robustness, whole.first, whole.worst
-    body, truth, first, worst = found
+    body, truth, first, worst = described
     runs = int((~truth[1:] & truth[:-1]).sum() + (not truth[0]))
     return runs, float(body.min()), first, worst
 

@@ -98,12 +98,12 @@ class _Question:
 
 
 def _monitor_failure(run: Run, question: _Question, index: int | None) -> MonitoringResult:
-    found = replay_run_failure(run, question.specification, index, question.rule)
-    changes: list[Line] = [(line, None) for line in found.changes]
+    replayed = replay_run_failure(run, question.specification, index, question.rule)
+    changes: list[Line] = [(line, None) for line in replayed.changes]
     if question.rule is None and question.stl is None:
-        name = found.specification
-        return _score(name, run.problem.monitor(name), found.recording, changes)
-    return _judge(question, found.recording, None, changes)
+        name = replayed.specification
+        return _score(name, run.problem.monitor(name), replayed.recording, changes)
+    return _judge(question, replayed.recording, None, changes)
 
 
 def _judge(

@@ -134,11 +134,11 @@ class DrawnTraffic:
 
 def with_numbers(vehicle: VehicleConfig, numbers: Mapping[str, float]) -> VehicleConfig:
     """Return a vehicle with other numbers, such as ``speed`` or ``drive.v_goal``."""
-    own = {name: float(value) for name, value in numbers.items() if "." not in name}
+    plain = {name: float(value) for name, value in numbers.items() if "." not in name}
     goals = {name.removeprefix("drive."): float(value) for name, value in numbers.items() if "." in name}
     if vehicle.drive is not None and goals:
-        return vehicle.model_copy(update={**own, "drive": vehicle.drive.model_copy(update=goals)})
-    return vehicle.model_copy(update=own)
+        return vehicle.model_copy(update={**plain, "drive": vehicle.drive.model_copy(update=goals)})
+    return vehicle.model_copy(update=plain)
 
 
 def _is_shift(name: str, vehicle: VehicleConfig) -> bool:

@@ -181,7 +181,7 @@ def _incentive(
 @inlined
 def _chosen(
     x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers,
-    drivers: Integers, own: Floats, p: Floats, i: int, here: int, first: int, last: int, wanted: int,
+    drivers: Integers, parameters: Floats, p: Floats, i: int, here: int, first: int, last: int, wanted: int,
     looking: bool, end: float, spans: Floats,
 ) -> int:  # fmt: skip
     # Lane beside to change to, -1 for none: the one wanted as soon as it is safe, or the one that pays most.
@@ -196,7 +196,7 @@ def _chosen(
             if x[i] - half < spans[0, to] or new_end < 0.0:
                 continue  # there is no such lane here
             safe, gain = _incentive(
-                x, v, lengths, order, rank, lanes, i, here, to, p, drivers, own, end, new_end
+                x, v, lengths, order, rank, lanes, i, here, to, p, drivers, parameters, end, new_end
             )
             if safe and (merging or gain > best):
                 best, chosen = gain, to
@@ -224,8 +224,8 @@ def _delayed(past: Floats, step: int, late: float, now: float) -> float:
     past[step % size] = now
     late = min(late, float(min(size - 2, step)))
     whole = int(late)
-    one, other = past[(step - whole) % size], past[(step - min(whole + 1, step)) % size]
-    demand: float = one + (late - whole) * (other - one)
+    earlier, later = past[(step - whole) % size], past[(step - min(whole + 1, step)) % size]
+    demand: float = earlier + (late - whole) * (later - earlier)
     return demand
 
 
@@ -282,10 +282,10 @@ def advance(
         for r in range(len(places)):
             if clock[n, r] >= 0.0:  # it signals
                 lanes[places[r]] |= 1 << lane[n, r]
-        own = table[n] if len(table) > 1 else table[0]
+        parameters = table[n] if len(table) > 1 else table[0]
         at, speeds = x[n], v[n]
         for r in range(len(places)):
-            i, p, here = places[r], own[r], lane[n, r]
+            i, p, here = places[r], parameters[r], lane[n, r]
             end = _way_to_end(spans, ends[r], forced[r, 2], here, at[i], lengths[i])
             if clock[n, r] < 0.0:
                 pause[n, r] -= dt
@@ -296,8 +296,8 @@ def advance(
                 chosen = -1
                 if looking or (wanted >= 0 and wanted != here):
                     chosen = _chosen(
-                        at, speeds, lengths, order, rank, lanes, drivers, own, p, i, here, limits[r, 0],
-                        limits[r, 1], wanted, looking, end, spans,
+                        at, speeds, lengths, order, rank, lanes, drivers, parameters, p, i, here,
+                        limits[r, 0], limits[r, 1], wanted, looking, end, spans,
                     )  # fmt: skip
                 if chosen >= 0:
                     lane[n, r], clock[n, r], base[n, r] = chosen, 0.0, y[n, i]

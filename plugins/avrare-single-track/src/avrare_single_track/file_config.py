@@ -52,17 +52,19 @@ def check_body(ego: dict[str, float], source: str) -> dict[str, float]:
 
 def _list_companions(file: Path) -> list[Path]:
     # Files that complete a recording of highD or inD, or a scene in CommonRoad's format 2024.
-    found: list[Path] = []
+    companions: list[Path] = []
     if not is_file(file):
-        return found
+        return companions
     if file.name.endswith(_TRACKS):
-        found = [file.with_name(file.name.replace(_TRACKS, f"_{kind}.csv")) for kind in _KINDS]
+        companions = [file.with_name(file.name.replace(_TRACKS, f"_{kind}.csv")) for kind in _KINDS]
     elif file.suffix.lower() == ".pb":
         stem = file.stem.removesuffix("-SC")
-        found = [
-            one for one in sorted(file.parent.glob("*.pb")) if stem.startswith(one.stem.removesuffix("-SC"))
+        companions = [
+            path
+            for path in sorted(file.parent.glob("*.pb"))
+            if stem.startswith(path.stem.removesuffix("-SC"))
         ]
-    return [one for one in found if one != file and is_file(one)]
+    return [path for path in companions if path != file and is_file(path)]
 
 
 class RecordedConfig(Options):

@@ -147,10 +147,10 @@ class ReactiveTraffic:
         haste = _walk(memory.haste, self._decay[self._varies], self._haste_spread, noise[:, drivers:])
         return replace(memory, mood=mood, haste=haste)
 
-    def placed(self, others: Vehicles, found: Floats) -> Vehicles:
+    def placed(self, others: Vehicles, states: Floats) -> Vehicles:
         """Return all vehicles with those of the drivers in their places."""
         fields = [np.array(part) for part in vars(others).values()]
-        for field, part in zip(fields, found, strict=True):
+        for field, part in zip(fields, states, strict=True):
             field[:, self.places] = part
         return Vehicles(*fields)
 
@@ -269,7 +269,7 @@ def _reach(road: Road, way: int, start: int) -> tuple[int, int]:
     # First and last lane of this direction that are side by side with the one at the start, or next to it.
     lanes = [lane for lane in range(len(road.lane_centres)) if (lane in road.opposing) == (way < 0)]
     groups = np.split(lanes, np.flatnonzero(np.diff(lanes) > 1) + 1) if lanes else [np.array([1, 0])]
-    group = min(groups, key=lambda one: float(np.abs(one - start).min()))
+    group = min(groups, key=lambda lane_group: float(np.abs(lane_group - start).min()))
     return int(group[0]), int(group[-1])
 
 

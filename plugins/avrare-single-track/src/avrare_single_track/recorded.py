@@ -44,23 +44,23 @@ class RecordedScene(SingleTrack):
 
     def __init__(self, config: RecordedConfig) -> None:
         self._path = path = str(config.file)
-        found = read_scene(config)
-        ego = _check_ego(path, {**found.body, **config.ego})
-        super().__init__(SingleTrackConfig(dt=found.dt, ego=ego, after_impact=config.after_impact))
-        self.last, self.lights = found.last, found.lights
-        self.traffic = ReplayedTraffic([track.fill_gaps(found.dt) for track in found.others], found.last + 1)
+        scene = read_scene(config)
+        ego = _check_ego(path, {**scene.body, **config.ego})
+        super().__init__(SingleTrackConfig(dt=scene.dt, ego=ego, after_impact=config.after_impact))
+        self.last, self.lights = scene.last, scene.lights
+        self.traffic = ReplayedTraffic([track.fill_gaps(scene.dt) for track in scene.others], scene.last + 1)
         self.scene = Scene(
-            found.dt,
-            found.road,
+            scene.dt,
+            scene.road,
             self.config.ego.length,
             self.config.ego.width,
-            tuple(f"v{track.name}" for track in found.others),
-            np.array([track.length for track in found.others]),
-            np.array([track.width for track in found.others]),
-            np.array([_moves(track) for track in found.others], dtype=bool),
+            tuple(f"v{track.name}" for track in scene.others),
+            np.array([track.length for track in scene.others]),
+            np.array([track.width for track in scene.others]),
+            np.array([_moves(track) for track in scene.others], dtype=bool),
         )
         if config.drivers is not None:
-            self._hand_over(path, config.drivers, found.others)
+            self._hand_over(path, config.drivers, scene.others)
 
     def _hand_over(self, path: str, drivers: HandedOverConfig, tracks: list[VehicleTrack]) -> None:
         if not has_constant_lanes(self.scene.road):
@@ -72,7 +72,7 @@ class RecordedScene(SingleTrack):
             for track, moving in zip(tracks, self.scene.moving, strict=True)
             if moving and track.present[0] and _is_along_a_lane(self.scene.road, *track.states[:3, 0])
         ]
-        chosen = [str(one) for one in drivers.vehicles] or able
+        chosen = [str(name) for name in drivers.vehicles] or able
         if wrong := [name for name in chosen if name not in able]:
             why = "is not there at the start, does not move, or is not along a lane of the ego's road"
             text = f"{path}: obstacle {wrong[0]} {why}"

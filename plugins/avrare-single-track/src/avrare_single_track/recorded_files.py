@@ -50,9 +50,9 @@ def read_scene(config: RecordedConfig) -> RecordedFile:
     Raises:
         UsageError: The file cannot be read, or the ego is on no lane.
     """
-    found = _read_problem(config) if config.vehicle is None else _read_drive(config, str(config.vehicle))
-    found = _leave_out(found, config.without)
-    return found if config.dt is None else _leave_out(_resample(str(config.file), found, config.dt))
+    scene = _read_problem(config) if config.vehicle is None else _read_drive(config, str(config.vehicle))
+    scene = _leave_out(scene, config.without)
+    return scene if config.dt is None else _leave_out(_resample(str(config.file), scene, config.dt))
 
 
 def _read_problem(config: RecordedConfig) -> RecordedFile:

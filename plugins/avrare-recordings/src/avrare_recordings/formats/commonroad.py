@@ -65,14 +65,14 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
             exact.
     """
     scenario, problems = _open_file(path)
-    known = dict(problems.planning_problem_dict)
-    if number is None and len(known) == 1:
-        (number,) = known
-    if number not in known:
+    numbers = dict(problems.planning_problem_dict)
+    if number is None and len(numbers) == 1:
+        (number,) = numbers
+    if number not in numbers:
         text = "no planning problem is chosen" if number is None else f"there is no planning problem {number}"
-        names = ", ".join(map(str, sorted(known))) or "none"
+        names = ", ".join(map(str, sorted(numbers))) or "none"
         raise UsageError(f"{path}: {text}", f"choose it with `problem`; there are: {names}")
-    state = known[number].initial_state
+    state = numbers[number].initial_state
     pose = np.array([_read_pose(path, f"planning problem {number}", state)]).T
     start = Obstacle(str(number), 0.0, 0.0, np.array([int(state.time_step)]), pose)
     return _read_drives(path, scenario, None), start

@@ -66,8 +66,8 @@ def open_2024(path: str) -> tuple[Scenario, PlanningProblemSet]:
     problem_file = here.with_name(f"{asked}{SUFFIX}")
     if not problem_file.exists():
         return reader(**both).open_map_dynamic(), problems([])
-    scenario, found, _ = reader(**both, filename_scenario=str(problem_file)).open_all()
-    return scenario, found
+    scenario, planning_problems, _ = reader(**both, filename_scenario=str(problem_file)).open_all()
+    return scenario, planning_problems
 
 
 def _parse(path: str) -> tuple[str, Any]:

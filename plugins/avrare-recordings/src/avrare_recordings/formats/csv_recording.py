@@ -91,7 +91,8 @@ def csv_vehicle_names(names: Sequence[str]) -> tuple[str, ...]:
     """
     free = (f"{_EGO}_{number}" for number in count(2))
     return tuple(
-        next(one for one in free if one not in names) if name == _EGO else escape_cell(name) for name in names
+        next(candidate for candidate in free if candidate not in names) if name == _EGO else escape_cell(name)
+        for name in names
     )
 
 
@@ -149,13 +150,13 @@ def _read_signals(table: CsvTable) -> Recording:
 def _read_vehicles(table: CsvTable, road: Road | None) -> CsvDrives:
     _check_vehicle_columns(table)
     clock = _find_time_column(table)
-    found = {}
+    vehicles = {}
     for name, rows in _group_rows_by_vehicle(table).items():
         times = np.array([table.finite(row, clock) for row in rows])
         states = np.array([_read_state(table, row) for row in rows]).T
         sizes = [_read_size(table, name, rows, key) for key in ("length", "width")]
-        found[name] = _VehicleRows(name, tuple(rows), times, states, sizes[0], sizes[1])
-    return CsvDrives(table, found, road)
+        vehicles[name] = _VehicleRows(name, tuple(rows), times, states, sizes[0], sizes[1])
+    return CsvDrives(table, vehicles, road)
 
 
 @dataclass(frozen=True)
@@ -195,10 +196,10 @@ class CsvDrives:
             many = len(self.vehicles) > 12
             hint = did_you_mean(ego, self.vehicles) if many else f"choose the ego; there are: {names}"
             raise UsageError(f"{table.path}: no vehicle is called {ego!r}", hint)
-        own = self.vehicles[ego]
-        dt = _find_step(table, own.times, own.rows)
-        start, samples = float(own.times[0]), len(own.times)
-        tracks = {name: _place(table, one, start, dt, samples) for name, one in self.vehicles.items()}
+        ego_rows = self.vehicles[ego]
+        dt = _find_step(table, ego_rows.times, ego_rows.rows)
+        start, samples = float(ego_rows.times[0]), len(ego_rows.times)
+        tracks = {name: _place(table, rows, start, dt, samples) for name, rows in self.vehicles.items()}
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
         return assemble_recording(table.path, dt, start, tracks[ego], others, self.road)
 
@@ -232,21 +233,21 @@ def _group_rows_by_vehicle(table: CsvTable) -> dict[str, list[int]]:
     return rows
 
 
-def _place(table: CsvTable, one: _VehicleRows, start: float, dt: float, samples: int) -> VehicleTrack:
+def _place(table: CsvTable, vehicle: _VehicleRows, start: float, dt: float, samples: int) -> VehicleTrack:
     # on the samples of the ego
     present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
     with np.errstate(over="ignore"):
-        exact = (one.times - start) / dt
+        exact = (vehicle.times - start) / dt
     near = np.flatnonzero((exact > -1.0) & (exact < samples))  # of any size, even infinite
     at = np.rint(exact[near]).astype(np.int64)
     near, at = near[(at >= 0) & (at < samples)], at[(at >= 0) & (at < samples)]
     for row in near[np.abs(exact[near] - at) > _OFF_GRID][:1]:
-        text = f"{one.name!r} at {one.times[row]:g} s lies between two samples of the ego"
-        where = table.position(one.rows[row], _find_time_column(table))
+        text = f"{vehicle.name!r} at {vehicle.times[row]:g} s lies between two samples of the ego"
+        where = table.position(vehicle.rows[row], _find_time_column(table))
         raise UsageError(f"{where}: {text}", "resample the recording")
     present[at] = True
-    states[:, at] = one.states[:, near]
-    return VehicleTrack(one.name, one.length, one.width, present, states)
+    states[:, at] = vehicle.states[:, near]
+    return VehicleTrack(vehicle.name, vehicle.length, vehicle.width, present, states)
 
 
 def _read_state(table: CsvTable, row: int) -> list[float]:

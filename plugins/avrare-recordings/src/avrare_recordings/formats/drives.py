@@ -52,8 +52,8 @@ def check_lanes(recording: Recording, road: Road | None) -> None:
 
 def list_recordings(folder: Path) -> Sequence[Path]:
     """Return the CommonRoad and CSV files of a folder and those below, but no files of metadata, in order."""
-    found = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
-    files = [path for path in found if path.is_file() and not path.name.endswith(_META)]
+    paths = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
+    files = [path for path in paths if path.is_file() and not path.name.endswith(_META)]
     files = [path for path in files if not is_companion(path)]
     if not files:
         hint = "recordings end in .xml, .pb or .csv"

@@ -112,16 +112,16 @@ class CarriagewayDrives:
 
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
-        return {name: (int(one.frames[0]), int(one.frames[-1])) for name, one in self.tracks.items()}
+        return {name: (int(track.frames[0]), int(track.frames[-1])) for name, track in self.tracks.items()}
 
     def recording(self, ego: str) -> Recording:
         """Return the drive of one ego among those of its carriageway; UsageError if it is not there."""
         if ego not in self.tracks:
             raise UsageError(f"{self.path}: there is no vehicle {ego!r}", "choose an ego by its id")
-        own = self.tracks[ego]
+        ego_track = self.tracks[ego]
         first, last = self._spans[ego]
         samples = last - first + 1
-        if len(own.frames) != samples:
+        if len(ego_track.frames) != samples:
             raise UsageError(
                 f"{self.path}: vehicle {ego} has gaps in time", "the ego needs a row at every frame"
             )
@@ -136,13 +136,13 @@ class CarriagewayDrives:
         return assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
 
 
-def _place(name: str, one: _Track, first: int, samples: int) -> VehicleTrack:
+def _place(name: str, track: _Track, first: int, samples: int) -> VehicleTrack:
     present, states = np.zeros(samples, dtype=bool), np.full((len(FIELDS), samples), np.nan)
-    at = one.frames - first
-    kept = (at >= 0) & (at < samples)
-    present[at[kept]] = True
-    states[:, at[kept]] = one.states[:, kept]
-    return VehicleTrack(name, one.length, one.width, present, states)
+    at = track.frames - first
+    inside = (at >= 0) & (at < samples)
+    present[at[inside]] = True
+    states[:, at[inside]] = track.states[:, inside]
+    return VehicleTrack(name, track.length, track.width, present, states)
 
 
 def _read_highd(

@@ -49,39 +49,39 @@ def write_rerun(path: Path, recording: Recording, frames: Sequence[Frame]) -> No
 
 
 def _translate(rerun: Any, entity: Mapping[str, Any]) -> list[Any]:
-    found = []
+    archetypes = []
     if cubes := entity["cubes"]:
-        found.append(
+        archetypes.append(
             rerun.Boxes3D(
-                centers=[_xyz(one["pose"]["position"]) for one in cubes],
-                sizes=[_xyz(one["size"]) for one in cubes],
-                quaternions=[[one["pose"]["orientation"][axis] for axis in "xyzw"] for one in cubes],
-                colors=[_rgba(one) for one in cubes],
+                centers=[_xyz(shape["pose"]["position"]) for shape in cubes],
+                sizes=[_xyz(shape["size"]) for shape in cubes],
+                quaternions=[[shape["pose"]["orientation"][axis] for axis in "xyzw"] for shape in cubes],
+                colors=[_rgba(shape) for shape in cubes],
                 labels=[entity["id"]] * len(cubes),
             )
         )
     if spheres := entity["spheres"]:
-        found.append(
+        archetypes.append(
             rerun.Points3D(
-                [_xyz(one["pose"]["position"]) for one in spheres],
-                colors=[_rgba(one) for one in spheres],
-                radii=[0.5 * one["size"]["x"] for one in spheres],
+                [_xyz(shape["pose"]["position"]) for shape in spheres],
+                colors=[_rgba(shape) for shape in spheres],
+                radii=[0.5 * shape["size"]["x"] for shape in spheres],
             )
         )
     if lines := entity["lines"]:
-        found.append(
+        archetypes.append(
             rerun.LineStrips3D(
-                [[_xyz(point) for point in one["points"]] for one in lines],
-                colors=[_rgba(one) for one in lines],
-                radii=[0.5 * one["thickness"] for one in lines],
+                [[_xyz(point) for point in shape["points"]] for shape in lines],
+                colors=[_rgba(shape) for shape in lines],
+                radii=[0.5 * shape["thickness"] for shape in lines],
             )
         )
-    return found
+    return archetypes
 
 
 def _xyz(values: Mapping[str, float]) -> list[float]:
     return [values[axis] for axis in "xyz"]
 
 
-def _rgba(one: Mapping[str, Any]) -> list[int]:
-    return [round(255 * one["color"][channel]) for channel in "rgba"]
+def _rgba(shape: Mapping[str, Any]) -> list[int]:
+    return [round(255 * shape["color"][channel]) for channel in "rgba"]

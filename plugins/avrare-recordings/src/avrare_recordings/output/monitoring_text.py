@@ -45,11 +45,11 @@ def headline(result: MonitoringResult) -> list[Text]:
 
 def _wrap_formula_lines(formula: str) -> list[str]:
     statements = formula.strip().splitlines()
-    lines = [line for one in statements for line in _wrap(one, "  ").splitlines()]
-    rest = list(itertools.dropwhile(lambda one: re.match(_DEFINITION, one), statements))
+    lines = [line for statement in statements for line in _wrap(statement, "  ").splitlines()]
+    rest = list(itertools.dropwhile(lambda statement: re.match(_DEFINITION, statement), statements))
     if len(lines) <= _MAX_FORMULA_LINES or not rest or len(rest) == len(statements):
         return lines
-    return ["  (--json prints its definitions)", *(_wrap(one, "  ") for one in rest)]
+    return ["  (--json prints its definitions)", *(_wrap(statement, "  ") for statement in rest)]
 
 
 def _wrap(line: str, indent: str) -> str:
@@ -96,8 +96,8 @@ def _bin(values: Floats) -> Floats:
 def _find_largest(values: Floats) -> float:
     # of the finite values above zero; 1 if all above zero are infinite, 0 if there are none
     above = values[values > 0.0]
-    known = above[np.isfinite(above)]
-    return float(known.max()) if len(known) else float(len(above) > 0)
+    finite = above[np.isfinite(above)]
+    return float(finite.max()) if len(finite) else float(len(above) > 0)
 
 
 def _format_axis_label(values: Floats, edge: float) -> str:

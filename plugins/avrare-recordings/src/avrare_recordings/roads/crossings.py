@@ -34,7 +34,7 @@ def has_right_of_way(network: LaneletNetwork) -> bool:
     """Tell whether a network has intersections, stop signs or traffic lights."""
     lanelets = network.lanelets
     return bool(network.intersections) or any(
-        "STOP" in _signs(network, one) or one.traffic_lights for one in lanelets
+        "STOP" in _signs(network, lanelet) or lanelet.traffic_lights for lanelet in lanelets
     )
 
 
@@ -135,19 +135,19 @@ def _colour(light: TrafficLight, step: int) -> float:
 
 
 def _list_ways(
-    network: LaneletNetwork, known: Mapping[int, Lanelet], incoming: IncomingGroup
+    network: LaneletNetwork, by_id: Mapping[int, Lanelet], incoming: IncomingGroup
 ) -> Iterator[Way]:
     for name in sorted(incoming.incoming_lanelets or ()):
-        one = known[int(name)]
-        ranks = [_PRIORITY[sign] for sign in _signs(network, one) if sign in _PRIORITY]
-        x, y = np.diff(np.asarray(one.center_vertices)[-2:, :2], axis=0)[0]
-        lights = [network.find_traffic_light_by_id(each) for each in one.traffic_lights or ()]
-        for after in sorted(set(one.successor or ()) & set(known)):
+        lanelet = by_id[int(name)]
+        ranks = [_PRIORITY[sign] for sign in _signs(network, lanelet) if sign in _PRIORITY]
+        x, y = np.diff(np.asarray(lanelet.center_vertices)[-2:, :2], axis=0)[0]
+        lights = [network.find_traffic_light_by_id(each) for each in lanelet.traffic_lights or ()]
+        for after in sorted(set(lanelet.successor or ()) & set(by_id)):
             turn = next((turn for turn in _TURNS if after in _outgoing(incoming, turn)), "")
             yield Way(
                 int(after),
-                np.asarray(known[after].left_vertices)[:, :2],
-                np.asarray(known[after].right_vertices)[:, :2],
+                np.asarray(by_id[after].left_vertices)[:, :2],
+                np.asarray(by_id[after].right_vertices)[:, :2],
                 min(ranks, default=1),
                 math.atan2(y, x),
                 turn,

@@ -53,10 +53,10 @@ def find_road(path: str, lanelets: Sequence[Lanelet], positions: Floats, heading
     Raises:
         UsageError: The vehicle drives on no lanelet, or on damaged ones.
     """
-    known = {int(one.lanelet_id): one for one in lanelets}
+    by_id = {int(lanelet.lanelet_id): lanelet for lanelet in lanelets}
     names = find_path(path, lanelets, positions, headings)
-    line = _join_centres([known[name] for name in names])
-    sections = _collect_sections(known, names, line)
+    line = _join_centres([by_id[name] for name in names])
+    sections = _collect_sections(by_id, names, line)
     chains = [chain for way in (False, True) for chain in _chain(sections, names, way)]
     if not chains:
         text = f"{path}: no border of the lanelets that the ego drives on runs along their middle"
@@ -66,19 +66,19 @@ def find_road(path: str, lanelets: Sequence[Lanelet], positions: Floats, heading
 
 def find_path(path: str, lanelets: Sequence[Lanelet], positions: Floats, headings: Floats) -> list[int]:
     """Return the successive lanelets of a drive; the arguments and the error are those of ``find_road``."""
-    known = {int(one.lanelet_id): one for one in lanelets}
-    used = _count_samples(known, positions, headings)
+    by_id = {int(lanelet.lanelet_id): lanelet for lanelet in lanelets}
+    used = _count_samples(by_id, positions, headings)
     if not used:
         text = f"{path}: the ego drives on no lanelet, or against all that it touches"
         raise UsageError(text, "choose another ego, or give the lanes yourself, in the file's coordinates")
-    return _find_path(known, used)
+    return _find_path(by_id, used)
 
 
-def _count_samples(known: Mapping[int, Lanelet], positions: Floats, headings: Floats) -> dict[int, int]:
+def _count_samples(by_id: Mapping[int, Lanelet], positions: Floats, headings: Floats) -> dict[int, int]:
     # lanelet -> samples in it that go its way
     direction = np.stack([np.cos(headings), np.sin(headings)], axis=1)
-    found = {}
-    for name, lanelet in known.items():
+    counts = {}
+    for name, lanelet in by_id.items():
         outline = np.concatenate([lanelet.left_vertices, lanelet.right_vertices[::-1]])
         inside = is_inside(outline[:, :2], positions)
         if inside.any():
@@ -87,8 +87,8 @@ def _count_samples(known: Mapping[int, Lanelet], positions: Floats, headings: Fl
             angle = line.heading(s)
             along = direction[inside] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             if count := int((along.sum(axis=1) > _WITH).sum()):
-                found[name] = count
-    return found
+                counts[name] = count
+    return counts
 
 
 def is_inside(outline: Floats, points: Floats) -> Bools:
@@ -104,54 +104,54 @@ def is_inside(outline: Floats, points: Floats) -> Bools:
     return inside
 
 
-def _find_path(known: Mapping[int, Lanelet], used: Mapping[int, int]) -> list[int]:
+def _find_path(by_id: Mapping[int, Lanelet], used: Mapping[int, int]) -> list[int]:
     # successive lanelets beside which, or on which, the vehicle is for most samples
-    beside = {name: find_neighbours(known, name) for name in known}
+    neighbours = {name: find_neighbours(by_id, name) for name in by_id}
 
     def weight(name: int) -> tuple[int, int]:
-        return sum(used.get(other, 0) for other in beside[name]), used.get(name, 0)
+        return sum(used.get(other, 0) for other in neighbours[name]), used.get(name, 0)
 
     def total(names: Sequence[int]) -> tuple[int, int]:
-        every = {other for name in names for other in beside[name]}
+        every = {other for name in names for other in neighbours[name]}
         return sum(used.get(other, 0) for other in every), sum(used.get(name, 0) for name in names)
 
     paths = []
     for start in sorted(used):
         path = [start]
         for links, at in (("successor", -1), ("predecessor", 0)):
-            while choices := [name for name in _links(known, path[at], links) if name not in path]:
-                here = known[path[at]]
-                best = max(choices, key=lambda name: (*weight(name), _straightness(here, known[name]), -name))
+            while choices := [name for name in _links(by_id, path[at], links) if name not in path]:
+                here = by_id[path[at]]
+                best = max(choices, key=lambda name: (*weight(name), _straightness(here, by_id[name]), -name))
                 path.insert(len(path) if at else 0, best)
         paths.append(path)
     return max(paths, key=lambda path: (*total(path), -path[0]))
 
 
-def find_neighbours(known: Mapping[int, Lanelet], name: int) -> set[int]:
+def find_neighbours(by_id: Mapping[int, Lanelet], name: int) -> set[int]:
     """Return a lanelet and all of the same direction beside it."""
-    found = {name}
+    neighbours = {name}
     for side in ("left", "right"):
         at = name
         while True:
-            other = _neighbour(known, at, side)
-            if other is None or other in found or not getattr(known[at], f"adj_{side}_same_direction"):
+            other = _neighbour(by_id, at, side)
+            if other is None or other in neighbours or not getattr(by_id[at], f"adj_{side}_same_direction"):
                 break
-            found.add(at := other)
-    return found
+            neighbours.add(at := other)
+    return neighbours
 
 
-def _neighbour(known: Mapping[int, Lanelet], name: int, side: str) -> int | None:
-    other = getattr(known[name], f"adj_{side}")
-    return int(other) if other is not None and other in known else None
+def _neighbour(by_id: Mapping[int, Lanelet], name: int, side: str) -> int | None:
+    other = getattr(by_id[name], f"adj_{side}")
+    return int(other) if other is not None and other in by_id else None
 
 
-def _links(known: Mapping[int, Lanelet], name: int, kind: str) -> list[int]:
-    return [int(other) for other in getattr(known[name], kind) or () if other in known]
+def _links(by_id: Mapping[int, Lanelet], name: int, kind: str) -> list[int]:
+    return [int(other) for other in getattr(by_id[name], kind) or () if other in by_id]
 
 
-def _straightness(one: Lanelet, other: Lanelet) -> float:
+def _straightness(first: Lanelet, second: Lanelet) -> float:
     # minus the angle between the directions of two lanelets where they are nearest to each other
-    ends = [np.asarray(lanelet.center_vertices)[:, :2] for lanelet in (one, other)]
+    ends = [np.asarray(lanelet.center_vertices)[:, :2] for lanelet in (first, second)]
     forward = np.hypot(*(ends[0][-1] - ends[1][0])) <= np.hypot(*(ends[0][0] - ends[1][-1]))
     at = (-1, 0) if forward else (0, -1)
     steps = [np.diff(points, axis=0)[index] for points, index in zip(ends, at, strict=True)]
@@ -160,27 +160,29 @@ def _straightness(one: Lanelet, other: Lanelet) -> float:
 
 
 def _join_centres(lanelets: Iterable[Lanelet]) -> PolygonalLine:
-    return PolygonalLine(np.concatenate([np.asarray(one.center_vertices)[:, :2] for one in lanelets]))
+    return PolygonalLine(np.concatenate([np.asarray(lanelet.center_vertices)[:, :2] for lanelet in lanelets]))
 
 
 def _collect_sections(
-    known: Mapping[int, Lanelet], names: Sequence[int], line: ReferenceLine
+    by_id: Mapping[int, Lanelet], names: Sequence[int], line: ReferenceLine
 ) -> dict[int, _Section]:
     # from lanelet to lanelet that touches it, as far as they run along the line
-    found: dict[int, _Section] = {}
+    sections: dict[int, _Section] = {}
     pending, seen = list(names), set(names)
     while pending:
         name = pending.pop()
-        section = _make_section(name, known[name], line)
+        section = _make_section(name, by_id[name], line)
         if section is None:
             continue
-        found[name] = section
-        beside = (_neighbour(known, name, side) for side in ("left", "right"))
-        linked = (_links(known, name, kind) for kind in ("successor", "predecessor"))
-        near = [one for one in beside if one is not None] + [one for several in linked for one in several]
-        pending += [one for one in near if one not in seen]
+        sections[name] = section
+        side_lanelets = (_neighbour(by_id, name, side) for side in ("left", "right"))
+        linked = (_links(by_id, name, kind) for kind in ("successor", "predecessor"))
+        near = [other for other in side_lanelets if other is not None] + [
+            other for several in linked for other in several
+        ]
+        pending += [other for other in near if other not in seen]
         seen.update(near)
-    return found
+    return sections
 
 
 def _make_section(name: int, lanelet: Lanelet, line: ReferenceLine) -> _Section | None:
@@ -197,34 +199,36 @@ def _make_section(name: int, lanelet: Lanelet, line: ReferenceLine) -> _Section 
     opposing = bool(borders[0][-1, 0] < borders[0][0, 0])
     right, left = (border[::-1] for border in reversed(borders)) if opposing else borders
     kinds = {str(kind.value) for kind in lanelet.lanelet_type or ()}
-    kind = next((one for one in ("accessRamp", "shoulder") if one in kinds), "")
+    kind = next((lanelet_kind for lanelet_kind in ("accessRamp", "shoulder") if lanelet_kind in kinds), "")
     return _Section(name, right, left, opposing, kind, lanelet)
 
 
 def _chain(sections: Mapping[int, _Section], path: Sequence[int], opposing: bool) -> list[list[_Section]]:
     # one after another, in the direction of the line; a merge or a fork continues where it is straightest
-    mine = {name: one for name, one in sections.items() if one.opposing == opposing}
+    same_way = {name: section for name, section in sections.items() if section.opposing == opposing}
     pairs = [
-        (one.name, other)
-        for one in mine.values()
-        for other in map(int, one.source.successor or ())
-        if other in mine and mine[other].kind == one.kind and _follows(one, mine[other], opposing)
+        (section.name, other)
+        for section in same_way.values()
+        for other in map(int, section.source.successor or ())
+        if other in same_way
+        and same_way[other].kind == section.kind
+        and _follows(section, same_way[other], opposing)
     ]
 
     def rank(pair: tuple[int, int]) -> tuple[bool, float]:
         on_path = pair[0] in path and pair[1] in path
-        return on_path, _straightness(mine[pair[0]].source, mine[pair[1]].source)
+        return on_path, _straightness(same_way[pair[0]].source, same_way[pair[1]].source)
 
     following: dict[int, int] = {}
     for before, after in sorted(pairs, key=rank, reverse=True):
         if before not in following and after not in following.values():
             following[before] = after
     chains = []
-    for first in sorted(set(mine) - set(following.values())):
+    for first in sorted(set(same_way) - set(following.values())):
         chain = [first]
         while chain[-1] in following:
             chain.append(following[chain[-1]])
-        chains.append([mine[name] for name in (reversed(chain) if opposing else chain)])
+        chains.append([same_way[name] for name in (reversed(chain) if opposing else chain)])
     return chains
 
 
@@ -235,12 +239,14 @@ def _follows(before: _Section, after: _Section, opposing: bool) -> bool:
 
 
 def _mean_offset(chain: Sequence[_Section]) -> float:
-    return float(np.mean([border[:, 1].mean() for one in chain for border in (one.right, one.left)]))
+    return float(
+        np.mean([border[:, 1].mean() for section in chain for border in (section.right, section.left)])
+    )
 
 
 def _assemble(line: ReferenceLine, chains: Sequence[Sequence[_Section]]) -> Road:
     lanes = tuple(_make_lane(chain) for chain in chains)
-    lane_of = {one.name: index for index, chain in enumerate(chains) for one in chain}
+    lane_of = {section.name: index for index, chain in enumerate(chains) for section in chain}
     centres = tuple(round(float(np.median(0.5 * (lane.right + lane.left))), 6) for lane in lanes)
     widths = np.concatenate([lane.left - lane.right for lane in lanes])
     kinds = [chain[0].kind for chain in chains]
@@ -259,7 +265,7 @@ def _assemble(line: ReferenceLine, chains: Sequence[Sequence[_Section]]) -> Road
 
 
 def _make_lane(chain: Sequence[_Section]) -> Lane:
-    borders = [np.concatenate([getattr(one, side) for one in chain]) for side in ("right", "left")]
+    borders = [np.concatenate([getattr(section, side) for section in chain]) for side in ("right", "left")]
     ascending = [np.maximum.accumulate(border[:, 0]) for border in borders]
     begin, end = (float(np.mean([s[at] for s in ascending])) for at in (0, -1))
     stations = np.unique(np.concatenate([[begin, end], *ascending]))
@@ -270,17 +276,17 @@ def _make_lane(chain: Sequence[_Section]) -> Lane:
 
 def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[int, int]) -> set[int]:
     # lanes whose left border is broad, by their own marking or by that of the lane on their left
-    found = set()
+    broad = set()
     for index, chain in enumerate(chains):
-        for one in chain:
-            if one.opposing:
+        for section in chain:
+            if section.opposing:
                 continue
-            if is_broad(one.source, "left"):
-                found.add(index)
-            neighbour = one.source.adj_right
-            if is_broad(one.source, "right") and neighbour is not None and neighbour in lane_of:
-                found.add(lane_of[int(neighbour)])
-    return found
+            if is_broad(section.source, "left"):
+                broad.add(index)
+            neighbour = section.source.adj_right
+            if is_broad(section.source, "right") and neighbour is not None and neighbour in lane_of:
+                broad.add(lane_of[int(neighbour)])
+    return broad
 
 
 def is_broad(lanelet: Lanelet, side: str) -> bool:

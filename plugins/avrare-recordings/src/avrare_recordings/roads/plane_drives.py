@@ -50,41 +50,44 @@ class PlaneDrives:
     def recording(self, ego: str | None) -> Recording:
         """Return the drive of one ego; UsageError if it is not there, has gaps, or is on no road."""
         if ego not in self.names:
-            known = ", ".join(self.names) or "none"
+            names = ", ".join(self.names) or "none"
             text = "no ego is chosen" if ego is None else f"there is no moving obstacle {ego!r}"
-            raise UsageError(f"{self.path}: {text}", f"choose the ego; there are: {known}")
-        own = self.obstacles[ego]
-        first, samples = int(own.steps.min()), int(own.steps.max() - own.steps.min()) + 1
-        if len(set(own.steps.tolist())) < samples:  # or else one step far off makes arrays of any size
+            raise UsageError(f"{self.path}: {text}", f"choose the ego; there are: {names}")
+        body = self.obstacles[ego]
+        first, samples = int(body.steps.min()), int(body.steps.max() - body.steps.min()) + 1
+        if len(set(body.steps.tolist())) < samples:  # or else one step far off makes arrays of any size
             raise UsageError(
                 f"{self.path}: obstacle {ego} has gaps in time", "the ego needs a state at every step"
             )
-        road, angle = self.find_road(own)
-        tracks = {name: one.track(first, samples, angle, road.line) for name, one in self.obstacles.items()}
+        road, angle = self.find_road(body)
+        tracks = {
+            name: obstacle.track(first, samples, angle, road.line)
+            for name, obstacle in self.obstacles.items()
+        }
         if not tracks[ego].present.all():
             at = first + int(np.argmin(tracks[ego].present))
             text = f"{self.path}: obstacle {ego} leaves the road at step {at}"
             raise UsageError(text, f"it is more than {ASIDE:g} m from the line along its lanes")
         others = [track for name, track in tracks.items() if name != ego and track.present.any()]
-        road, lights = self.add_rules(road, own, [track.name for track in others], first, samples)
-        found = assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
-        return dataclasses.replace(found, signals={**found.signals, **lights})
+        road, lights = self.add_rules(road, body, [track.name for track in others], first, samples)
+        assembled = assemble_recording(self.path, self.dt, self.dt * first, tracks[ego], others, road)
+        return dataclasses.replace(assembled, signals={**assembled.signals, **lights})
 
     def add_rules(
-        self, road: Road, own: Obstacle, others: Sequence[str], first: int, samples: int
+        self, road: Road, ego: Obstacle, others: Sequence[str], first: int, samples: int
     ) -> tuple[Road, dict[str, Floats]]:
         """Return the road of an ego with the intersections on its way, and the signals of its lights.
 
         Args:
             road: Its road.
-            own: The ego.
+            ego: The ego.
             others: Names of the other vehicles, in the order of the scene.
             first: Step of the first sample.
             samples: Number of samples.
         """
         if road is self.road or not self._has_right_of_way:
             return road, {}
-        names = self._find_route(own)
+        names = self._find_route(ego)
         road = add_crossings(road, self.network, names, [self._routes[name] for name in others])
         ratio = self.dt / (self.light_step or self.dt)
         steps = [math.floor(ratio * step + 1e-6) for step in range(first, first + samples)]
@@ -101,34 +104,34 @@ class PlaneDrives:
                 raise
             return self.road, 0.0
 
-    def lead(self, own: Obstacle, route: Sequence[int]) -> Obstacle:
+    def lead(self, ego: Obstacle, route: Sequence[int]) -> Obstacle:
         """Return a vehicle that also drives along the lanelets ``route``; UsageError if they are no way."""
-        known = {int(one.lanelet_id): one for one in self.lanelets}
-        if unknown := sorted(set(route) - set(known)):
+        by_id = {int(lanelet.lanelet_id): lanelet for lanelet in self.lanelets}
+        if unknown := sorted(set(route) - set(by_id)):
             raise UsageError(f"{self.path}: there is no lanelet {unknown[0]}", "look at `route`")
-        states = [own.states]
+        states = [ego.states]
         for name in route:
-            x, y = np.asarray(known[name].center_vertices)[:, :2].T
+            x, y = np.asarray(by_id[name].center_vertices)[:, :2].T
             middles = np.stack([0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])])
             headings = np.arctan2(np.diff(y), np.diff(x))
             states.append(np.stack([*middles, headings, np.zeros_like(headings)]))
         x, y, headings, _ = joined = np.concatenate(states, axis=1)
         path = find_path(self.path, self.lanelets, np.stack([x, y], axis=1), headings) if route else []
-        beside = [find_neighbours(known, name) for name in route]
-        places = [next((k for k, name in enumerate(path) if name in each), -1) for each in beside]
+        neighbours = [find_neighbours(by_id, name) for name in route]
+        places = [next((k for k, name in enumerate(path) if name in each), -1) for each in neighbours]
         if -1 in places or places != sorted(places):
             text = f"{self.path}: the lanelets of `route` are no way from the ego's start"
             raise UsageError(text, "each follows the one before it: " + ", ".join(map(str, route)))
-        return dataclasses.replace(own, states=joined)
+        return dataclasses.replace(ego, states=joined)
 
     @cached_property
     def _routes(self) -> Mapping[str, Sequence[int]]:
         # successive lanelets of every obstacle; none of those that stand beside the road
-        return {name: self._find_route(one) for name, one in self.obstacles.items()}
+        return {name: self._find_route(obstacle) for name, obstacle in self.obstacles.items()}
 
-    def _find_route(self, one: Obstacle) -> Sequence[int]:
+    def _find_route(self, obstacle: Obstacle) -> Sequence[int]:
         try:
-            return find_path(self.path, self.lanelets, one.states[:2].T, one.states[2])
+            return find_path(self.path, self.lanelets, obstacle.states[:2].T, obstacle.states[2])
         except UsageError:
             return ()
 
@@ -178,14 +181,14 @@ class Obstacle:
         else:
             x, y = line.to_road(x, y)
             turned = np.remainder(self.states[2] - line.heading(x) + math.pi, 2.0 * math.pi) - math.pi
-        known = np.isfinite(x) & ((np.abs(y) <= ASIDE) | (line is None))
+        on_road = np.isfinite(x) & ((np.abs(y) <= ASIDE) | (line is None))
         rows = np.stack([x, y, turned, self.states[3]])
         if not len(self.steps):
-            present[:] = known[0]
+            present[:] = on_road[0]
             states[:4], states[4] = rows[:, [0]], 0.0
         else:
             at = self.steps - first
-            kept = known & (at >= 0) & (at < samples)
-            present[at[kept]] = True
-            states[:4, at[kept]] = rows[:, kept]
+            rows_inside = on_road & (at >= 0) & (at < samples)
+            present[at[rows_inside]] = True
+            states[:4, at[rows_inside]] = rows[:, rows_inside]
         return VehicleTrack(self.name, self.length, self.width, present, states)

@@ -44,8 +44,10 @@ def find_straight_lanes(path: str, lanelets: Sequence[Lanelet]) -> tuple[Road, f
     """
     if not lanelets:
         raise UsageError(f"{path}: there are no lanelets", "give the lanes yourself")
-    chords = ((one.center_vertices[-1] - one.center_vertices[0])[:2] for one in lanelets)  # heights aside
-    chord = max(chords, key=lambda one: float(np.hypot(*one)))
+    chords = (
+        (lanelet.center_vertices[-1] - lanelet.center_vertices[0])[:2] for lanelet in lanelets
+    )  # heights aside
+    chord = max(chords, key=lambda lanelet: float(np.hypot(*lanelet)))
     angle = math.atan2(chord[1], chord[0])
     segments = [_make_segment(lanelet, angle) for lanelet in lanelets]
     straight = [segment for segment in segments if segment.bend <= _MAX_BEND]
@@ -107,11 +109,14 @@ def _join_segments(path: str, segments: Sequence[_LaneSegment]) -> Road:
         tuple(index for index, lane in enumerate(lanes) if any(segment.ramp for segment in lane)),
         min(segment.begin for segment in segments),
         max(segment.end for segment in segments),
-        shoulder=tuple(index for index, lane in enumerate(lanes) if any(one.shoulder for one in lane)),
+        shoulder=tuple(
+            index for index, lane in enumerate(lanes) if any(section.shoulder for section in lane)
+        ),
         broad_markings=tuple(
             index
             for index, lane in enumerate(lanes)
-            if any(one.broad[0] for one in lane) or any(one.broad[1] for one in _after(lanes, index))
+            if any(section.broad[0] for section in lane)
+            or any(section.broad[1] for section in _after(lanes, index))
         ),
     )
 

@@ -51,31 +51,31 @@ class Way:
         return 0.5 * float(np.median(np.hypot(*(self.left - self.right).T)))
 
 
-def prefer(mine: Way, other: Way) -> Reason | None:
-    """Return why another way has priority over one's own, None if it has not.
+def prefer(way: Way, other: Way) -> Reason | None:
+    """Return why another way has priority over ``way``, None if it has not.
 
     Lights put signs and right before left out of force.
     """
-    turned = math.remainder(other.heading - mine.heading, 2.0 * math.pi)
+    turned = math.remainder(other.heading - way.heading, 2.0 * math.pi)
     against = abs(turned) > 0.75 * math.pi
-    if other.rank > mine.rank and not mine.lights:
+    if other.rank > way.rank and not way.lights:
         return "sign"
-    if other.rank < mine.rank and not mine.lights:
+    if other.rank < way.rank and not way.lights:
         return None
     if against:
-        return "oncoming" if mine.turn == "left" and other.turn in ("straight", "right") else None
-    return "right" if 0.25 * math.pi < turned and not mine.lights else None
+        return "oncoming" if way.turn == "left" and other.turn in ("straight", "right") else None
+    return "right" if 0.25 * math.pi < turned and not way.lights else None
 
 
-def find_crossing(line: ReferenceLine, mine: Way, other: Way) -> Crossing | None:
-    """Return the conflict area of one's own way, by stations on ``line``, and a way that has priority.
+def find_crossing(line: ReferenceLine, ego_way: Way, other: Way) -> Crossing | None:
+    """Return the conflict area of the ego's way, by stations on ``line``, and a way that has priority.
 
     None where the two do not overlap, or the other has no priority.
     """
-    reason = prefer(mine, other)
-    if reason is None or other.name == mine.name:
+    reason = prefer(ego_way, other)
+    if reason is None or other.name == ego_way.name:
         return None
-    points = _list_points(mine)
+    points = _list_points(ego_way)
     common = points[is_inside(np.concatenate([other.left, other.right[::-1]]), points)]
     if not len(common):
         return None
