@@ -203,14 +203,14 @@ def test_a_stack_is_compared_with_a_driver_by_name(tmp_path):
 
 def test_the_shipped_scene_orders_the_drivers_as_the_grids_do():
     path = Path(__file__).parents[3] / "scenarios" / "motorway_cut_in.yaml"
-    fast = ["simulator.draws={}", "simulator.parameters.Closing=7.0"]
+    fast = ["simulator.draws={}", "simulator.parameters.Closing=10.0"]
     collisions = {}
-    for model in ("cc", "fsm"):
+    for model in ("cc", "reg157", "fsm"):
         driver = [f"controller={{plugin: reference_driver, model: {model}}}", "aeb=null"]
         problem = avrare.load(path, [*fast, *driver]).problem("no_collision")
         assert problem.noise_size == 3  # those of the scene alone: the driver sees the truth
         collisions[model] = avrare.estimate(problem, "mc", rollouts=200, seed=1).failures.count
-    assert 0 < collisions["fsm"] < collisions["cc"] < 100
+    assert 0 < collisions["fsm"] < collisions["reg157"] < collisions["cc"]
 
 
 def test_rates_of_a_catalogue_beside_another_driver(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,13 +53,18 @@ class ReferenceDriver(Controller):
     def act(self, memory: Reaction, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Reaction]:
         """Return the braking for the worst of the others, and the state after it."""
         seen = find_situation("reference_driver", self._scene, ego, prediction)
-        demand = self._driver.demand(seen).max(axis=1, initial=0.0)
+        demand = self._driver.demand(self._look_ahead(seen)).max(axis=1, initial=0.0)
         braking, later = memory.advance(self._driver, demand, self._scene.dt)
         follows = np.full(len(demand), self._settles) | (self._config.follows & (later.delay <= 0.0))
         braking = np.where(follows & (demand <= 0.0), self._close_up(seen, ego), braking)
         acceleration = np.maximum(-braking, -ego.speed / self._scene.dt)
         turn = steer_in_lane(self._scene.road, ego, self._config.y_goal)
         return Action(acceleration, turn), later
+
+    def _look_ahead(self, seen: Situation) -> Situation:
+        # JRC's stepping applies a speed from the begin of its step: half a step of braking more.
+        lost = 0.5 * self._scene.dt * np.maximum(seen.closing, 0.0)
+        return replace(seen, ahead=seen.ahead - lost, gap=seen.gap - lost)
 
     def _close_up(self, seen: Situation, ego: Vehicles) -> Floats:
         gap, speed, exists = find_leader(seen, margin=0.0)
