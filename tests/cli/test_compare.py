@@ -57,22 +57,6 @@ def test_a_reference_problem(tmp_path, capsys):
         assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_json_is_the_same_for_any_number_of_workers(tmp_path, capsys):
-    contents, small = [], ["--budget", "steps=2e4", "--repeat", "1", "--no-pictures", "--json"]
-    for workers in ("1", "2"):
-        words = [*small, "--out", str(tmp_path), "--workers", workers]
-        assert main([*WALK, *words]) == 0
-        printed = json.loads(capsys.readouterr().out)
-        assert printed == json.loads((tmp_path / "comparison.json").read_text())
-        for entry in printed["estimators"]:
-            for one in entry["repetitions"]:
-                del one["seconds"]
-        contents.append(printed)
-    assert contents[0] == contents[1]
-    assert not (tmp_path / "comparison.png").exists()
-
-
 def test_problem_without_an_id_lists_reference_problems(capsys):
     assert main(["compare", "problem:"]) == 0
     assert "d_rw_L3.8" in capsys.readouterr().out

@@ -43,24 +43,6 @@ def plain(result):
     return content, result.failures.noise.tobytes(), result.robustness.tobytes()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OPTIONS)
-def test_killed_again_and_again(tmp_path, name):
-    tried = problem().system
-    probe(tried)
-    folder, lives, deaths = tmp_path / "kept", tried.lived + 85, 0
-    whole = avrare.estimate(problem(), name, seed=4, **OPTIONS[name])
-    for _ in range(200):
-        try:
-            result = avrare.estimate(problem(lives), name, seed=4, checkpoint=folder, **OPTIONS[name])
-            break
-        except systems.Killed:
-            deaths += 1
-    assert deaths > 1
-    assert plain(result) == plain(whole)
-    assert not folder.exists()
-
-
 def test_killed_after_every_batch(tmp_path):
     whole = avrare.estimate(problem(steps=3), rollouts=60)
     tried = problem(steps=3).system

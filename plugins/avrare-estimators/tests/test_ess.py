@@ -65,18 +65,6 @@ def test_a_false_bound_is_detected(second_pass):
     assert 0.05 < int(found[1]) / int(found[2]) < 0.9
 
 
-@pytest.mark.slow
-def test_a_narrower_bracket_is_unbiased_and_cheaper():
-    whole, part = (
-        estimate("a_beta_-2.5", kernel=kernel, runs=100, **SMALL)
-        for kernel in ("shrink", {"name": "shrink", "bracket": 3.0})
-    )
-    assert abs(deviation(part.run_probabilities, reference_problem("a_beta_-2.5").probability)) < 4.0
-    assert part.rollouts < 0.8 * whole.rollouts
-    with pytest.raises(avrare.UsageError, match=r"unknown option 'kernel\.bracket'"):
-        estimate("a_beta_-2", kernel={"name": "pcn", "bracket": 3.0})
-
-
 @pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
 def test_heuristic_kernels_give_a_warning(kernel):
     assert kernel in estimate("a_beta_-2", kernel=kernel, runs=2, **SMALL).health["heuristic_kernel"]
@@ -87,14 +75,6 @@ def test_heuristic_kernels_give_a_warning(kernel):
 def test_growing_slope_is_biased():
     """Show why the kernel carries a note."""
     assert off("i_exp_sum_d10_c30.0", kernel="lipschitz_growing", runs=60, **SMALL) > 4.0
-
-
-@pytest.mark.slow
-def test_the_smallest_sample_is_unbiased_too():
-    """Take ten samples a level: what adapts to itself is off, what follows a pilot is not."""
-    options = {"chains": 5, "level_probability": 0.5, "runs": 4000, "kernel": "shrink"}
-    assert abs(off("c_fourbranch_k6", **options)) < 4.0
-    assert off("c_fourbranch_k6", second_pass=False, **options) > 4.0
 
 
 def steep(signals, t):

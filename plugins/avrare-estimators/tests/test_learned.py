@@ -88,15 +88,6 @@ def test_it_learns_and_stays_unbiased():
         assert stages[0]["failures"] < 5 < 40 < stages[-1]["failures"]
 
 
-@pytest.mark.slow
-def test_training_gives_the_same_bits():
-    task = toy.final_only(LIMIT, chunk=64)
-    options = {**QUICK, "epochs": 20, "rollouts": 150, "stages": 2}
-    one, again, two = (avrare.estimate(task, "ce", workers=w, **options) for w in (1, 1, 2))
-    assert one.to_dict() | {"seconds": 0} == again.to_dict() | {"seconds": 0}
-    assert one.to_dict() | {"seconds": 0} == two.to_dict() | {"seconds": 0}
-
-
 def test_a_target_without_law_is_refused():
     with pytest.raises(avrare.UsageError, match="no law"):
         avrare.estimate(toy.final_only(LIMIT, perception=toy.Blind(toy.scene())), "ce")

@@ -47,26 +47,6 @@ def scenario(tmp_path, policy, world, rule):
     return avrare.load(path)
 
 
-NOISY = "scene: merge, start_seed: 3, lidar: {cells: 24, speeds: false, noise_variance: 0.01}"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("estimator", "options"),
-    [("mc", {"rollouts": 10}), ("ams", {"particles": 6, "discard": 2, "runs": 2})],
-)
-def test_the_same_bits_in_one_process_and_in_two(tmp_path, policy, estimator, options):
-    world = scenario(tmp_path, policy, NOISY, '{stl: "always (speed < 39.4)"}')
-    problem = world.problem("rule")
-    one, two = (avrare.estimate(problem, estimator, seed=5, workers=workers, **options) for workers in (1, 2))
-    assert one.probability == two.probability
-    assert one.interval == two.interval
-    assert one.simulated_steps == two.simulated_steps
-    assert np.array_equal(one.failures.noise, two.failures.noise)
-    assert 0.0 < one.probability < 1.0
-    assert (problem.robustness(one.failures.noise) <= 0.0).all()
-
-
 def test_traffic_rules_agree_with_highway_env():
     """Give full throttle on the merge, which ends in a collision: there the rule breaks."""
     sim = simulator(scene="merge")

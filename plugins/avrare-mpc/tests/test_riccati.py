@@ -104,19 +104,6 @@ def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [300.0, 1e8, 1e200, np.nan, np.inf])
-def test_absurd_rows_do_not_affect_others(fast, quiet, speed):
-    memory, ego, prediction = (concatenate([part, part]) for part in quiet[1].inputs[7])
-    absurd = dataclasses.replace(ego, speed=np.array([ego.speed[0], speed]))
-    action, later = fast.act(memory, absurd, prediction)
-    good, _ = fast.act(*quiet[1].inputs[7])
-    assert action.acceleration[0] == good.acceleration[0]
-    assert np.isfinite([action.acceleration[1], action.yaw_rate[1]]).all()
-    assert (later.fallbacks - memory.fallbacks).tolist() == [0, 1]
-    assert (later.retries - memory.retries)[0] == 0
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

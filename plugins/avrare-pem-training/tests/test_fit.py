@@ -65,26 +65,6 @@ def test_the_true_law_is_recovered(drive, model):
     assert scores["along_z4"] / scores["along_z4_own"] == pytest.approx(1.0, abs=0.5)
 
 
-@pytest.mark.slow
-def test_the_artefact_is_modelled_separately(drive):
-    from avrare_pem_training.cleaning import clean
-    from avrare_pem_training.pipeline import fit_model
-    from avrare_pem_training.scores import evaluate, yaw_scores
-
-    data = clean(drive(6000, artefact=True))
-    fitted = fit_model(data, quick("mlp"), {}, lambda line: None).model
-    aligned, truth = cars(RANGES[:3], yaw=np.pi / 2), drive.detection(RANGES[:3])
-    np.testing.assert_allclose(fitted.clean.law(aligned, 0.0).detect.mean(axis=1), truth, atol=0.12)
-    np.testing.assert_allclose(fitted.delivered.law(aligned, 0.0).detect.mean(axis=1), 0.4 * truth, atol=0.12)
-    scored = evaluate(fitted, data)
-    assert scored["delivered"].frame == "ego"
-    losses = {name: one.scores["detection_nll"] for name, one in scored.items()}
-    assert losses["delivered"] < losses["clean_on_delivered"] - 0.1
-    yaw = yaw_scores(fitted, data)
-    assert yaw["yaw_flips_own"] == pytest.approx(0.1, abs=0.03)
-    assert yaw["yaw_flips"] == pytest.approx(yaw["yaw_flips_own"], abs=0.03)
-
-
 @pytest.mark.parametrize(("least_gain", "steps"), [(np.inf, 20), (1e-2, 320), (0.2, 80)])
 def test_the_schedule_doubles_while_blocks_left_out_gain(least_gain, steps, monkeypatch):
     from avrare_pem_training import fit_networks as module
