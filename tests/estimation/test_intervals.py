@@ -47,19 +47,6 @@ def test_clopper_pearson_covers():
         assert covered >= 0.9 - 1e-12
 
 
-@pytest.mark.parametrize("confidence", [0.01, *CONFIDENCES, 1 - 1e-15])
-@pytest.mark.parametrize("freedom", [1, 2, 9, 99, 10_000])
-def test_t_factor(confidence, freedom):
-    expected = stats.t.isf((1 - confidence) / 2, freedom)
-    assert intervals.t_factor(confidence, freedom) == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("confidence", [0.01, *CONFIDENCES, 1 - 1e-15])
-def test_normal_factor(confidence):
-    expected = stats.norm.isf((1 - confidence) / 2)
-    assert intervals.normal_factor(confidence) == pytest.approx(expected, rel=1e-6, abs=1e-12)
-
-
 @pytest.mark.parametrize("freedom", [0, 1, 9])
 @pytest.mark.parametrize("mean", [1e-18, 1e-6, 0.3, 1.0])
 @pytest.mark.parametrize("relative_variance", [0.0, 1e-6, 0.5, 1.0, 30.0])

@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.result.intervals import clopper_pearson, inverse_binomial
 from avrare.testing import faulty_systems as systems
-from avrare.testing.problems import linear, reference_problem
+from avrare.testing.problems import linear
 
 
 def walk(limit=2.5, system=None, steps=100, **keywords):
@@ -26,24 +26,6 @@ def coin(probability):
     return linear(-NormalDist().inv_cdf(probability), dim=1).problem()
 
 
-@pytest.mark.slow
-def test_unbiased_and_covering_over_two_hundred_seeds():
-    problem = linear(2.0, dim=3).problem()
-    truth, rollouts = linear(2.0, dim=3).probability, 400
-    results = [avrare.estimate(problem, seed=seed, rollouts=rollouts, confidence=0.9) for seed in range(200)]
-    error = math.sqrt(truth * (1 - truth) / rollouts / len(results))
-    assert abs(np.mean([result.probability for result in results]) - truth) < 4 * error
-    covered = np.mean([result.interval[0] <= truth <= result.interval[1] for result in results])
-    assert covered > 0.9 - 4 * math.sqrt(0.09 / len(results))
-
-
-def test_unbiased_on_the_walk_over_two_hundred_runs():
-    result = avrare.estimate(walk(), seed=0, rollouts=200, runs=200)
-    values, truth = result.run_probabilities, reference_problem("d_rw_L2.5").probability
-    assert abs(values.mean() - truth) < 4 * math.sqrt(truth * (1 - truth) / result.rollouts)
-    assert values.var(ddof=1) == pytest.approx(truth * (1 - truth) / 200, rel=0.5)
-
-
 @pytest.mark.parametrize("rollouts", [1, 7, 300])
 def test_interval_is_clopper_pearson(rollouts):
     result = avrare.estimate(walk(1.0), rollouts=rollouts, confidence=0.8)
@@ -51,36 +33,10 @@ def test_interval_is_clopper_pearson(rollouts):
     assert result.interval_at(0.99) == clopper_pearson(result.failures.count, rollouts, 0.99)
 
 
-def test_certain_failure_and_certain_pass():
-    never, always = (avrare.estimate(walk(limit), rollouts=50) for limit in (99.0, -1.0))
-    assert (never.probability, never.interval) == (0.0, (0.0, pytest.approx(1 - 0.025 ** (1 / 50))))
-    assert (always.probability, always.interval) == (1.0, (pytest.approx(0.025 ** (1 / 50)), 1.0))
-    assert never.failures.noise.shape == (0, 101, 1)
-    assert math.isnan(never.relative_error)
-    assert list(always.health) == ["all_failed"]
-    assert not never.health
-
-
-def test_cost_is_what_was_passed_to_step():
-    system = systems.Counting(systems.Walk())
-    result = avrare.estimate(walk(system=system, chunk=64), rollouts=150, runs=2)
-    assert result.simulated_steps == 300 * 100
-    assert system.rows == 300 * 100 + odd_systems.rows_of_checks(systems.Walk(), 100)
-    assert result.rollouts == 300
-
-
 def test_failures_are_kept_up_to_a_limit():
     result = avrare.estimate(walk(0.1), rollouts=2000)
     assert result.failures.count > 1000
     assert len(result.failures.robustness) == len(result.failures.noise) == 100
-
-
-def test_failures_of_every_run_replay():
-    result = avrare.estimate(walk(1.5), rollouts=100, runs=5, seed=1)
-    assert (result.run_probabilities > 0).sum() > 2
-    assert len(result.failures.robustness) == result.failures.count
-    np.testing.assert_array_equal(walk(1.5).robustness(result.failures.noise), result.failures.robustness)
-    assert walk(1.5).robustness(result.worst.noise[None])[0] == np.min(result.robustness)
 
 
 def test_counters_are_summed():
@@ -124,12 +80,6 @@ def test_errors_are_neither_failures_nor_passes(how):
     assert ("the planner gave up" in result.health["errors"]) == (how == "raise")
     assert np.isnan(result.robustness).sum() == result.errors
     np.testing.assert_array_equal(problem.robustness(result.failures.noise), result.failures.robustness)
-
-
-def test_few_errors_are_counted_without_a_warning():
-    result = avrare.estimate(walk(system=systems.Fragile("nan", beyond=3.9), steps=100), rollouts=1000)
-    assert 0 < result.errors <= 10
-    assert not result.health
 
 
 @pytest.mark.parametrize(

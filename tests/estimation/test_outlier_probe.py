@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.checks.outlier_probe import probe_cost, probe_outliers
+from avrare.estimation.checks.outlier_probe import probe_outliers
 from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
 from avrare.testing import faulty_systems as systems
 
@@ -89,13 +89,6 @@ def test_a_rollout_that_breaks_down_has_not_failed():
     assert found(problem(Fragile), RARE / 4.0) is None
 
 
-def test_no_bit_depends_on_the_chunk():
-    case = problem(Starts)
-    other = problem(Starts)
-    other.chunk = 7
-    assert found(case, RARE / 4.0) == found(other, RARE / 4.0)
-
-
 def split(seed, runs=40, **options):
     case = problem(Starts, bound=4.5)
     return avrare.estimate(case, "ams", seed=seed, runs=runs, particles=20, discard=2, grow=False, **options)
@@ -108,14 +101,6 @@ def test_an_estimate_that_missed_a_start_is_warned_of():
     assert all("outliers" in result.health for result in missed)
     seed = results.index(missed[0])
     assert "outliers" not in split(seed, suppress=("outliers",)).health
-
-
-def test_small_estimates_are_not_probed():
-    case = problem(Starts)
-    assert probe_cost(case) == 3 * 5 * 12 + 96
-    result = split(0, runs=2)
-    assert result.rollouts < 20 * probe_cost(case)
-    assert "outliers" not in result.health
 
 
 class Coins:
@@ -175,13 +160,6 @@ def test_a_look_at_pairs_takes_no_more_rollouts_than_it_says(size, threshold):
     found_pair(counting, 1e-3)
     most = pair_probe_cost(avrare.Problem(Coins(0, size), avrare.stl("always (x < 6)"), STEPS))
     assert 24 * STEPS <= counting.rows <= most * STEPS
-
-
-def test_no_bit_of_a_pair_depends_on_the_chunk():
-    case = avrare.Problem(Coins(1), avrare.stl("always (x < 6)"), STEPS)
-    whole = probe_pairs(case, 0, BOTH / 3.0, 0, 0.95)
-    case.chunk = 7
-    assert probe_pairs(case, 0, BOTH / 3.0, 0, 0.95) == whole
 
 
 def test_an_estimate_that_missed_two_coins_is_warned_of():

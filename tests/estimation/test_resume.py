@@ -179,12 +179,6 @@ def test_the_clock_continues_after_an_interruption(tmp_path, monkeypatch):
     assert result.rollouts > 3 * 64
 
 
-def test_the_folder_cannot_be_used(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(avrare.UsageError, match="cannot save a checkpoint here"):
-        avrare.estimate(problem(), rollouts=10, checkpoint=tmp_path / "file" / "kept")
-
-
 def test_a_folder_with_other_files_is_not_touched(tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     with pytest.raises(avrare.UsageError, match="is not empty and not a checkpoint"):

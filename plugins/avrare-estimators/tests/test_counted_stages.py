@@ -148,34 +148,6 @@ def test_learning_knows_failures_where_enough_are_among_its_elite():
     assert not has_reached({"reached": False})
 
 
-def made_ratios():
-    rng = np.random.default_rng(5)
-    ratios = np.exp(rng.normal(0.0, 1.5, (60, 8)))
-    ratios[:, 5] *= 0.1  # it has nothing to say
-    return ratios, rng.random(60)
-
-
-def test_shares_go_to_the_least_second_moment():
-    ratios, weights = made_ratios()
-    share = dictionary._shares(ratios, weights, 0.25, np.ones(8), 20_000)
-    slopes = (weights / (0.25 + ratios @ share) ** 2) @ ratios
-    assert share.sum() == pytest.approx(0.75)
-    used = share > 1e-6
-    assert 1 < used.sum() < 8
-    assert slopes[used] == pytest.approx(slopes[used].mean(), rel=1e-3)
-    assert (slopes[~used] < slopes[used].min()).all()
-
-
-def test_the_rounds_are_those_that_are_best_for_rows_left_out():
-    rows = 40
-    common = np.full((rows, 1), 3.0)
-    own = 1000.0 * np.eye(rows)  # each entry explains a row of its own, and no other
-    memory = dictionary._best_rounds(np.hstack([common, own]), np.ones(rows), 0.25, np.ones(rows + 1))
-    assert memory == 1
-    useless = np.full((rows, rows), 0.1)
-    assert dictionary._best_rounds(np.hstack([common, useless]), np.ones(rows), 0.25, np.ones(rows + 1)) > 5
-
-
 def test_a_fit_takes_the_rounds_that_pay(monkeypatch):
     rng = np.random.default_rng(6)
     tapes = rng.standard_normal((2, 100, 21, 6))

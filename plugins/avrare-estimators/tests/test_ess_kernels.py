@@ -10,7 +10,7 @@ from studies.stationarity import drift, exact_starts, rolled_out
 from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.testing.problems import conjunction, four_branch, linear, walk
-from avrare_estimators.common.chains.kernel import Draw, Move, StepOutcome
+from avrare_estimators.common.chains.kernel import Draw
 from avrare_estimators.common.chains.pcn import PcnKernel
 from avrare_estimators.ess.kernels.elimination import free_angle
 from avrare_estimators.ess.kernels.lipschitz import LipschitzKernel, _largest_singular_value
@@ -90,31 +90,6 @@ def test_a_mutant_is_detected():
     assert abs(drifted("two_corners", FreshAngles(), ()).mean) > 3.5
 
 
-def _stepped(problem, kernel, tuning, points, rows):
-    """Take a whole step of the chains ``rows`` (of ``points``), as a batch of their own."""
-    zeros = np.zeros(len(rows), dtype=np.int64)
-    draw = Draw(NoiseSource(3, problem.noise_size), problem.steps, zeros, 1, rows)
-    move = kernel.start(batch.take(tuning, zeros), batch.take(points, rows), np.zeros(len(rows)), draw)
-    while len(move.waiting):
-        move = kernel.tell(move, rolled_out(problem, move.proposal))
-    return move
-
-
-@pytest.mark.parametrize("region", ["two_corners", "half_space"])
-@pytest.mark.parametrize("name", ["shrink", "bracket", "pcn", "lipschitz", "growing", "bayesian"])
-def test_no_chain_depends_on_its_neighbours(region, name):
-    problem = REGIONS[region].problem()
-    kernel, tuning = kernels(problem.noise_size)[name]
-    together = _stepped(problem, kernel, tuning, starts(region), np.arange(40))
-    for rows in ([7], [0, 39], list(range(5, 22))):
-        alone = _stepped(problem, kernel, tuning, starts(region), np.array(rows))
-        for field in ("tape", "score", "violated", "robustness"):
-            np.testing.assert_array_equal(getattr(alone.state, field), getattr(together.state, field)[rows])
-        if name == "lipschitz":
-            for field, values in vars(batch.take(together.work.slopes, np.array(rows))).items():
-                np.testing.assert_array_equal(getattr(alone.work.slopes, field), values)
-
-
 def test_slopes_are_between_a_chain_and_its_proposals():
     """Fit the score u -> 3 x: no two tapes are farther apart than 3 per unit of length, some nearly so."""
     tape = np.random.default_rng(1).normal(size=(500, 1, 1))
@@ -152,17 +127,6 @@ def test_broken_rollouts_are_never_taken():
             move = kernel.tell(move, broken)
         assert np.array_equal(move.state.tape, tape), name
         assert not move.accepted.any(), name
-
-
-def test_pcn_adapts_run_by_run():
-    kernel = PcnKernel()
-    state = rolled_out(REGIONS["two_corners"].problem(), np.zeros((4, 1, 2)))
-    draw = Draw(NoiseSource(0, 2), 0, np.array([0, 0, 2, 2]), 1, np.array([0, 1, 0, 1]))
-    move = Move.begin(state, np.zeros(4), draw, state.tape, ())
-    move = replace(move, accepted=np.array([True, True, False, False]))
-    tuning = kernel.init(3)
-    new = kernel.adapt(tuning, StepOutcome(draw.run, move.accepted, ())) / tuning
-    assert new[0] > 1.0 == new[1] > new[2]
 
 
 def test_free_angle_is_uniform_outside_the_arcs():

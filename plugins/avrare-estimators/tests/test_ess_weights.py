@@ -66,11 +66,6 @@ def test_weights_give_the_intended_law(spread, second_pass):
     assert all(0.0 < share < 0.3 for run in largest for share in run)
 
 
-def test_a_constant_factor_of_the_weights_cancels():
-    plain, shifted = estimate(Wide(1.2), runs=3), estimate(Wide(1.2, constant=700.0), runs=3)
-    assert shifted.run_probabilities == pytest.approx(plain.run_probabilities, rel=1e-9)
-
-
 def test_the_interval_of_a_single_run_includes_the_scatter_of_weights():
     narrow, wide = (estimate(Wide(spread), runs=1) for spread in (1.2, 2.5))
     assert narrow.relative_error < wide.relative_error
@@ -91,12 +86,6 @@ def test_relative_weights_have_mean_one_and_bear_extremes():
     assert found[0].tolist() == [1.0, 1.0, 1.0]
     assert found[1] == pytest.approx(3.0 * np.array([1.0, np.exp(-1.0), 0.0]) / (1.0 + np.exp(-1.0)))
     assert found[2].tolist() == [0.0, 0.0, 0.0]
-
-
-def test_equal_weights_change_no_effective_size():
-    hit = np.random.default_rng(0).random((3, 10, 20)) < 0.3
-    ones = np.ones(hit.shape)
-    assert effective_samples(hit, ones) == pytest.approx(effective_samples(hit))
 
 
 def test_effective_sizes_of_weights_are_those_of_a_ratio():

@@ -57,11 +57,6 @@ def test_fresh_failures_raise_the_bound():
     assert result.blind_bound == bound(failures, 800)
 
 
-def test_without_a_fresh_row_nothing_is_excluded():
-    result = avrare.estimate(LIKELY, "is", defensive=0.0, check=0.0, **SIZES["is"])
-    assert result.blind_bound == 1.0
-
-
 @pytest.mark.parametrize("name", SIZES)
 def test_the_bound_holds_where_the_score_shows_nothing(name):
     class Flat(systems.Walk):
@@ -73,12 +68,6 @@ def test_the_bound_holds_where_the_score_shows_nothing(name):
     problem = avrare.Problem(Flat(), avrare.stl("always (x < 1)"), 20)
     truth = avrare.estimate(problem, "mc", rollouts=4000).probability
     assert avrare.estimate(problem, name, **SIZES[name]).blind_bound > truth
-
-
-def test_monte_carlo_needs_none():
-    result = avrare.estimate(LIKELY, "mc", rollouts=50)
-    assert result.blind_bound is None
-    assert result.to_dict()["blind_bound"] is None
 
 
 def test_an_estimate_of_0_has_the_bound_of_all_fresh_rows():

@@ -53,23 +53,6 @@ def test_levels_are_those_of_all_batches_together():
         assert told(sum(parts, Leaps())) == whole
 
 
-def test_a_high_start_is_no_leap():
-    assert Leaps.of(np.repeat(np.arange(1000.0)[:, None], 3, axis=1)).count == 0
-
-
-def test_few_rows_are_not_judged():
-    few, more = Leaps.of(rising(10, 0)), Leaps.of(rising(10, 0)) + Leaps.of(rising(0, 10))
-    assert told(few) == (10, 10)
-    assert not few.too_many
-    assert told(more) == (10, 20)
-    assert more.too_many
-    assert not (more + Leaps.of(rising(0, 10))).too_many
-
-
-def test_none_where_every_rollout_breaks_down():
-    assert told(Leaps.of(np.empty((0, 4)))) == told(Leaps()) == (0, 0)
-
-
 def tells_of_leaps(result):
     """Return whether a warning, or a note where target rows answer it, is of leaps."""
     texts = [*result.health.values(), *(note.text for note in result.notes if note.kind == "doubt")]

@@ -40,20 +40,6 @@ def test_a_network_of_zeros_is_the_target():
     np.testing.assert_allclose(tilted.log_prob(many, seen), target.log_prob(many, seen), rtol=1e-12)
 
 
-def test_rows_do_not_depend_on_their_neighbours():
-    from avrare.base.batch import take
-
-    tilted, many = network().for_target(toy.Pem(toy.scene())), world(60)
-    noise = np.random.default_rng(3).standard_normal((60, 3))
-    whole = tilted.observe(many, noise)
-    assert len(np.unique(whole.y[whole.detected])) > 30
-    density = tilted.log_prob(many, whole)
-    for index in (slice(0, 1), slice(11, 44), [59, 3]):
-        part = tilted.observe(take(many, index), noise[index])
-        assert part.x.tobytes() == whole.x[index].tobytes()
-        assert tilted.log_prob(take(many, index), part).tobytes() == density[index].tobytes()
-
-
 def test_inputs_are_what_the_ego_sees():
     seen = network_inputs(world(4), toy.scene())
     assert seen.shape == (4, 1, INPUTS)

@@ -8,7 +8,7 @@ import yaml
 import avrare
 from avrare.cli.main import main
 from avrare.testing.problems import linear
-from avrare_estimators.ess.config import BayesianConfig, EiConfig, EssConfig, PcnConfig, ShrinkConfig
+from avrare_estimators.ess.config import EssConfig
 from avrare_estimators.importance.config import IsConfig
 
 SCENARIO = """\
@@ -25,70 +25,26 @@ estimator:
 
 
 @pytest.mark.parametrize(
-    ("plugin", "option", "mistakes"),
+    ("plugin", "option", "place", "hint"),
     [
-        (
-            "ess",
-            "kernel: {name: bayesian, pionts: 6}",
-            ["9:28: estimator.kernel.pionts: unknown key", "hint: did you mean 'points'?"],
-        ),
-        (
-            "ess",
-            "kernel: bayesan",
-            [
-                "9:11: estimator.kernel.name: should be one of pcn, shrink, lipschitz, "
-                "lipschitz_growing, bayesian, found the string 'bayesan'",
-                "hint: did you mean 'bayesian'?",
-            ],
-        ),
-        (
-            "ess",
-            "kernel: {name: shrink, points: 6}",
-            ["9:26: estimator.kernel.points: unknown key", "hint: known: bracket, name"],
-        ),
-        (
-            "ess",
-            "kernel: {name: bayesian, acquisition: {name: ei, kapa: 1}}",
-            ["9:52: estimator.kernel.acquisition.kapa: unknown key", "hint: known: name, xi"],
-        ),
-        (
-            "ess",
-            "kernel: lipschitz",
-            [
-                "9:3: estimator.kernel.bound: required, but missing",
-                "hint: bound: bound on the score's slope, per unit of Euclidean length of the tape; without "
-                "one use `kernel: shrink`",
-            ],
-        ),
-        (
-            "is",
-            "proposal: {name: gaussian, maen: 1}",
-            ["9:30: estimator.proposal.maen: unknown key", "hint: did you mean 'mean'?"],
-        ),
-        (
-            "is",
-            "proposal: learnt",
-            [
-                "9:13: estimator.proposal: should be 'learned', found the string 'learnt'",
-                "hint: did you mean 'learned'?",
-            ],
-        ),
+        ("ess", "kernel: {name: bayesian, pionts: 6}", "9:28: estimator.kernel.pionts: ", "mean 'points'?"),
+        ("ess", "kernel: bayesan", "9:11: estimator.kernel.name: should be one of pcn, ", "mean 'bayesian'?"),
+        ("ess", "kernel: {name: shrink, points: 6}", "9:26: estimator.kernel.points: ", "bracket, name"),
+        ("ess", "kernel: {name: bayesian, acquisition: {name: ei, kapa: 1}}",
+         "9:52: estimator.kernel.acquisition.kapa: unknown key", "known: name, xi"),
+        ("ess", "kernel: lipschitz", "9:3: estimator.kernel.bound: required", "use `kernel: shrink`"),
+        ("is", "proposal: {name: gaussian, maen: 1}", "9:30: estimator.proposal.maen: ", "mean 'mean'?"),
+        ("is", "proposal: learnt", "9:13: estimator.proposal: should be 'learned', ", "mean 'learned'?"),
     ],
-)
-def test_a_mistake_has_its_place_and_a_hint(plugin, option, mistakes, tmp_path, capsys):
+)  # fmt: skip
+def test_a_mistake_has_its_place_and_a_hint(plugin, option, place, hint, tmp_path, capsys):
     path = tmp_path / "tiny.yaml"
     path.write_text(SCENARIO % (plugin, option))
     assert main(["validate", str(path)]) == 4
-    first, *others = mistakes
-    assert capsys.readouterr().err.splitlines() == [f"{path}:{first}", *others]
-
-
-def test_a_name_alone_has_the_defaults():
-    assert EssConfig().kernel == PcnConfig()
-    assert EssConfig(kernel="shrink") == EssConfig(kernel={"name": "shrink"})
-    assert EssConfig(kernel="shrink").kernel == ShrinkConfig()
-    bayesian = EssConfig(kernel={"name": "bayesian", "points": 3, "acquisition": "ei"}).kernel
-    assert bayesian == BayesianConfig(points=3, acquisition=EiConfig())
+    mistake, advice = capsys.readouterr().err.splitlines()
+    assert mistake.startswith(f"{path}:{place}")
+    assert advice.startswith("hint: ")
+    assert advice.endswith(hint)
 
 
 @pytest.mark.parametrize(

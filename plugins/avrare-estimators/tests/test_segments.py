@@ -137,15 +137,6 @@ def test_features_of_a_plain_system_are_its_signals_and_the_monitor():
     assert first.evidence.shape[1] == MIXTURE.terms
 
 
-def test_a_request_of_one_row_is_not_changed():
-    problem = walk()
-    _, request = second(segment(problem, 40))
-    one = request.slice(0, 1)
-    before = one.evidence.copy()
-    problem.simulate(NOISE, one)
-    assert np.array_equal(one.evidence, before)
-
-
 def test_a_row_that_is_surely_of_the_target_is_chosen_without_a_warning():
     single = TapeMixture.freeze([(1.0, [{(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 1.0}])], (STEPS + 1, 1))
     law = DefendedMixture(single, 0.25)

@@ -9,13 +9,8 @@ from interruptions import estimate_through_interruptions
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation.estimate_problem import _config, _estimator
-from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
-from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems
-from avrare.testing.problems import conjunction, reference_problem
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
 from avrare_estimators.smc.particles import Particles
@@ -192,27 +187,6 @@ def test_all_starts_and_copies_are_rollouts(monkeypatch):
     assert result.rollouts == SMALL["pilot"] + counts["starts"] + counts["copies"]
 
 
-def test_a_problem_without_steps_is_plain_monte_carlo():
-    result = estimate(conjunction(-1.0).problem(), proposal="none")
-    assert "Monte Carlo" in {note.kind: note.text for note in result.notes}["learning"]
-    assert result.interval[0] < result.probability < result.interval[1]
-
-
-def test_kept_failures_replay_with_their_robustness():
-    task = problem(limit=1.2)
-    result = estimate(task)
-    tapes = result.failures.noise
-    assert len(tapes) > 20
-    assert result.failures.weights.sum() == pytest.approx(result.probability)
-    assert len(np.unique(result.failures.ancestors[:, 0])) == 5
-    assert len(np.unique(tapes, axis=0)) == len(tapes)
-    again = task.replay(tapes)
-    assert again.violated.all()
-    assert np.array_equal(again.robustness[:, 0], result.failures.robustness)
-    assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
-    assert result.worst.robustness <= 0.0
-
-
 class BreaksAfterFailure(faulty_systems.Walk):
     """Walk that breaks down in the step after x has exceeded 1."""
 
@@ -243,38 +217,3 @@ def test_without_structure_it_is_monte_carlo():
         assert result.interval[0] <= result.probability <= result.interval[1]
         exact = intervals.clopper_pearson(round(200 * result.probability), 200, 0.95)
         assert result.interval == exact
-
-
-def test_errors_are_counted_and_widen_the_interval():
-    broken = avrare.Problem(faulty_systems.Fragile("nan", 1.2), avrare.stl("always (x < 1.5)"), 20)
-    result = estimate(broken)
-    assert result.errors > 0
-    assert "errors" in result.health
-    assert result.interval[1] > 2 * result.probability
-
-
-def test_it_scales_to_a_cost():
-    built = _estimator("smc", _config("smc", {}))
-    small = built.scaled(2000, 1e-3)
-    assert small is not None
-    assert built.scaled(500, 1e-3) is None
-    (result,) = run(problem(), small, SerialExecutor(), Settings(seed=1))
-    assert 1000 < result.simulated_steps / 20 <= 2100
-    assert result.relative_error > 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "proposal", "seeds"),
-    [("d_rw_L3.8", "learned", 6), ("d_rw_L2.5", "none", 8)],
-)
-def test_unbiased_and_covering_over_seeds(name, proposal, seeds):
-    exact = reference_problem(name)
-    results = [
-        estimate(exact.problem(), seed, proposal=proposal, pilot=1000, particles=200) for seed in range(seeds)
-    ]
-    values = np.array([result.probability for result in results]) / exact.probability
-    assert abs(values.mean() - 1.0) < 4.0 * values.std(ddof=1) / np.sqrt(seeds)
-    assert values.std(ddof=1) < 0.4
-    covers = [one.interval[0] <= exact.probability <= one.interval[1] for one in results]
-    assert np.mean(covers) > 0.95 - 4.0 * np.sqrt(0.05 * 0.95 / seeds)

@@ -13,14 +13,9 @@ from avrare.estimation.result.doubts import undo_opening
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import count_down, reference_problem
-from avrare.testing.walk_problems import Lag, Lattice
+from avrare.testing.walk_problems import Lag
 
-WALK = reference_problem("d_rw_L2.5")
 RARE_WALK = reference_problem("d_rw_L3.8")
-COUNT_DOWN = reference_problem("f1_count_T40_q1o10_m12")
-PLUS_MINUS = reference_problem("f2_pm1walk_T60_q2o5_m14")
-REACH = reference_problem("g_eventually_c0.5")
-"""Its prefix robustness rises with time: levels on it would be wrong, and it brings a score of its own."""
 
 
 def walk(limit=1.5, system=None, steps=40, score=None, **keywords):
@@ -35,34 +30,9 @@ def estimate(problem, seed=0, particles=40, discard=8, runs=4, **keywords):
     )
 
 
-@pytest.mark.parametrize("problem", [WALK, COUNT_DOWN, REACH])
-def test_cost_is_what_was_passed_to_step(problem):
-    system = systems.Counting(problem.system)
-    task = avrare.Problem(system, avrare.stl(problem.formula), problem.steps, problem.score)
-    result = estimate(task)
-    checks = odd_systems.rows_of_checks(problem.system, problem.steps, branch=True)
-    assert result.simulated_steps == system.rows - checks
-    killed = sum(count for run in result.diagnostics["discarded"] for count in run)
-    assert killed > 0
-    assert result.rollouts == 4 * 40 + killed
-    assert 4 * 40 * problem.steps < result.simulated_steps < result.rollouts * problem.steps
-
-
 def test_counters_count_each_step_once():
     result = estimate(walk(system=odd_systems.Odometer()))
     assert result.counts == {"steps": result.simulated_steps}
-
-
-@pytest.mark.parametrize("problem", [WALK, COUNT_DOWN, PLUS_MINUS, REACH])
-def test_failures_replay_bit_for_bit(problem):
-    result = estimate(problem.problem(), seed=1, runs=10)
-    failures, task = result.failures, problem.problem()
-    assert failures.noise.shape == (len(failures.robustness), problem.steps + 1, 1)
-    assert 0 < len(failures.robustness) <= 100
-    np.testing.assert_array_equal(task.robustness(failures.noise), failures.robustness)
-    assert task.replay(failures.noise).violated.all()
-    assert result.worst.robustness <= failures.robustness.min()
-    assert task.robustness(result.worst.noise[None])[0] == result.worst.robustness
 
 
 @pytest.mark.parametrize("score", [odd_systems.backwards, Lag(0.1)])
@@ -158,22 +128,6 @@ def test_extinction(runs):
     assert json.loads(result.to_json())["relative_error"] is None
 
 
-@pytest.mark.parametrize("score", [None, systems.constant])
-def test_a_problem_that_cannot_fail(score):
-    task = avrare.Problem(Lattice(0.5, 0, 0), avrare.stl("always (x < 1)"), 5, score)
-    result = estimate(task)
-    assert (result.probability, result.interval) == (0.0, clopper_pearson(0, 160, 0.95))
-    assert result.rollouts == 160
-
-
-def test_a_problem_that_always_fails():
-    result = estimate(walk(-1.0))
-    assert result.probability == 1.0
-    assert result.interval == (pytest.approx(0.025 ** (1 / 160)), 1.0)
-    assert result.diagnostics["stages"] == [0, 0, 0, 0]
-    assert list(result.health) == ["all_failed"]
-
-
 @pytest.mark.parametrize("limit", [0.0, 0.05, 0.3])
 @pytest.mark.parametrize("runs", [1, 2, 5])
 def test_frequent_failures(limit, runs):
@@ -182,15 +136,6 @@ def test_frequent_failures(limit, runs):
         low, high = result.interval
         assert math.isfinite(low)
         assert 0.0 <= low <= result.probability <= high <= 1.0
-
-
-@pytest.mark.slow
-def test_extreme_confidence():
-    for confidence in (1e-9, 0.9999, 1 - 1e-12):
-        for runs in (1, 2):
-            result = estimate(walk(), runs=runs, confidence=confidence)
-            low, high = result.interval
-            assert 0.0 <= low <= result.probability <= high <= 1.0
 
 
 def test_static_problem_is_monte_carlo():
@@ -255,20 +200,6 @@ def test_errors_enter_the_upper_bound_even_when_they_are_discarded():
     assert share < result.interval[1] < share + 0.1
 
 
-def test_few_errors_give_no_warning():
-    result = estimate(walk(system=systems.Fragile.with_chance(3e-5)), runs=10, particles=100, discard=10)
-    assert 0 < result.errors < 0.01 * result.rollouts
-    assert "errors" not in result.health
-
-
-@pytest.mark.parametrize("at_start", [True, False])
-def test_every_row_breaks_down(at_start):
-    result = estimate(walk(system=systems.Fragile.with_chance(1 - 1e-9, at_start), steps=3))
-    assert (result.probability, result.errors, result.interval) == (0.0, 160, (0.0, 1.0))
-    assert {"extinct", "errors"} <= set(result.health)
-    assert math.isnan(result.worst.robustness)
-
-
 def test_infinite_scores():
     class Far(systems.Walk):
         def step(self, state, noise):
@@ -295,12 +226,6 @@ def test_diagnostics_are_json_and_complete():
     }
     assert all(len(entry[name]) == 4 for name in entry if isinstance(entry[name], list))
     assert all(1 <= roots <= 40 for roots in entry["roots"])
-
-
-def test_one_specification_at_a_time():
-    formulas = {name: avrare.stl("always (x < 1)") for name in ("one", "two")}
-    with pytest.raises(avrare.UsageError):
-        estimate(avrare.Problem(systems.Walk(), formulas, 5))
 
 
 def test_progress_shows_levels():

@@ -88,17 +88,6 @@ def test_the_file_saves_the_pilot(one_outlier, tmp_path):
     assert again.relative_error < 0.15
 
 
-def test_a_first_stage_does_not_count():
-    result = estimate(outliers("always (first < 4)"), stages=1, rollouts=3000)
-    assert len(result.diagnostics["stages"][0]) == 2
-    assert "shares" not in result.diagnostics
-
-
-def test_failures_replay(one_outlier):
-    problem = outliers("always (first < 4)")
-    assert np.array_equal(problem.robustness(one_outlier.failures.noise), one_outlier.failures.robustness)
-
-
 def test_no_structure_falls_back_to_monte_carlo():
     exact = -np.expm1(STEPS * np.log1p(-2.5e-4))
     result = estimate(outliers("always (digits < 0.99975)"), stages=3)
@@ -109,12 +98,6 @@ def test_no_structure_falls_back_to_monte_carlo():
     rows, failures = result.diagnostics["rows"][0], round(result.probability * result.diagnostics["rows"][0])
     assert failures > 0
     assert np.isclose(result.interval[0], beta.ppf(0.025, failures, rows - failures + 1))
-
-
-def test_shares_that_round_to_zero_are_left_out():
-    frozen = TapeMixture.freeze([(1.0, [{wide(0, 1): 1.0, wide(0, 2): 1e-9}])], (STEPS + 1, 3))
-    assert frozen.atoms.rows == [wide(0, 1)]
-    assert TapeMixture.from_dict(frozen.to_dict()).digest == frozen.digest
 
 
 def test_an_error_that_lasts_is_drawn_along_its_own_direction():

@@ -1,7 +1,6 @@
 """Mixtures on the noise tape: their density, their draws and their files."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,21 +101,6 @@ def test_no_bit_depends_on_the_chunk():
     _, pieces, _ = drawn(PAIRED, 300, chunk=7)
     assert np.array_equal(whole, pieces)
     assert parts[0].log_weight.shape == (300,)
-
-
-def test_given_tapes_are_weighed_too():
-    tapes, log_weight, _ = drawn(PAIRED, 50)
-    request = Request.replay(tapes)
-    request = replace(request, tape_law=TapeLaw(PAIRED, from_target=True))
-    again = outliers("always (first < 4)").simulate(NoiseSource(0, 3), request)
-    assert np.array_equal(again.log_weight, log_weight)
-
-
-def test_a_law_of_tapes_needs_the_evidence_of_branches():
-    request = Request.from_start(np.zeros(2, np.int64), np.arange(2))
-    request = replace(request, start=np.zeros(2, np.int64), tape_law=TapeLaw(PAIRED))
-    with pytest.raises(ValueError, match="need the evidence"):
-        outliers("always (first < 4)").simulate(NoiseSource(0, 3), request)
 
 
 def test_frozen_mixtures_survive_their_file(tmp_path):

@@ -107,11 +107,6 @@ def test_unbiased_and_covers(cosine, rollouts, gain):
     assert p * (1.0 - p) / rollouts / np.mean((values - p) ** 2) > gain
 
 
-def test_same_bits_for_any_chunk():
-    once = plain(avrare.estimate(problem(2e-2, 0.999), "mfmc", rollouts=2000, seed=4))
-    assert plain(avrare.estimate(problem(2e-2, 0.999, chunk=97), "mfmc", rollouts=2000, seed=4)) == once
-
-
 def test_a_killed_estimate_resumes_with_the_same_bits(tmp_path):
     counted = Mortal(Turned(0.999), np.inf)
     pair = problem(2e-2, 0.999, 1 / 32, twin=counted, chunk=2000)

@@ -1,4 +1,4 @@
-"""The conformance suite for importance sampling."""
+"""The conformance suite for importance sampling and sequential Monte Carlo."""
 
 from typing import ClassVar
 
@@ -19,3 +19,15 @@ class TestImportance(EstimatorConformance):
         Study(conjunction(-1.5), 200),
     )
     seeds = Study(walk(1.0, 20), 100, {"rollouts": 400})
+
+
+@pytest.mark.slow
+class TestSequentialMonteCarlo(EstimatorConformance):
+    estimator = "smc"
+    options: ClassVar = {"particles": 60, "runs": 4, "pilot": 400, "stages": 2, "times": 6}
+    studies = (Study(walk(1.0, 20), 100), Study(count_down(5, 9, "1/5"), 100))
+    seeds = Study(walk(1.0, 20), 60)
+    unsupported: ClassVar = {
+        "test_cost_is_honest": "test_smc.py counts them: rows go on in segments",
+        "test_budget_is_kept": "test_smc.py counts them: it may be done with less",
+    }
