@@ -30,7 +30,8 @@ REPETITION = {
 
 
 def test_a_comparison_says_beforehand_how_long_it_takes(capsys):
-    words = ["compare", "problem:d_rw_L2.5", "--estimators", "mc", "--budget", "rollouts=200", "--repeat", "2"]
+    words = ["compare", "problem:d_rw_L2.5", "--estimators", "mc", "--repeat", "2"]
+    words += ["--budget", "rollouts=200"]
     assert main([*words, "--plain"]) == 0
     assert capsys.readouterr().err.startswith("2 estimates of 200 rollouts: under 1 s or more\n")
 

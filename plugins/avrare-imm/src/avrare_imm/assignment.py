@@ -43,8 +43,8 @@ def _solve(cost: Floats) -> Indices:
         solver.add(track)
     owner = solver.owner[:, :items]
     chosen = np.full((count, tracks), -1, np.intp)
-    rows, item = np.nonzero(owner >= 0)
-    chosen[rows, owner[rows, item]] = item
+    rows, chosen_item = np.nonzero(owner >= 0)
+    chosen[rows, owner[rows, chosen_item]] = chosen_item
     return chosen
 
 

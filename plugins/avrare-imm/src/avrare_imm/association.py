@@ -64,12 +64,12 @@ class AssociatingTracker(ImmTracker):
 
     def features(self, track: ImmTrack) -> Floats:
         """Return (N, 5 T) which tracks exist, their places and steps; 0 where there is none."""
-        found, exists = self.predict(track, 1), self._exists(track)
+        predicted, exists = self.predict(track, 1), self._exists(track)
         with np.errstate(invalid="ignore"):
             parts = [
-                found.x[..., 0],
-                found.y[..., 0],
-                *(part[..., 1] - part[..., 0] for part in vars(found).values()),
+                predicted.x[..., 0],
+                predicted.y[..., 0],
+                *(part[..., 1] - part[..., 0] for part in vars(predicted).values()),
             ]
         return np.concatenate(
             [exists.astype(np.float64), *(np.where(exists, part, 0.0) for part in parts)], axis=1
@@ -99,8 +99,8 @@ class AssociatingTracker(ImmTracker):
         tracks, (count, slots) = along.log_determinant.shape[0], observation.x.shape
         distance = np.empty((count, tracks, slots))
         for slot in range(slots):
-            one = _select(observation, np.full((count, tracks), slot))
-            measured = self._measurements(predicted, one)
+            detection = _select(observation, np.full((count, tracks), slot))
+            measured = self._measurements(predicted, detection)
             distance[..., slot] = measurement_distance(along, measured[0])
             distance[..., slot] += measurement_distance(across, measured[1])
         return distance, (along.log_determinant + across.log_determinant).T
@@ -115,10 +115,10 @@ def _begin_tracks(chosen: Indices, absent: Bools, observation: Observation) -> I
     slots = np.lexsort((observation.x, ~left), axis=1)[:, :together]  # also where a place is NaN
     places = np.argsort(~absent, axis=1, kind="stable")[:, :together]
     begins = np.arange(together) < np.minimum(left.sum(axis=1), absent.sum(axis=1))[:, None]
-    found = chosen.copy()
+    assigned = chosen.copy()
     given = np.where(begins, slots, np.take_along_axis(chosen, places, axis=1))
-    np.put_along_axis(found, places, given, axis=1)
-    return found
+    np.put_along_axis(assigned, places, given, axis=1)
+    return assigned
 
 
 def _with_a_slot(observation: Observation) -> Observation:

@@ -58,24 +58,24 @@ class FilterpyTracker(ImmTracker):
 
     def _predict(self, models: ModelSet, mixture: Mixture) -> Mixture:
         imm, push = self._estimators[id(models)], np.ones((models.offset.shape[1], 1))
-        found = _Writer(mixture)
+        writer = _Writer(mixture)
         for track in np.ndindex(mixture.probability.shape[:2]):
             _load(imm, mixture, track)
             imm.mu = mixture.probability[track]
             imm._compute_mixing_probabilities()
             imm.predict(push)
-            found.store(imm, track, imm.cbar)
-        return found.mixture()
+            writer.store(imm, track, imm.cbar)
+        return writer.mixture()
 
     def _update(self, models: ModelSet, mixture: Mixture, measurement: Floats, detected: Bools) -> Mixture:
-        imm, found = self._estimators[id(models)], _Writer(mixture)
+        imm, writer = self._estimators[id(models)], _Writer(mixture)
         for track in np.argwhere(detected):
             at = tuple(track)
             _load(imm, mixture, at)
             imm.cbar = mixture.probability[at]
             imm.update(measurement[at][:, None])
-            found.store(imm, at, imm.mu)
-        return found.mixture()
+            writer.store(imm, at, imm.mu)
+        return writer.mixture()
 
 
 def _estimator(models: ModelSet) -> IMMEstimator:
@@ -85,17 +85,17 @@ def _estimator(models: ModelSet) -> IMMEstimator:
     p = len(models.measurement_variance)
     filters = []
     for k in range(modes):
-        one = KalmanFilter(dim_x=n, dim_z=p)
+        filter_ = KalmanFilter(dim_x=n, dim_z=p)
         # The affine term E enters as the control input B u with u = 1.
-        one.F, one.Q, one.B = models.dynamics[k], models.noise[k], np.diag(models.offset[k])
-        one.H, one.R = np.eye(n)[:p], np.diag(models.measurement_variance)
-        filters.append(one)
+        filter_.F, filter_.Q, filter_.B = models.dynamics[k], models.noise[k], np.diag(models.offset[k])
+        filter_.H, filter_.R = np.eye(n)[:p], np.diag(models.measurement_variance)
+        filters.append(filter_)
     return IMMEstimator(filters, np.full(modes, 1.0 / modes), models.transition)
 
 
 def _load(imm: IMMEstimator, mixture: Mixture, track: tuple[int, ...]) -> None:
-    for k, one in enumerate(imm.filters):
-        one.x, one.P = mixture.mean[track][k][:, None].copy(), mixture.covariance[track][k].copy()
+    for k, filter_ in enumerate(imm.filters):
+        filter_.x, filter_.P = mixture.mean[track][k][:, None].copy(), mixture.covariance[track][k].copy()
 
 
 class _Writer:
@@ -106,8 +106,8 @@ class _Writer:
         self.probability = mixture.probability.copy()
 
     def store(self, imm: IMMEstimator, track: tuple[int, ...], probability: Floats) -> None:
-        for k, one in enumerate(imm.filters):
-            self.mean[track][k], self.covariance[track][k] = one.x[:, 0], one.P
+        for k, filter_ in enumerate(imm.filters):
+            self.mean[track][k], self.covariance[track][k] = filter_.x[:, 0], filter_.P
         self.probability[track] = probability
 
     def mixture(self) -> Mixture:

@@ -115,8 +115,8 @@ def agree(first: Mixture, first_mode: int, second: Mixture, second_mode: int, pr
 
     Each filter had given the mode the probability ``prior`` and has updated it by measurements of its own.
     """
-    own, other = first.probability[..., first_mode], second.probability[..., second_mode]
-    in_mode = own * other / prior
+    first_share, second_share = first.probability[..., first_mode], second.probability[..., second_mode]
+    in_mode = first_share * second_share / prior
     in_others = _rest(first.probability, first_mode) * _rest(second.probability, second_mode) / (1.0 - prior)
     return in_mode / (in_mode + in_others)
 

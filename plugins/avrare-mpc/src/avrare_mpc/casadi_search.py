@@ -70,9 +70,9 @@ class CasadiSearch:
     def _search_row(self, guesses: Floats, parameters: Floats) -> tuple[Floats, int, int, int]:
         solutions = [self._solver.solve(guess, parameters) for guess in guesses]
         chosen = int(cheapest(np.array([[solution.cost for solution in solutions]]))[0])
-        found = solutions[chosen].variables if chosen >= 0 else None
+        plan = solutions[chosen].variables if chosen >= 0 else None
         retries = sum(solution.retried for solution in solutions)
-        return np.zeros_like(guesses[0]) if found is None else found, len(guesses), retries, chosen
+        return np.zeros_like(guesses[0]) if plan is None else plan, len(guesses), retries, chosen
 
 
 @dataclass(frozen=True)

@@ -74,12 +74,12 @@ class LaneGaps:
 
 def find_gaps(road: Road, lanes: Sequence[int]) -> LaneGaps:
     """Return the stretches without some of ``lanes``, where others of the road are there."""
-    found = []
+    gaps = []
     if road.lanes:
         begin, end = lane_ends(road)
         for lane in lanes:
             if begin[lane] > begin.min() + _REACH:
-                found.append((begin[lane], -1.0, road.lane_centres[lane]))
+                gaps.append((begin[lane], -1.0, road.lane_centres[lane]))
             if end[lane] < end.max() - _REACH:
-                found.append((end[lane], 1.0, road.lane_centres[lane]))
-    return LaneGaps(*np.array(found).reshape(-1, 3).T)
+                gaps.append((end[lane], 1.0, road.lane_centres[lane]))
+    return LaneGaps(*np.array(gaps).reshape(-1, 3).T)

@@ -196,10 +196,10 @@ def lane_centres(config: MpcConfig, scene: Scene) -> tuple[float, ...]:
     Raises:
         UsageError: The road has no such lane.
     """
-    known = scene.road.lane_centres
-    if max(config.lanes) >= len(known):
-        raise UsageError(f"lanes: there is no lane {max(config.lanes)}, the road has {len(known)} lanes")
-    return tuple(known[lane] for lane in config.lanes)
+    centres = scene.road.lane_centres
+    if max(config.lanes) >= len(centres):
+        raise UsageError(f"lanes: there is no lane {max(config.lanes)}, the road has {len(centres)} lanes")
+    return tuple(centres[lane] for lane in config.lanes)
 
 
 def lateral_bounds(config: MpcConfig, scene: Scene) -> tuple[float, float]:

@@ -72,14 +72,14 @@ def plan_trajectory(
     solver = ca.nlpsol("trajectory", "ipopt", problem, options)
     start = [start_x, start_y, start_speed, start_heading, 0.0]
     with defer_signals():
-        found = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
+        trajectory = solver(x0=0.0, p=start, lbg=nlp.lower, ubg=nlp.upper)
     stats = solver.stats()
     if not stats["success"]:
         raise UsageError(
             f"no trajectory from x={start_x}, y={start_y}, v={start_speed}: {stats['return_status']}",
             hint="loosen the bounds of the plan",
         )
-    stages = np.append(np.asarray(found["x"]).ravel(), np.zeros(STAGE - STATES)).reshape(-1, STAGE)
+    stages = np.append(np.asarray(trajectory["x"]).ravel(), np.zeros(STAGE - STATES)).reshape(-1, STAGE)
     column = stages.T.copy()
     return Trajectory(column[0], column[1], column[3], column[2], column[STATES])
 

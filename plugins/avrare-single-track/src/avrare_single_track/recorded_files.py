@@ -61,18 +61,18 @@ def _read_problem(config: RecordedConfig) -> RecordedFile:
     guide = drives.lead(start, config.route)
     road, angle = drives.find_road(guide)
     _check_names(path, config, set(drives.obstacles))
-    kept = [one for name, one in drives.obstacles.items() if int(name) not in config.without]
-    steps = [int(one.steps.max()) for one in kept if len(one.steps)]
+    obstacles = [obstacle for name, obstacle in drives.obstacles.items() if int(name) not in config.without]
+    steps = [int(obstacle.steps.max()) for obstacle in obstacles if len(obstacle.steps)]
     first, last = int(start.steps[0]), max(steps, default=0)
     samples = last - first + 1
     if samples < 2:
         raise UsageError(f"{path}: no obstacle is recorded after the planning problem begins")
-    for one in kept:
-        here = one.states[:2, (one.steps == first) | (not len(one.steps))] - start.states[:2]
-        if (np.hypot(*here) < 0.5 * one.width).any():
-            text = f"{path}: obstacle {one.name} is where the ego starts"
-            warn_once(f"{text}: if it is the ego itself, leave it out by `without: [{one.name}]`")
-    others = [one.track(first, samples, angle, road.line) for one in kept]
+    for obstacle in obstacles:
+        here = obstacle.states[:2, (obstacle.steps == first) | (not len(obstacle.steps))] - start.states[:2]
+        if (np.hypot(*here) < 0.5 * obstacle.width).any():
+            text = f"{path}: obstacle {obstacle.name} is where the ego starts"
+            warn_once(f"{text}: if it is the ego itself, leave it out by `without: [{obstacle.name}]`")
+    others = [obstacle.track(first, samples, angle, road.line) for obstacle in obstacles]
     road, lights = drives.add_rules(road, guide, [track.name for track in others], first, samples)
     pose = start.track(first, 1, angle, road.line).states[:4, 0]
     if config.route:
@@ -89,8 +89,8 @@ def _read_drive(config: RecordedConfig, vehicle: str) -> RecordedFile:
     ):
         raise UsageError(f"{path}: `network` is of a recording in the format of inD", "leave it out")
     if vehicle not in drives.names:
-        known = ", ".join(drives.names[:20])
-        raise UsageError(f"{path}: there is no moving vehicle {vehicle}", f"choose one of: {known}")
+        names = ", ".join(drives.names[:20])
+        raise UsageError(f"{path}: there is no moving vehicle {vehicle}", f"choose one of: {names}")
     recording = drives.recording(vehicle)
     scene, signals = recording.scene, recording.signals
     if scene is None:
@@ -112,41 +112,41 @@ def _track(recording: Recording, k: int) -> VehicleTrack:
     return VehicleTrack(recording.names[k], *sizes, states[0] != ABSENT["x"], states)
 
 
-def _leave_out(found: RecordedFile, without: Sequence[int] = ()) -> RecordedFile:
+def _leave_out(scene: RecordedFile, without: Sequence[int] = ()) -> RecordedFile:
     # Those that are never there, too. Ways through intersections have the indices of those who take them.
     names = set(map(str, without))
-    kept = [k for k, one in enumerate(found.others) if one.present.any() and one.name not in names]
-    at = {k: index for index, k in enumerate(kept)}
+    present = [k for k, entry in enumerate(scene.others) if entry.present.any() and entry.name not in names]
+    at = {k: index for index, k in enumerate(present)}
     crossings = tuple(
-        replace(one, users=None if one.users is None else tuple(at[k] for k in one.users if k in at))
-        for one in found.road.crossings
+        replace(entry, users=None if entry.users is None else tuple(at[k] for k in entry.users if k in at))
+        for entry in scene.road.crossings
     )
-    others = [found.others[k] for k in kept]
-    return replace(found, others=others, road=replace(found.road, crossings=crossings))
+    others = [scene.others[k] for k in present]
+    return replace(scene, others=others, road=replace(scene.road, crossings=crossings))
 
 
-def _resample(path: str, found: RecordedFile, dt: float) -> RecordedFile:
+def _resample(path: str, scene: RecordedFile, dt: float) -> RecordedFile:
     # Linear between the recorded samples; what was not there at both of them is not there.
-    old = np.arange(found.last + 1) * found.dt
+    old = np.arange(scene.last + 1) * scene.dt
     last = int(np.floor(old[-1] / dt + 1e-9))
     if last < 1:
         raise UsageError(f"{path}: the recording lasts {old[-1]:g} s", f"`dt` is {dt:g} s")
     new = np.arange(last + 1) * dt
-    before = np.minimum((new / found.dt + 1e-9).astype(np.int64), found.last)
-    after = np.minimum(before + (new > old[before] + 1e-9), found.last)
+    before = np.minimum((new / scene.dt + 1e-9).astype(np.int64), scene.last)
+    after = np.minimum(before + (new > old[before] + 1e-9), scene.last)
     others = []
-    for track in found.others:
+    for track in scene.others:
         here, states = track.present, np.full((len(FIELDS), last + 1), np.nan)
         for row, values in enumerate(track.states):
-            known = np.unwrap(values[here]) if FIELDS[row] == "heading" else values[here]
-            states[row] = np.interp(new, old[here], known)
+            values_present = np.unwrap(values[here]) if FIELDS[row] == "heading" else values[here]
+            states[row] = np.interp(new, old[here], values_present)
         others.append(replace(track, present=here[before] & here[after], states=states))
-    lights: Mapping[str, Any] = {name: values[before] for name, values in found.lights.items()}
-    return replace(found, dt=dt, others=others, last=last, lights=lights)
+    lights: Mapping[str, Any] = {name: values[before] for name, values in scene.lights.items()}
+    return replace(scene, dt=dt, others=others, last=last, lights=lights)
 
 
-def _check_names(path: str, config: RecordedConfig, known: set[str]) -> None:
-    if unknown := {str(one) for one in config.without} - known:
+def _check_names(path: str, config: RecordedConfig, names: set[str]) -> None:
+    if unknown := {str(number) for number in config.without} - names:
         raise UsageError(f"{path}: there is no obstacle {min(unknown)}", "look at `without`")
 
 

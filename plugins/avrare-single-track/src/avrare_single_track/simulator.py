@@ -115,18 +115,20 @@ class SingleTrack(Simulator):
 
     def drawing(self, laws: Mapping[str, object]) -> SingleTrack:
         """Return the same simulator, whose vehicles are planned for draws by these laws."""
-        found = SingleTrack(self.config)
+        drawn = SingleTrack(self.config)
         if any(path.startswith("vehicles.") for path in laws):
             road, vehicles = self.scene.road, self.config.vehicles
-            found.drawn_traffic = DrawnTraffic(vehicles, road, self.dt, laws, ScriptedTraffic)
-        return found
+            drawn.drawn_traffic = DrawnTraffic(vehicles, road, self.dt, laws, ScriptedTraffic)
+        return drawn
 
     def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> TrackWorld:
         """Return the worlds at the start with drawn values (N,) of some options."""
         world = self.reset(noise)
-        own = {path.removeprefix("ego."): value for path, value in values.items() if path.startswith("ego.")}
-        friction = own.pop("friction", None)
-        world = replace(world, ego=replace(world.ego, **own), friction=friction)
+        ego_values = {
+            path.removeprefix("ego."): value for path, value in values.items() if path.startswith("ego.")
+        }
+        friction = ego_values.pop("friction", None)
+        world = replace(world, ego=replace(world.ego, **ego_values), friction=friction)
         if (weather := values.get("weather")) is not None:
             world = replace(world, weather=weather)
         if self.drawn_traffic is not None:
@@ -178,15 +180,15 @@ class SingleTrack(Simulator):
         ego, steering, drivers, others = world.ego, world.steering, world.drivers, world.others
         slips, scripted = np.zeros(len(steering), dtype=np.bool_), self._others(world.step + 1, world.plans)
         for part in range(self._substeps):
-            found = None
+            states = None
             if drivers is not None:
                 substep = world.step * self._substeps + part
-                drivers, found = self.reactive.move(drivers, substep, ego, others)
+                drivers, states = self.reactive.move(drivers, substep, ego, others)
             ego, steering, slipping = self._drive(ego, steering, action, world.friction)
             slips |= slipping
             share = (part + 1) / self._substeps
             others = scripted if share == 1.0 else interpolate(world.others, scripted, share)
-            others = others if found is None else self.reactive.placed(others, found)
+            others = others if states is None else self.reactive.placed(others, states)
         if drivers is not None:
             drivers = self.reactive.change_moods(drivers, noise)
             changed = others.acceleration.copy()
@@ -211,8 +213,8 @@ class SingleTrack(Simulator):
         # What changes in a world within a step, besides the ego.
         others, drivers = self._others(world.step + 1, world.plans), world.drivers
         if drivers is not None:
-            drivers, found = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
-            others = self.reactive.placed(others, found)
+            drivers, states = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
+            others = self.reactive.placed(others, states)
         return {"others": others, "drivers": drivers}
 
     def _lateral(self, ego: Vehicles, steering: Floats) -> Floats:
@@ -296,11 +298,13 @@ def _samples(vehicle: VehicleConfig, road: Road, dt: float) -> tuple[Floats, Flo
 
 def _along_bends(line: ReferenceLine, x: Floats, y: Floats) -> Floats:
     # Stations of a way planned on a straight road, whose steps have their lengths where the vehicle drives.
-    found = x[:1]
+    stations = x[:1]
     for step in range(len(x) - 1):
         aside = 0.5 * (y[step : step + 1] + y[step + 1 : step + 2])
-        found = np.append(found, line.advance(found[-1:], aside, x[step + 1 : step + 2] - x[step : step + 1]))
-    return found
+        stations = np.append(
+            stations, line.advance(stations[-1:], aside, x[step + 1 : step + 2] - x[step : step + 1])
+        )
+    return stations
 
 
 def build_road(config: RoadConfig) -> Road:

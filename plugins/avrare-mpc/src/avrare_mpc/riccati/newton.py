@@ -68,7 +68,7 @@ def tick(p: Programme, tuning: Tuning, path: Path, trial: Path, work: Workspace,
     last = larger(tuning.end * cost, tuning.end)
     ending = mu <= 1.001 * last
     converged = (size * step < tuning.step) | (merit - new < 1e-9 * magnitude(new))
-    found = moved & ending & converged & (step > 0.1) & (damping <= 1.0)
+    minimal = moved & ending & converged & (step > 0.1) & (damping <= 1.0)
     reduced = moved & (~ending) & (step > 0.3)
     mu = select(reduced, larger(last, tuning.reduce * mu), mu)
     merit = select(accepted, new, merit)
@@ -79,7 +79,7 @@ def tick(p: Programme, tuning: Tuning, path: Path, trial: Path, work: Workspace,
     stuck = damped & ((damping > MAX_DAMPING) | (~(slope <= 0.0)))
     spent = load(s, SPENT) + select(moved | damped, 1.0, splat(0.0))
     ended = select(spent >= tuning.iterations, 1.0 + UNFINISHED, splat(0.0))
-    ended = select(found, 1.0 + FOUND, select(stuck, 1.0 + STUCK, ended))
+    ended = select(minimal, 1.0 + FOUND, select(stuck, 1.0 + STUCK, ended))
     _store_progress(s, select(fresh, 1.0, splat(2.0)), mu, cost, merit, damping, step)
     store(s, FAILED, select(damped, 0.0, failed))
     store(s, SPENT, spent)

@@ -163,7 +163,7 @@ def _add_bounds(work: Workspace, k: int, bounds: Bounds, to: Value) -> Value:
 
 
 @kernel
-def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputModel) -> Expansion:
+def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, inputs: InputModel) -> Expansion:
     dt, c, s = p.dt, load(path.turn, 2 * k), load(path.turn, 2 * k + 1)
     v = load(path.states, 4 * k + 2)
     xv, xh, yv, yh = dt * c, -dt * s * v, dt * s, dt * c * v
@@ -176,10 +176,10 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
     return Expansion(
         x=at.x + to.x,
         y=at.y + to.y,
-        v=at.v + to.v + xv * to.x + yv * to.y + own.v,
+        v=at.v + to.v + xv * to.x + yv * to.y + inputs.v,
         h=at.h + to.h + xh * to.x + yh * to.y,
-        a=at.a + dt * to.v + own.a,
-        w=dt * to.h + to.w + own.w,
+        a=at.a + dt * to.v + inputs.a,
+        w=dt * to.h + to.w + inputs.w,
         xx=at.xx + to.xx,
         xy=to.xy,
         xv=at.xv + v_x,
@@ -191,16 +191,16 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, own: InputMo
         yh=at.yh + h_y,
         ya=at.ya + dt * to.yv,
         yw=w_y,
-        vv=at.vv + v_v + xv * v_x + yv * v_y + own.vv,
+        vv=at.vv + v_v + xv * v_x + yv * v_y + inputs.vv,
         vh=at.vh + h_v + xv * h_x + yv * h_y,
         va=at.va + dt * v_v,
-        vw=w_v + xv * w_x + yv * w_y + own.vw,
+        vw=w_v + xv * w_x + yv * w_y + inputs.vw,
         hh=at.hh + h_h + xh * h_x + yh * h_y,
         ha=at.ha + dt * h_v,
         hw=w_h + xh * w_x + yh * w_y,
-        aa=at.aa + dt * dt * to.vv + own.aa,
+        aa=at.aa + dt * dt * to.vv + inputs.aa,
         aw=dt * w_v,
-        ww=dt * w_h + w_w + own.ww,
+        ww=dt * w_h + w_w + inputs.ww,
     )
 
 
@@ -244,7 +244,7 @@ def _hard_bound(work: Workspace, row: int, mu: Lanes) -> tuple[Lanes, Lanes]:
 
 
 @kernel
-def _minimise(q: Expansion, own: InputModel, gains: Memory, k: int) -> tuple[Value, Lanes]:
+def _minimise(q: Expansion, inputs: InputModel, gains: Memory, k: int) -> tuple[Value, Lanes]:
     scale = 1.0 / (q.aa * q.ww - q.aw * q.aw)
     aa, aw, ww = q.ww * scale, -q.aw * scale, q.aa * scale
     a, w = -(aa * q.a + aw * q.w), -(aw * q.a + ww * q.w)
@@ -252,7 +252,7 @@ def _minimise(q: Expansion, own: InputModel, gains: Memory, k: int) -> tuple[Val
     ay, wy = -(aa * q.ya + aw * q.yw), -(aw * q.ya + ww * q.yw)
     av, wv = -(aa * q.va + aw * q.vw), -(aw * q.va + ww * q.vw)
     ah, wh = -(aa * q.ha + aw * q.hw), -(aw * q.ha + ww * q.hw)
-    ap, wp = aw * own.change, ww * own.change
+    ap, wp = aw * inputs.change, ww * inputs.change
     _store_gains(gains, 12 * k, a, ax, ay, av, ah, ap)
     _store_gains(gains, 12 * k + 6, w, wx, wy, wv, wh, wp)
     value = Value(
@@ -260,7 +260,7 @@ def _minimise(q: Expansion, own: InputModel, gains: Memory, k: int) -> tuple[Val
         q.y + q.ya * a + q.yw * w,
         q.v + q.va * a + q.vw * w,
         q.h + q.ha * a + q.hw * w,
-        -own.lag - own.change * w,
+        -inputs.lag - inputs.change * w,
         q.xx + q.xa * ax + q.xw * wx,
         q.xy + q.xa * ay + q.xw * wy,
         q.xv + q.xa * av + q.xw * wv,
@@ -275,7 +275,7 @@ def _minimise(q: Expansion, own: InputModel, gains: Memory, k: int) -> tuple[Val
         q.va * ap + q.vw * wp,
         q.hh + q.ha * ah + q.hw * wh,
         q.ha * ap + q.hw * wp,
-        own.change - own.change * wp,
+        inputs.change - inputs.change * wp,
     )
     return value, q.a * a + q.w * w
 
