@@ -16,7 +16,7 @@ from avrare.base.visible_text import spell_controls
 
 @dataclass(frozen=True)
 class CsvTable:
-    """A CSV file as text; cells that do not hold what is asked for raise a ``UsageError``."""
+    """A CSV file as text; cells of another type raise a ``UsageError``."""
 
     path: str  # as the user wrote it
     header_line: int

@@ -40,8 +40,8 @@ class AvrareError(Exception):
     """Base class of all errors that are shown without a traceback.
 
     Args:
-        message: Description of what is wrong and where.
-        hint: Advice on what to do next, or None.
+        message: The mistake and its place.
+        hint: Advice for the next step, or None.
     """
 
     exit_code = ExitCode.USAGE
@@ -150,7 +150,7 @@ def require_path(value: object, wanted: str, hint: str | None = None) -> str:
 
     Args:
         value: The path.
-        wanted: Noun for what is at the path, such as "a scenario file".
+        wanted: Noun for the object at the path, such as "a scenario file".
         hint: Advice where it is not a path; None: to give one.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Late import of what the description of a component names."""
+"""Late import of objects that the description of a component names."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def allowance(memory: float | None) -> int:
 def usable_memory() -> float:
     """Return the bytes that this process may use in all: the least of machine, container and ``ulimit -v``.
 
-    Infinite where none of them can be told.
+    Infinite where all are unknown.
     """
     limits = [math.inf]
     with suppress(ImportError, OSError, ValueError):
@@ -43,7 +43,7 @@ def usable_memory() -> float:
 
 
 def used_memory() -> int:
-    """Return the bytes that this process uses now; 0 where they cannot be told."""
+    """Return the bytes that this process uses now; 0 where it is unknown."""
     return _sizes()[1]
 
 

@@ -1,4 +1,4 @@
-"""Strict readers of JSON and npz files, which may be damaged or of a stranger.
+"""Strict readers of JSON and npz files, which may be damaged or untrusted.
 
 Bounded in size and depth, nothing is ever unpickled. ``parse_...`` raise ``ValueError``, ``read_...`` say
 which file it is.
@@ -52,7 +52,7 @@ def read_arrays(path: Path, hint: str) -> Arrays:
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file to read that is no pipe and no device, which could hang or never end.
+    """Open a regular file to read; a pipe or a device could hang or never end.
 
     Raises:
         ValueError: It is one.
@@ -73,7 +73,7 @@ def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
 
 
 def read_regular(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
-    """Return the content of a file that is no pipe and no device.
+    """Return the content of a regular file.
 
     Raises:
         ValueError: It is one, or larger than ``most`` bytes.

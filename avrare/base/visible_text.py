@@ -1,4 +1,4 @@
-"""Text from strangers made harmless: what a terminal would obey, or a reader not see, is spelt out.
+"""Untrusted text made harmless: control and invisible characters are spelt out.
 
 The same for names in documents: Markdown, spreadsheets, XML.
 """

@@ -204,7 +204,7 @@ def _make_folders(args: argparse.Namespace, out: Path | None) -> None:
 
 
 def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> list[str]:
-    """Write the files, and return what the callbacks of plugins say."""
+    """Write the files, and return the messages of the callbacks of plugins."""
     for name, text in ((args.junit, junit), (args.markdown, markdown)):
         if name is not None:
             write_file(name, text(outcome), "choose another file")

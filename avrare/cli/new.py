@@ -117,7 +117,7 @@ def _choose_reader(registry: Registry) -> str:
 
 
 def _find_obstacle(path: Path) -> AvrareError | None:
-    """Try the first step of a new scenario: only the simulator knows whether it acts by itself."""
+    """Try the first step of a new scenario: only the simulator knows whether it needs a controller."""
     try:
         scenario = load(path)
         with first_steps(scenario.definition):

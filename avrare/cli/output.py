@@ -72,7 +72,7 @@ def show(args: argparse.Namespace, content: Mapping[str, object], answers: Seque
 
 
 def say_beside(args: argparse.Namespace, *lines: str) -> None:
-    """Print lines that are no answer: nothing if quiet, on stderr beside JSON."""
+    """Print lines beside the answer: nothing if quiet, on stderr beside JSON."""
     if not args.quiet:
         say(*lines, error=args.json)
 
@@ -87,7 +87,7 @@ def can_draw() -> bool:
 
 
 def resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
-    """Return the folder in which ``--resume`` goes on; where a command ``begins`` in it a note says so."""
+    """Return the folder in which ``--resume`` continues; where a command ``begins`` in it a note says so."""
     if not args.resume:
         return None
     if args.out is None:

@@ -32,7 +32,7 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
 
     Args:
         args: As of ``avrare rate``.
-        command: The command that goes on after an interruption.
+        command: The command that resumes after an interruption.
     """
     catalogue = load_catalogue(args.catalogue)
     budget, scenes = catalogue.budget(Budget.parse(args.budget)), load_scenes(catalogue)

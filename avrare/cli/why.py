@@ -1,4 +1,4 @@
-"""``avrare why``: the kinds of a run's failures, what carries them, and what perfect parts would save."""
+"""``avrare why``: the kinds of a run's failures, the noise behind them, and savings by perfect parts."""
 
 from __future__ import annotations
 

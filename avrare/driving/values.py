@@ -68,7 +68,7 @@ class Crossing:
         line_end: Station on ``line`` where it ends [m].
         half_width: Half the width of the other way [m].
         users: Indices of the other vehicles that take this way, as seen afterwards; None: unknown, any may.
-        way: Number of the other way in the signal ``others_way``, which tells who takes it; or None.
+        way: Number of the other way in the signal ``others_way``, which marks who takes it; or None.
         own: The ego's way, in the plane; None: stations are the x of the road.
     """
 
@@ -185,7 +185,7 @@ class Observation:
     """Report of the perception system, in the world frame: S slots, each with a detection or empty.
 
     The first V slots belong to the other vehicles, one each; slots beyond them hold false detections
-    (ghosts). A tracker that is told which vehicle was detected reads the slot as a label; one that finds out
+    (ghosts). A tracker that gets the identity of detections reads the slot as a label; one that finds out
     itself (it has a ``known_scene``) takes the slots for a list in no order.
 
     Attributes:

@@ -95,7 +95,7 @@ class Formula:
         """Return the formula with the step of a system [s].
 
         Raises:
-            FormulaError: A bound is no multiple of the step, or the formula has another sampling period.
+            FormulaError: A bound is not a multiple of the step, or the formula has another sampling period.
         """
         if self.dt is None and self.derived is None:
             return stl(self.text, dt, self.until, warn=False)

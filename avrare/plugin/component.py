@@ -156,7 +156,7 @@ class Component:
         complete: ``"package.module:function"`` of a simulator whose options are partly in files of others:
             called as ``complete(options, folder)`` when a scenario is loaded, with the options as written and
             the folder that their paths may be relative to; returns options to add or to put in their place,
-            laws among them. Raises a ``UsageError`` where such a file is wrong. Must import nothing heavy.
+            laws among them. Raises a ``UsageError`` where the file is wrong. Must import nothing heavy.
         scenes: ``"package.module:function"`` of a simulator whose scenes are files of others: called as
             ``scenes(path, ego)`` with a file or folder and the name of the ego (None: the default), it
             returns a list of ``FoundScene``, for ``avrare new catalogue``.

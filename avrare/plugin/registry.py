@@ -37,7 +37,7 @@ Status = Literal["ok", "missing dependency", "broken", "incompatible", "blocked"
 
 @dataclass(frozen=True)
 class Row:
-    """Line of ``avrare plugins``; ``detail`` says why a component cannot be used, and what to install.
+    """Line of ``avrare plugins``; ``detail`` says why a component cannot be used, and its remedy.
 
     If the plugin could not be loaded, the kind is empty, the name is that of its entry point, and there is no
     component.

@@ -20,7 +20,7 @@ _FILTERS = r"^filter\..*\.(clean|smudge|process)$"
 def describe_checkout(folder: Path) -> tuple[str | None, bool | None]:
     """Return the commit of a folder, and whether there are uncommitted changes; None where not known.
 
-    The settings of a stranger's repository may name programs. Its filters cannot be switched off, so nothing
+    The settings of an untrusted repository may name programs. Its filters cannot be switched off, so nothing
     is said about changes where it has any of its own.
     """
     code, commit = _git(folder, "rev-parse", "HEAD")

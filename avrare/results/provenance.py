@@ -33,7 +33,7 @@ class Provenance:
 
     @staticmethod
     def collect(scenario: Scenario, budget: Budget | None = None) -> Provenance:
-        """Return the origin of what this process makes of a scenario."""
+        """Return the origin of the results that this process makes of a scenario."""
         commit, changed = describe_checkout(Path(scenario.path).resolve().parent)
         paid = None if budget is None else f"{budget.kind}={budget.amount!r}"
         date = datetime.now(UTC).replace(microsecond=0)

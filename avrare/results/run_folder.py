@@ -85,7 +85,7 @@ def begin_checkpoint(
 ) -> Iterator[Checkpoint]:
     """Create, or resume if asked to, the checkpoint of a run in ``out``, and hold its lock.
 
-    ``check`` is what else must be equal to resume `avrare check`.
+    ``check`` must be equal, too, to resume `avrare check`.
     """
     folder = out / FOLDER
     if len(scenarios) > 1 and any(scenario.name == FOLDER for scenario in scenarios):

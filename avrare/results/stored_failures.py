@@ -35,7 +35,7 @@ def select_failure(run: Run, specification: str | None, index: int | None) -> tu
     Without a specification only one may have failures; without an index it is the least robust one.
 
     Raises:
-        UsageError: There is no such failure.
+        UsageError: The failure is not stored.
     """
     names = select_failing(run)
     listing = ", ".join(f"{name} ({len(run[name].failures.robustness)})" for name in names)

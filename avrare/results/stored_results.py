@@ -1,6 +1,6 @@
 """Results in files: entries of result.json and the arrays beside it, as ``Result`` values and back.
 
-Whatever cannot be read raises ``UsageError``; missing failures and rollouts are no errors.
+Whatever cannot be read raises ``UsageError``; missing failures and rollouts are allowed.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class SystemCrashed(AvrareError):
 
 
 def run_guarded(purpose: str, system: object, function: Callable[[], T]) -> T:
-    """Return what a function that runs a system returns.
+    """Return the result of a function that runs a system.
 
     Args:
         purpose: The run in words, such as "the probe before the estimate".

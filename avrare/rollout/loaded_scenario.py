@@ -31,7 +31,7 @@ def load(path: str | os.PathLike[str], overrides: Sequence[str] = (), safe: bool
         path: YAML file.
         overrides: Settings as for ``--set``, for example ``["steps=20", "estimator.particles=50"]``; a
             string is a single one.
-        safe: Refuse code that is no installed plugin, and files outside the scenario's folder.
+        safe: Refuse code outside installed plugins, and files outside the scenario's folder.
 
     Raises:
         ScenarioError: The file has problems; the message lists all of them with line and column.

@@ -101,9 +101,9 @@ def describe_tape(problem: Problem, tape: Floats) -> str:
 def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) -> list[Disturbance]:
     """Return the disturbances of a rollout and its tape (steps + 1, noise_size) in order of time.
 
-    Errors are told in their units where the system declares them, other noise in standard deviations. Zeros
-    mean rank one half, so a vehicle that is detected less than half of the time is missed without noise, and
-    detecting it is a disturbance too; for a tape of zeros all misses are told.
+    Errors are described in their units where the system declares them, other noise in standard deviations.
+    Zeros mean rank one half, so a vehicle that is detected less than half of the time is missed without
+    noise, and detecting it is a disturbance too; for a tape of zeros all misses are described.
     """
     words = _Words(problem)
     disturbances = [
@@ -123,9 +123,9 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
 def find_common_noise(
     problem: Problem, tapes: Floats, rollouts: Sequence[ReplayedRollout], shares: Floats, effective: float
 ) -> list[Disturbance]:
-    """Return what sets the noise of a sample of rollouts apart from chance, the most telling first.
+    """Describe how the noise of a sample of rollouts differs from chance, the largest difference first.
 
-    Means and squares of standard normal numbers in time windows are compared with what chance gives;
+    Means and squares of standard normal numbers in time windows are compared with chance;
     windows that stand out on the same side, with at most one between them, are one.
 
     Args:
@@ -187,7 +187,7 @@ class _Words:
         self._dt, self._gap = problem.dt, max(1, round(_GAP * problem.steps))
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
-        """Return the channels that are not told by what they draw, or by errors of these names."""
+        """Return the channels that neither drawn options nor errors of these names describe."""
         seen = range(0)
         if misread and self._loop is not None and self._loop.perception is not None:
             begin = self._loop.world_noise

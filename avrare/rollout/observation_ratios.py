@@ -1,4 +1,4 @@
-"""Density ratios of nearby perception error models for what is observed along given rollouts.
+"""Density ratios of nearby perception error models for the observations along given rollouts.
 
 They reweigh failures for other models; their derivatives are the score function of the model's parameters.
 """

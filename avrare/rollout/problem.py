@@ -55,7 +55,7 @@ class Problem:
             is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
             default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
-        rollout_timeout: Seconds that a rollout may take by itself, else it is an error. All rollouts then run
+        rollout_timeout: Seconds that a single rollout may take, else it is an error. All rollouts then run
             in worker processes, one too, so that one that ends its process is an error as well.
 
     Raises:

@@ -30,7 +30,7 @@ class TapeProposal(Protocol):
     def terms(self) -> int: ...  # noqa: D102
 
     def choose(self, uniform: Floats, sums: Floats | None = None) -> NDArray[Any]:
-        """Return what to change in rows (M, ...) with these uniform numbers (M, CHOICES) in (0, 1).
+        """Return the changes of rows (M, ...) with these uniform numbers (M, CHOICES) in (0, 1).
 
         With ``sums`` (M, A) of the steps so far it is drawn given these steps: the rest of the tape then has
         the proposal's law given its beginning.

@@ -17,7 +17,7 @@ _BLOCK = 2**16
 
 
 class TapeDrawer:
-    """Noise of a request, drawn in blocks of steps, and log p/q of what it has handed out.
+    """Noise of a request, drawn in blocks of steps, and log p/q of the numbers handed out.
 
     Attributes:
         sums: (A, M) sums that the density of the request's proposal needs, over the steps of each row.

@@ -39,7 +39,7 @@ def check_twin(problem: Any, twin: Any, cost: float | None) -> None:
     """Check that a twin can stand in for a problem.
 
     Raises:
-        UsageError: Their tapes have different shapes, a specification is missing, or the cost is no share.
+        UsageError: Their tapes have different shapes, a specification is missing, or the cost is not a share.
     """
     if cost is not None and not 0.0 < cost < 1.0:
         raise UsageError(

@@ -105,7 +105,7 @@ class Draws:
         places: Keys that lead to each in the simulator's options.
         names: The same for people: an item of a list by its own name, ``vehicles.cut_in.speed``.
         laws: Law of each.
-        settings: Correlations, and what becomes of impossible scenes.
+        settings: Correlations, and the treatment of impossible scenes.
     """
 
     places: tuple[Path, ...]

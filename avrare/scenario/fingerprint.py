@@ -36,7 +36,7 @@ def fingerprint(scenario: Scenario) -> str:
 def comparable(scenario: Scenario) -> dict[str, Any]:
     """Return the resolved scenario with the files that its options name, but without their folders.
 
-    So a scenario that is called from another folder is the same; ``digests`` tells what the files hold.
+    So a scenario that is called from another folder is the same; ``digests`` compares the files.
     """
     plain: dict[str, Any] = dict(scenario.resolved)
     for key, block in scenario.blocks.items():

@@ -46,7 +46,7 @@ def load(
 
     The defaults of ``estimator``, or a block that another file has for it, replace the file's estimator
     block; ``overrides``, ``KEY=VALUE`` as after ``--set``, are applied last. The error has all mistakes, each
-    with its place. In safe mode (``avrare.scenario.safe_mode``) they include what a scenario of a stranger
+    with its place. In safe mode (``avrare.scenario.safe_mode``) they include all that an untrusted scenario
     may not name.
     """
     hint = "give its path; a Problem is for avrare.estimate, compare, falsify and trace"

@@ -1,4 +1,4 @@
-"""Safe mode: a scenario of a stranger may name installed plugins and the files of its own folder only."""
+"""Safe mode: an untrusted scenario may name installed plugins and the files of its own folder only."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def load_scenarios(
 
 
 def is_catalogue(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file lists scenes and is no scenario itself; one that cannot be read is none."""
+    """Return whether a file is a list of scenes; one that cannot be read is none."""
     name = require_path(path, "a scenario file")
     try:
         with open_regular(name) as file:

@@ -56,7 +56,7 @@ class Timing(BaseModel):
     )
 
     def find_faults(self, dt: float) -> dict[str, UsageError]:
-        """Return what is wrong with the times of options for a simulator whose step is ``dt`` [s]."""
+        """Find mistakes in the times of options for a simulator whose step is ``dt`` [s]."""
         names = ("sensor_period", "tracker_period", "planner_period", "planning_latency", "actuation_delay")
         faults = {
             name: UsageError(

@@ -153,7 +153,7 @@ def check_options(
 
 @dataclass(frozen=True)
 class Place:
-    """Place in options, and what their model says of it.
+    """Place in options, and its description by their model.
 
     Attributes:
         node: Value that is written there.

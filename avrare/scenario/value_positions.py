@@ -53,7 +53,7 @@ class Node:
 
     @property
     def name_mark(self) -> Mark:
-        """Place of the key, or of the value where there is no key."""
+        """Place of the key, or of the value without a key."""
         return self.key or self.mark
 
     @property
@@ -140,7 +140,7 @@ def _component(node: Node) -> tuple[str, ...]:
 
 
 def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
-    """Return the tree with another value at a path; ``mark`` is the place of what asks for it."""
+    """Return the tree with another value at a path; ``mark`` is the place of the request."""
     if not path:
         return value
     step, rest = str(path[0]), path[1:]

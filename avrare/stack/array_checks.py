@@ -16,7 +16,7 @@ def check_signals(signals: Signals, n: int) -> Signals:
     """Return signals by name, each an array (n, ...).
 
     Raises:
-        UsageError: They are no mapping, or one has another shape.
+        UsageError: They are not a mapping, or one has another shape.
     """
     if not isinstance(signals, Mapping):
         raise UsageError(

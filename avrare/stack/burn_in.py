@@ -53,7 +53,7 @@ class BurnIn:
         return observation, track, latent
 
     def worlds(self, world: Any, noise: Floats) -> Iterator[tuple[Any, Floats]]:
-        """Yield the worlds up to t = 0 and the noise (N, P) of what is observed of each."""
+        """Yield the worlds up to t = 0 and the noise (N, P) of the observation of each."""
         for step in range(self._steps - 1, -1, -1):
             time = step * self._dt
             ego, others = (rewind(vehicles, time) for vehicles in (world.ego, world.others))

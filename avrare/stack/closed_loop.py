@@ -157,7 +157,7 @@ class ClosedLoop(System):
         return self.tracker.predict(state.track, self.controller.horizon)
 
     def show(self, world: Any) -> Any:
-        """Return what a controller sees of a world: its ``ego``, else its signals (N, d)."""
+        """Return the view of a controller on a world: its ``ego``, else its signals (N, d)."""
         return world.ego if hasattr(world, "ego") else flatten(self.simulator.signals(world))
 
     def act(self, state: LoopState, noise: Floats | None = None) -> tuple[object, object]:
@@ -172,7 +172,7 @@ class ClosedLoop(System):
         return self.controller.act(state.memory, ego, self.predict(state))
 
     def signals(self, state: LoopState) -> Signals:
-        """Return the simulator's signals, and what was drawn."""
+        """Return the simulator's signals, and the drawn values."""
         found = self.simulator.signals(state.world)
         if self.start is None or state.drawn is None:
             return found
@@ -197,7 +197,7 @@ class ClosedLoop(System):
         return {**drawn, **self.simulator.counts(state.world), **planned}
 
     def misreadings(self, state: LoopState) -> dict[str, Misreading]:
-        """Return the errors that the simulator declares, and those of what perception saw of the vehicles."""
+        """Return the errors that the simulator declares, and those of the perceived vehicles."""
         found = dict(self.simulator.misreadings(state.world))
         if self.perception is not None and self.scene is not None and state.observation is not None:
             found |= find_misreadings(self.perception, state.world, state.observation, self.scene)

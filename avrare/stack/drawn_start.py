@@ -1,4 +1,4 @@
-"""Starts whose options are drawn from the noise tape, and what becomes of those that cannot be.
+"""Starts whose options are drawn from the noise tape, and the treatment of impossible ones.
 
 The first numbers of row 0 of a tape are the normal scores of the drawn options: correlated by a Gaussian
 copula, then each mapped by the inverse distribution function of its law. A scene that is impossible is drawn
@@ -64,7 +64,7 @@ class DrawnStart:
         self._specifications = specifications
 
     def reset(self, noise: Floats) -> tuple[World, DrawnValues]:
-        """Return the worlds at t = 0 and what was drawn, from noise (N, K + the simulator's)."""
+        """Return the worlds at t = 0 and the drawn values, from noise (N, K + the simulator's)."""
         scores, rest = noise[:, : self.size], noise[:, self.size :]
         values, world = self._place(scores, rest)
         again, refused = self._judge(world, values)

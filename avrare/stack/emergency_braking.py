@@ -46,7 +46,7 @@ def add_emergency_braking(
     """Return a controller with emergency braking around it.
 
     Raises:
-        UsageError: There is no controller, or no road.
+        UsageError: The controller or the road is missing.
     """
     if controller is None:
         raise UsageError("there is no controller beside it", "add a `controller:` block, or remove `aeb:`")
@@ -58,7 +58,7 @@ def add_emergency_braking(
 class EmergencyBraking(Controller):
     """Controller that brakes as ``Aeb`` says for a vehicle in its way that the tracker knows of.
 
-    It goes on until nothing in the way comes nearer; the controller steers all the time.
+    It continues until nothing in the way comes nearer; the controller steers all the time.
 
     Args:
         controller: The controller itself.

@@ -26,7 +26,7 @@ def system_features(system: System, state: object) -> Floats:
 
 
 def check_features(part: object, values: object) -> Floats:
-    """Return declared features as floats (N, F); a ``UsageError`` tells of another shape."""
+    """Return declared features as floats (N, F); a ``UsageError`` for another shape."""
     found = np.asarray(values, dtype=np.float64)
     if found.ndim != 2:
         text = f"features of {type(part).__name__} have shape {found.shape}, not (N, F)"

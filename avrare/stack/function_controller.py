@@ -79,7 +79,7 @@ class FunctionController(Controller):
         self.function, self.batched, self.scene = function, batched, scene
 
     def start(self, n: int) -> None:
-        """Return None: there is no memory."""
+        """Return None: it has no memory."""
 
     def act(self, memory: None, ego: Any, prediction: Prediction | None) -> tuple[Any, None]:
         """Return the actions of N rollouts.

@@ -20,7 +20,7 @@ _DIRECTIONS = {
 def find_misreadings(
     perception: PerceptionErrorModel, world: Any, observation: Observation, scene: Scene
 ) -> dict[str, Misreading]:
-    """Return what an observation gets wrong, against what the model sees of the same world without noise.
+    """Return the errors of an observation, against what the model sees of the same world without noise.
 
     They are named as the noise of a perception model should be: "detection of van", whose error is NaN where
     the van is missed, "longitudinal error of van", "lateral error of van" and "speed error of van".

@@ -41,7 +41,7 @@ def write_scenario(
         Names of the simulator's signals.
 
     Raises:
-        UsageError: There is no such simulator, an option is missing, or the file exists.
+        UsageError: The simulator is not installed, an option is missing, or the file exists.
         PluginError: The simulator's plugin is missing.
     """
     name = simulator or _choose_simulator(registry)

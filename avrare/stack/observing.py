@@ -13,7 +13,7 @@ from avrare.protocols import Floats, PerceptionErrorModel
 def observe(
     perception: PerceptionErrorModel | None, world: Any, noise: Floats, latent: Any
 ) -> tuple[Observation, Any]:
-    """Return what is observed of a world, and the perception's memory after it; without a model the truth."""
+    """Return the observation of a world, and the perception's memory after it; without a model the truth."""
     if perception is not None:
         return perception.follow(world, noise, latent)
     others = world.others

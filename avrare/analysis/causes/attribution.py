@@ -1,4 +1,4 @@
-"""Attribution: which noise carries the failures, and what a perfect part or another planner would save.
+"""Attribution: which noise carries the failures, and how many a perfect part or another planner would save.
 
 Let G be a group of noise numbers. Failing tapes are run again with G drawn afresh, and with all but G drawn
 afresh. If S and S' are the shares of failures that stay, and p is the probability, then
@@ -58,7 +58,7 @@ class GroupShare:
         sort: As in ``NoiseGroup``.
         carries: Total index: share of the variance of failure that needs this noise.
         carries_interval: Its interval.
-        alone: First-order index: share that this noise explains by itself.
+        alone: First-order index: share that this noise explains alone.
         alone_interval: Its interval.
     """
 

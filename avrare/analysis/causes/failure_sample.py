@@ -1,4 +1,4 @@
-"""Sample of failures with what each stands for: the base of shares and means over failures.
+"""Sample of failures with the weight of each: the base of shares and means over failures.
 
 Monte Carlo keeps independent failures that weigh the same. Importance sampling keeps weighted ones, and
 splitting keeps copies of a few first ancestors in each run: their means have an error of their own.

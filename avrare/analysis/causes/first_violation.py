@@ -17,7 +17,7 @@ class FirstViolation:
     """First violation: ``sample`` is -1, and ``key`` empty, where nothing is known of it.
 
     ``key`` is the comparison that decides, with the names of the vehicles, without numbers of samples, and
-    the ego's part in an impact. ``severity`` is None where there are no vehicles on lanes.
+    the ego's part in an impact. ``severity`` is None without vehicles on lanes.
     """
 
     sample: int
@@ -30,7 +30,7 @@ UNKNOWN = FirstViolation(-1, "")
 
 
 def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstViolation:
-    """Return what first violates the first specification of ``problem`` in a replayed rollout."""
+    """Find the first violation of the first specification of ``problem`` in a replayed rollout."""
     scene, dt = problem.scene, problem.dt or 1.0
     names = () if scene is None else scene.names
     recording = Recording("a failure", dt, 0.0, rollout.signals, scene, names)

@@ -1,4 +1,4 @@
-"""Kinds of failure: clusters of what happens in the failing rollouts, each with its own probability.
+"""Kinds of failure: clusters of failing rollouts that go alike, each with its own probability.
 
 Failures are clustered by their signals over time, by the comparison that is violated first, and by when. A
 kind is told by that and by the noise that sets it apart from chance. The probabilities of the kinds add up to
@@ -56,7 +56,7 @@ class Kind:
         members: Indices of the kept failures.
         ancestors: Number of first ancestors of these.
         representative: Index of the most typical one: the medoid.
-        time: Median time of the first violation [s] (steps where there is no time); NaN where it is unknown.
+        time: Median time of the first violation [s] (steps without a time step); NaN where it is unknown.
         warnings: Reasons to doubt it.
         severity: How severe its failures are, in words; empty without vehicles on lanes.
         decisive: What is left of the most typical failure's noise, in words; empty if it was not shrunk.
@@ -79,7 +79,7 @@ class Kind:
 
 @dataclass(frozen=True, repr=False)
 class Kinds(Answer, Sequence[Kind]):
-    """Kinds of failure of one specification, the likeliest first.
+    """Kinds of failure of one specification, by falling probability.
 
     Attributes:
         result: The estimate that they divide.
@@ -172,7 +172,7 @@ def find_kinds(result: Result, max_kinds: int = 6, method: str = "kmeans") -> Ki
 
 @dataclass(frozen=True)
 class _Failing:
-    """The F failures, replayed, each with what is violated first."""
+    """The F failures, replayed, each with its first violation."""
 
     problem: Problem
     sample: FailureSample
@@ -202,7 +202,7 @@ class _Failing:
         return np.concatenate([signals, which, when / max(self.problem.steps, 1)], axis=1)
 
     def find_key(self, chosen: Bools) -> tuple[str, int]:
-        """Return what is violated first in most of some failures, and in how many."""
+        """Return the most frequent first violation of some failures, and its count."""
         keys = Counter(self.causes[row].key for row in np.flatnonzero(chosen).tolist())
         return keys.most_common(1)[0]
 

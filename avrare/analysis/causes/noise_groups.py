@@ -129,7 +129,7 @@ def _is_draw(problem: Problem) -> Bools:
 def make_perfect(problem: Problem, tapes: Floats, mask: Bools) -> Floats:
     """Return tapes (N, steps + 1, noise_size) whose numbers in ``mask`` are those of a perfect part.
 
-    Drawn options are no errors, so they stay.
+    Drawn options are not errors: they stay.
     """
     return np.where(mask & ~_is_draw(problem), find_perfect_noise(problem.system), tapes)
 

@@ -67,7 +67,7 @@ def measure_share(
     Those whose rollouts are ``broken`` (F,) are left out; each end counts them against itself.
 
     Raises:
-        UsageError: All are broken; ``name`` says what the rollouts are.
+        UsageError: All are broken; ``name`` describes the rollouts.
     """
     if broken.all():
         text = f"{sample.size} of {sample.size} rollouts with {name} broke down"
@@ -87,7 +87,7 @@ def measure_saving(
 
     Args:
         sample: The failures.
-        name: Name of what is made perfect.
+        name: Name of the perfect part.
         stored: Outcomes of the failing tapes with it.
         base: Outcomes of fresh tapes without it.
         now: Outcomes of the same fresh tapes with it.

@@ -80,7 +80,7 @@ class TapeRunner:
         return Verdicts.join(verdicts)
 
     def keep(self, tapes: Floats, measure: Callable[[], Floats]) -> Floats:
-        """Return what ``measure`` gives for ``tapes``, a number for each; the journal keeps it.
+        """Measure each tape (a number); the journal keeps the numbers.
 
         Raises:
             UsageError: The first thing that the journal holds is measured again, and differs.

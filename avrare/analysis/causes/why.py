@@ -20,7 +20,7 @@ class Why(Answer):
 
     Attributes:
         kinds: Kinds of failure, each with a probability.
-        attribution: Noise that carries the failures, and what perfect parts would save; None where fewer
+        attribution: Noise that carries the failures, and savings by perfect parts; None where fewer
             than two failures are known.
     """
 
@@ -63,7 +63,7 @@ def why(
         workers: Number of processes.
 
     Raises:
-        UsageError: There are no failures, or several specifications have some and none is named.
+        UsageError: Nothing failed, or several specifications have some and none is named.
     """
     result = source if isinstance(source, Result) else _select(source, specification)
     kinds = find_kinds(result, max_kinds, method)

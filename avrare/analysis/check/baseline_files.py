@@ -168,7 +168,7 @@ def _encode(result: Result) -> dict[str, object]:
 def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specifications: list[str]) -> list[str]:
     """List how two resolved scenarios differ in their problem, as ``simulator.dt 0.1 -> 0.05``.
 
-    A specification that only one of them has is no difference.
+    A specification that only one of them has does not count.
     """
     differences = [line for key in SHARED_KEYS for line in _list_differences(key, old.get(key), new.get(key))]
     definitions = [scenario.get("specifications", {}) for scenario in (old, new)]

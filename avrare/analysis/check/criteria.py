@@ -155,7 +155,7 @@ def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
 
 
 def find_assumption(criterion: Criterion, result: Result) -> str:
-    """Return what a threshold rests on where only failures that nothing led to could break it; else ""."""
+    """Describe the assumption of a threshold that only unseen failures could break; else ""."""
     if result.blind_bound is None or _grade_blind(criterion, result) == "pass":
         return ""
     return describe_assumption(result.blind_bound) if assess(criterion, result, 1.0).passes else ""

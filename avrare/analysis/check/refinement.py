@@ -22,7 +22,7 @@ _MOST_SIGNALS = 6
 
 @dataclass(frozen=True)
 class Drives:
-    """Drives of a few tapes: signals by name (steps + 1, tapes, ...), and what each specification says."""
+    """Drives of a few tapes: signals by name (steps + 1, tapes, ...), and verdicts by specification."""
 
     signals: dict[str, Floats]
     robustness: dict[str, Floats]
@@ -30,7 +30,7 @@ class Drives:
 
 
 def compare_substeps(scenario: Scenario, stack: Stack) -> list[str]:
-    """Return lines on what changes where the simulator integrates in half the step."""
+    """List the changes where the simulator integrates in half the step."""
     config = scenario.simulator.config
     if _OPTION not in type(config).model_fields:
         return [f"integration: the simulator has no `{_OPTION}`: whether its dt is small enough is not known"]

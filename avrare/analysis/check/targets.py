@@ -179,7 +179,7 @@ def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:
     """Return the only look, or several that share the budget.
 
     Raises:
-        UsageError: There is no budget to share.
+        UsageError: A budget to share is missing.
     """
     if not several:
         return [Look(1, 1.0, budget)]

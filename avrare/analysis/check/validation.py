@@ -33,7 +33,7 @@ class Validation(Answer):
     Attributes:
         path: The file.
         contents: Name and sizes of the scenario or catalogue; empty where it is not valid.
-        warnings: Messages, with hints, on what is valid but may not be meant.
+        warnings: Messages, with hints, on valid input that may not be meant.
         error: What is wrong; None where the file is valid.
         notes: Lines on draws, memory and integration of the built stack.
     """
@@ -51,7 +51,7 @@ class Validation(Answer):
 
     @property
     def mistakes(self) -> tuple[Line, ...]:
-        """Messages, with hints, on what is wrong, with line and column where they are of the file."""
+        """Mistakes with hints, with line and column where they are of the file."""
         if isinstance(self.error, ScenarioError):
             return tuple(self.error.problems)
         return () if self.error is None else ((self.error.message, self.error.hint),)
@@ -67,7 +67,7 @@ class Validation(Answer):
         return Records({"sort": sort, "text": text, "hint": hint} for sort, text, hint in rows)
 
     def lines(self) -> list[str]:
-        """Return the mistakes, or what the file contains."""
+        """Return the mistakes, or the content of the file."""
         if self.error is not None:
             return self.error.lines()
         return [f"{self.path}: ok  {', '.join(self.contents)}", *(f"  {note}" for note in self.notes)]
@@ -139,7 +139,7 @@ def _describe(scenario: Scenario, built: bool) -> tuple[str, ...]:
 
 
 def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
-    """Build the stack, run a few steps, add to the warnings, and return lines on what was found."""
+    """Build the stack, run a few steps, add to the warnings, and return the messages."""
     from avrare.analysis.check.refinement import compare_substeps
     from avrare.estimation.estimate_scenario import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.child_process import run_guarded
@@ -162,7 +162,7 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
 
 @contextmanager
 def first_steps(scenario: Scenario) -> Iterator[None]:
-    """Tell what a part of the stack raises as its own mistake; in a run such rollouts count as errors."""
+    """Raise an error of a part of the stack as its own mistake; in a run such rollouts count as errors."""
     try:
         yield
     except (AvrareError, MemoryError):

@@ -112,7 +112,7 @@ def open_case(
 
 
 def reference_case(id: str) -> ComparisonCase:
-    """Return a reference problem with its exact probability; UsageError if there is no such problem."""
+    """Return a reference problem with its exact probability; UsageError if it does not exist."""
     try:
         reference = reference_problem(id)
     except UsageError as error:

@@ -1,7 +1,7 @@
 """Moment at which a drive was lost: from then on it fails even if no more noise follows.
 
 A failing tape is run again with its noise ending at one step after another. The last of these rollouts that
-keeps the rule tells how long the stack could still have saved the drive by itself.
+keeps the rule shows how long the stack alone could still have saved the drive.
 """
 
 from __future__ import annotations

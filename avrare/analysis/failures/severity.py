@@ -90,7 +90,7 @@ class Severity:
 
 
 def describe_severities(severities: Sequence[Severity]) -> str:
-    """Return what the severities of some failures are, in words with medians; empty for none."""
+    """Describe the severities of some failures by medians; empty for none."""
     if not severities:
         return ""
     drac, braking, duration = (
@@ -130,7 +130,7 @@ def _percent(share: float) -> str:
 
 
 def measure_severity(result: MonitoringResult) -> Severity | None:
-    """Return the severity of a drive; None where the rule is kept, or there are no vehicles on lanes."""
+    """Return the severity of a drive; None where the rule is kept, or without vehicles on lanes."""
     recording, scene = result.recording, result.recording.scene
     if scene is None or not scene.names or not scene.road.lane_centres or not result.violated:
         return None

@@ -62,7 +62,7 @@ class FailureReplay(Answer):
     scenario: LoadedScenario
 
     def table(self) -> Records:
-        """Return one row: the outcome now, and what differs."""
+        """Return one row: the outcome now, and the differences."""
         row = {
             "failure": self.failure.id,
             "scenario": self.scenario.name,
@@ -76,7 +76,7 @@ class FailureReplay(Answer):
         return Records([row])
 
     def lines(self) -> list[str]:
-        """Return the outcome in words, and what has changed."""
+        """Return the outcome in words, and the changes."""
         failure, rollout = self.failure, self.rollout
         robustness = f"robustness {rollout.robustness:.6g}"
         outcomes = {
@@ -102,7 +102,7 @@ def replay(
     failures: str | os.PathLike[str] = FAILURES_FOLDER,
     safe: bool = False,
 ) -> FailureReplay:
-    """Run a stored failure again, and tell whether it still fails and what has changed.
+    """Run a stored failure again, and tell whether it still fails, with the changes.
 
     Args:
         source: A run or its folder; or a scenario file, with the ID of a failure.
@@ -114,7 +114,7 @@ def replay(
         safe: As for ``avrare.load``.
 
     Raises:
-        UsageError: There is no such failure, or it does not fit the scenario.
+        UsageError: The failure is not stored, or does not fit the scenario.
     """
     if isinstance(source, Run) or Path(require_path(source, "a run or a scenario file")).is_dir():
         if not (failure is None or isinstance(failure, int)):

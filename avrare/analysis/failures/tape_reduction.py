@@ -1,4 +1,4 @@
-"""Reduction of failing noise: to what the failure needs, and to the nearest one to the origin.
+"""Reduction of failing noise: to the numbers that the failure needs, and to the nearest one to the origin.
 
 Delta debugging is ddmin (Zeller and Hildebrandt, "Simplifying and isolating failure-inducing input", 2002) on
 noise: blocks of steps and channels are set to zero, from large blocks to single numbers, and the rest is

@@ -199,7 +199,7 @@ Body = tuple[Floats, Bools, DecisiveSample | None, DecisiveSample]
 def describe_body(specification: Specification, recording: Recording) -> Body | None:
     """Evaluate the body of an ``always`` formula on a recording, without its value over time.
 
-    None if the specification is no such formula, or the body reads the whole recording.
+    None if the specification is another formula, or the body reads the whole recording.
     """
     formula = specification.formula
     stretches = None if formula is None else _make_stretches(specification, recording, formula)

@@ -1,4 +1,4 @@
-"""Causes of failure: kinds with their probabilities and pictures, and what perfect parts would save."""
+"""Causes of failure: kinds with their probabilities and pictures, and savings by perfect parts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _STYLES = 6
 def build_causes(
     run: Run, result: Result, stored: StoredCauses, rollouts: Sequence[MonitoredRollout] = ()
 ) -> Causes | None:
-    """Return what is known of the causes of failure; None without failures.
+    """Collect the known causes of failure; None without failures.
 
     ``rollouts`` are those that the report shows.
     """
@@ -58,7 +58,7 @@ def build_causes(
 
 
 def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
-    """Return what the failures of a specification are and what helps, in sentences."""
+    """Describe the failures of a specification and what would help."""
     kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
     sentences = []
     if kinds is None:

@@ -83,7 +83,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Command:
-    """Command beside what it makes; ``text`` says what it is for."""
+    """Command beside its output; ``text`` is its purpose."""
 
     title: str
     text: str
@@ -189,12 +189,12 @@ class Player:
     Attributes:
         title: Why it is shown.
         text: Its robustness and noise.
-        anchor: Name to link to; empty for a rollout that is no failure.
+        anchor: Name to link to; empty for a rollout that passes.
         problem: Reason why it cannot be shown; the other fields are then empty.
         sentence: What the monitor says.
         severity: How severe it is.
         lost: When it was lost.
-        difference: How its replay differs from what is stored.
+        difference: How its replay differs from the stored one.
         drawn: Values drawn at the start, by name.
         start: Sample at which it opens.
         samples: Number of samples.

@@ -61,7 +61,7 @@ class MonitorPlan:
             None.
         body: Node of φ, for ``always φ`` with φ that does not look ahead; else None.
         quiet: True if no floating-point warning can arise: signals are only compared with numbers that are
-            not huge, and there is no iff or xor.
+            not huge, without iff and xor.
         stepwise: True if nominal values come from a few open ones, without corners.
         at_zero: Truth of the formula where its robustness is 0; None if that varies.
     """

@@ -71,7 +71,7 @@ class _MonitorEngine:
     Args:
         formula: Formula.
         closed: True if until and since need their left operand at the witness.
-        plain: True to keep margins of 0, provided that ``plan.at_zero`` tells their truth.
+        plain: True to keep margins of 0, provided that ``plan.at_zero`` has their truth.
 
     Attributes:
         is_false: ``is_false(value, 0)`` is where the formula is false.

@@ -1,4 +1,4 @@
-"""Errors in a formula's text: place, problem, and what to write instead."""
+"""Errors in a formula's text: place, problem, and correction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Token classes: tells operators from signals, and finds the end of each statement.
+"""Token classes: separates operators from signals, and finds the end of each statement.
 
 Long words (``always``, ``until``, ``and``, ...) are reserved. One-letter operators (and ``alw``, ``ev``) are
 operators only where one makes sense: ``G`` where an operand follows, ``U`` after an operand; elsewhere they

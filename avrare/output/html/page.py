@@ -41,7 +41,7 @@ def load_templates() -> Environment:
     from jinja2.ext import Extension
 
     class Joined(Extension):
-        """Templates whose line ends and indents are no part of the page."""
+        """Templates whose line ends and indents are left out of the page."""
 
         def preprocess(self, source: str, name: str | None, filename: str | None = None) -> str:
             return "".join(map(str.strip, source.splitlines()))

@@ -53,7 +53,7 @@ def draw_run(scenario: LoadedScenario, results: Sequence[Result], folder: Path) 
 
 
 def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
-    """Draw a few moments of a rollout below one another, or side by side where there are no lanes."""
+    """Draw a few moments of a rollout below one another, or side by side without lanes."""
     if not scene.road.lane_centres:
         return _plot_plane(frames, scene, title)
     chosen = _choose_moments(frames)

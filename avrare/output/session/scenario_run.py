@@ -52,7 +52,7 @@ def run(
         workers: Number of processes; changes no bit of a result.
         resume: Continue the interrupted run in ``out``.
         progress: As for ``avrare.estimate``.
-        safe: Refuse code that is no installed plugin, and files outside the scenario's folder.
+        safe: Refuse code outside installed plugins, and files outside the scenario's folder.
 
     Raises:
         ScenarioError: The file has problems; the message lists all of them with line and column.

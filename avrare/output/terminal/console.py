@@ -43,7 +43,7 @@ def make_table(
 ) -> Table:
     """Return an empty table in the common style, with columns of texts and then of numbers.
 
-    The title is no markup.
+    Markup in the title is not read.
     """
     table = Table(
         title=None if title is None else Text(title, "bold"),
@@ -70,7 +70,7 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def print_lines(console: Console, lines: Iterable[str], style: str | None = None) -> None:
-    """Print lines as they are: square brackets in them are no markup."""
+    """Print lines as they are: markup in them is not read."""
     for line in lines:
         console.print(line, style=style, markup=False)
 

@@ -11,7 +11,7 @@ MAX_BLOB = 1000
 
 
 def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
-    """Return what is left of a failure, in numbers and in words."""
+    """Describe the rest of a failure in numbers and words."""
     if shrunk.after == 0.0:
         description = describe_tape(problem, shrunk.noise)
         lines = [f"it fails without any noise ({shrunk.rollouts} rollouts): {description}"]

@@ -25,10 +25,10 @@ _PLAIN_INTERVAL = 15.0  # seconds between two lines where nothing can be redrawn
 
 
 class Progress:
-    """Live lines on stderr; occasional plain lines if stderr is no terminal; or nothing.
+    """Live lines on stderr; occasional plain lines if stderr is not a terminal; or nothing.
 
-    Without a confidence no interval is shown: the estimate is no share of rollouts. ``stop`` tells whether
-    the user asked to stop; its own message is silenced while the lines are live.
+    Without a confidence no interval is shown: the estimate is not a share of rollouts. ``stop``
+    returns whether the user asked to stop; its own message is silenced while the lines are live.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ class TimeLeft:
         return left[1] if left is not None else 0.0
 
     def words(self, info: Info, seconds: float) -> list[str]:
-        """Return ``2:30 left``, or bounds with what they rest on; before it the rest of a long stage."""
+        """Return ``2:30 left``, or bounds with their source; before it the rest of a long stage."""
         words, forecast = [], _forecast(info)
         clocked = forecast is not None and (info.goal or forecast.kind == "seconds")
         if info.stage_rows and info.rollouts and not clocked:

@@ -17,7 +17,7 @@ _ECHO = 0.2
 
 
 class Stopping:
-    """Handler of Ctrl-C and SIGTERM while entered; calling it tells whether to stop.
+    """Handler of Ctrl-C and SIGTERM while entered; calling it returns whether to stop.
 
     The second signal raises KeyboardInterrupt. An ignored signal (as in background jobs of a shell) stays
     ignored, and outside the main thread nothing is caught.

@@ -84,7 +84,7 @@ def run_errand(
     *arguments: P.args,
     **_: P.kwargs,
 ) -> T:
-    """Return what ``function`` gives for the problem of an open executor, where that runs the system."""
+    """Return the result of ``function`` for the problem of an open executor, where that runs the system."""
     (answer,) = executor.map([Errand(purpose, function, arguments)])
     return answer  # type: ignore[no-any-return]
 

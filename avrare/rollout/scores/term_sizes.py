@@ -41,7 +41,7 @@ def measure_terms(system: System, steps: int, formula: Formula, select: Select |
 
     The size of a term, for each vehicle, is its margin at the sample if that has one sign along the rollout,
     else the mean magnitude of its margin. Where that is 0 or unknown, it is half the range of the margin
-    among 64 rollouts, at the sample where that is largest. These rollouts are no part of any estimate.
+    among 64 rollouts, at the sample where that is largest. These rollouts count in no estimate.
     """
     terms = find_terms(formula.node)
     if len(terms) == 1 and not any(isinstance(part, nodes.Quantifier) for part in nodes.walk(formula.node)):
