@@ -77,7 +77,7 @@ def _write_scenario(args: argparse.Namespace) -> None:
 
 
 def _write_catalogue(args: argparse.Namespace) -> None:
-    if args.kind is not None or args.no_driving or args.act or args.set:
+    if args.kind or args.no_driving or args.act or args.set:
         raise UsageError(
             "a catalogue takes --simulator, --ego, --stack and --out", "avrare new catalogue FOLDER"
         )
