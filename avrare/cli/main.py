@@ -50,7 +50,7 @@ PROVIDED = {
 }
 """Name -> distribution that provides the module (entry point of group ``avrare.commands``), and a summary.
 
-Such a module has ``add_arguments(parser)`` as well.
+The module has ``add_arguments(parser)`` as well.
 """
 
 GROUPS = {

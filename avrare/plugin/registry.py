@@ -39,7 +39,7 @@ Status = Literal["ok", "missing dependency", "broken", "incompatible", "blocked"
 class Row:
     """Line of ``avrare plugins``; ``detail`` says why a component cannot be used, and its remedy.
 
-    If the plugin could not be loaded, the kind is empty, the name is that of its entry point, and there is no
+    If the plugin could not be loaded, the kind is empty, the name is that of its entry point, without a
     component.
     """
 

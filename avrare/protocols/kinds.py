@@ -53,7 +53,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
         return {}
 
     def misreadings(self, state: Any) -> Mapping[str, Misreading]:
-        """Return errors that noise makes, by its names, for reports. Default: none, told in sigma."""
+        """Return errors that noise makes, by its names, for reports. Default: none, given in sigma."""
         return {}
 
     def features(self, state: Any) -> Floats | None:
@@ -141,7 +141,7 @@ class Simulator(_Dynamics):
         raise NotImplementedError
 
     def impossible(self, world: Any) -> Bools | None:
-        """Return (N,) True for drawn starts that are no scene: they are drawn again. Default: None, none."""
+        """Return (N,) True for impossible starts: they are drawn again. Default: None, all are possible."""
         return None
 
 
@@ -259,7 +259,7 @@ class Controller(ABC):
         """
 
     def alternatives(self) -> Mapping[str, Controller]:
-        """Return versions of itself by what they do, such as "brakes earlier", for causes. Default: none."""
+        """Return versions of itself, such as "brakes earlier", by behaviour. Default: none."""
         return {}
 
     def counts(self, memory: Any) -> Mapping[str, NDArray[np.int64]]:

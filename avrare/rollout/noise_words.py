@@ -16,13 +16,13 @@ from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
 _MOST_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
-"""Errors are told above this multiple of the largest one without noise."""
+"""Errors are described above this multiple of the largest one without noise."""
 _USUAL_DRAW = 0.5
-"""Normal score above which a drawn option is told."""
+"""Normal score above which a drawn option is described."""
 _GAP = 0.03
-"""Share of a rollout's steps between two stretches that are told as one."""
+"""Share of a rollout's steps between two stretches that are joined."""
 _SMALL_SHARE = 0.25
-"""Share of its greatest error below which an error is not told."""
+"""Share of its greatest error below which an error is left out."""
 _SMALL_SHARE_OF_NORM = 0.05
 """Share of a tape's norm below which a stretch of raw noise is only counted."""
 _WINDOWS = 8

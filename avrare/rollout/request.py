@@ -188,8 +188,8 @@ class Rollouts:
         features: (M, K, F) features at the K steps asked for; NaN for rows that had left by then.
         evidence: (M, A) sums of the tape law's density over the steps so far, of requests with ``until``.
         every: Carries are those of steps 0, k, 2k, ... and the last, for this k.
-        log_weight: (M,) log likelihood ratio p/q of the request's ``tape_law`` and of what the system itself
-            reports, zeros where there is neither; for rows that ended early, of the steps until then.
+        log_weight: (M,) log likelihood ratio p/q of the request's ``tape_law`` and of the numbers that the
+            system itself reports, zeros where there is neither; rows that ended early have those until then.
     """
 
     robustness: Floats

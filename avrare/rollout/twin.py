@@ -19,7 +19,7 @@ _LONG_ENOUGH = 0.2
 """Seconds of a measurement."""
 _MOST_ROWS = 256
 _REPEATS = 3
-"""The first one pays for what is compiled or loaded."""
+"""The first one pays for compilation and loading."""
 
 
 @dataclass(frozen=True)

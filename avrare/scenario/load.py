@@ -33,7 +33,7 @@ _NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
 _NOT_OF_TWIN = ("cheap", *_NOT_OF_MEMBER)
 _FEWEST_MEMBERS = 3
 _STORED, _RESULT = "scenario.yaml", "result.json"
-"""Names of the scenario in a run folder, and of what tells such a folder."""
+"""Files that mark a run folder: its scenario and its result."""
 
 
 def load(

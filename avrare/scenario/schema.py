@@ -206,17 +206,17 @@ class Cheap(_Model):
         lt=1.0,
         description="time of the twin's rollout over that of the stack's; mfmc needs it",
     )
-    simulator: dict[str, Any] | None = Field(None, description="what differs in the simulator")
-    perception: dict[str, Any] | None = Field(None, description="what differs in perception")
-    tracker: dict[str, Any] | None = Field(None, description="what differs in the tracker")
-    controller: dict[str, Any] | None = Field(None, description="what differs in the controller")
+    simulator: dict[str, Any] | None = Field(None, description="differences of the simulator")
+    perception: dict[str, Any] | None = Field(None, description="differences of perception")
+    tracker: dict[str, Any] | None = Field(None, description="differences of the tracker")
+    controller: dict[str, Any] | None = Field(None, description="differences of the controller")
 
 
 class Document(_Model):
     """Scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
 
     name: Slug = Field(description="name of the scenario and of its results folder")
-    description: str | None = Field(None, description="what the scenario is about")
+    description: str | None = Field(None, description="subject of the scenario")
     requirements: tuple[str, ...] = Field((), description=REQUIREMENTS)
     odd: tuple[str, ...] = Field((), description=ODD)
     objective: str | None = Field(None, description=OBJECTIVE)

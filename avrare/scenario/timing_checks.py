@@ -14,7 +14,7 @@ _CONSEQUENCES = {
     "planning_latency": "none of its plans takes effect",
     "actuation_delay": "none of its commands takes effect",
 }
-"""What becomes of a drive that is no longer than this time."""
+"""Effect of a time that is as long as the drive."""
 
 
 def check_timing(

@@ -40,7 +40,7 @@ class _Seeing(Controller):
 
 
 def list_alternatives(loop: ClosedLoop) -> dict[str, ClosedLoop]:
-    """Return the loop with other planners, which read the same tapes, by what they do.
+    """Return the loop with other planners, which read the same tapes, by their behaviour.
 
     They are those that the controller declares; in driving also one that sees the truth, one with emergency
     braking, and one that knows the delays, where it does not.

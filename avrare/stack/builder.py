@@ -224,7 +224,7 @@ def _reports_nan(seen: Observation | None) -> bool:
 
 
 def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] | None:
-    """Return what the first part with a NaN gives, and when, before the last state; None: the simulator."""
+    """Find the first part with a NaN before the last state, and its step; None: the simulator."""
     for sample, state in enumerate(states[:-1]):
         if loop.controller is not None and _has_nan(loop.show(state.world)):
             return None
@@ -238,7 +238,7 @@ def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] 
 
 
 def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3) -> list[str]:
-    """Draw scenes, run each for a few steps and return what there is to say; nothing where none is drawn.
+    """Draw scenes, run each for a few steps and return notes; none where nothing is drawn.
 
     Raises:
         ScenarioError: A scene cannot be drawn or driven.

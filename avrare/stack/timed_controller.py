@@ -90,7 +90,7 @@ class TimedController(Controller):
     def act(
         self, memory: CommandQueue, ego: Any, prediction: Prediction | None, noise: Floats | None = None
     ) -> tuple[Any, CommandQueue]:
-        """Return what the actuators do in the next step, and the memory after it.
+        """Return the response of the actuators in the next step, and the memory after it.
 
         Without ``noise`` (N, len(noise_names)) no cycle is missed.
         """
@@ -177,7 +177,7 @@ class Response:
         self._turn = _lag_gains(actuators.turn_lag, dt)
 
     def follow(self, level: Action, command: Action, speed: Floats) -> tuple[Action, Action]:
-        """Return the mean action of a step and what is reached at its end."""
+        """Return the mean action of a step and that at its end."""
         wanted = command.acceleration
         if self._power is not None:
             wanted = np.minimum(wanted, self._power / np.maximum(speed, _LEAST_SPEED))

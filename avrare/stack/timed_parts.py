@@ -27,7 +27,7 @@ class Parts(NamedTuple):
 def time_parts(
     timing: Timing, actuators: Actuators, clock: Clock, scene: Scene | None, parts: Parts
 ) -> Parts:
-    """Return the parts with what ``timing`` and ``actuators`` ask for.
+    """Return the parts with the delays that ``timing`` and ``actuators`` ask for.
 
     Raises:
         UsageError: An option is about a part that the scenario has not.

@@ -78,7 +78,7 @@ class TimedPerception(PerceptionErrorModel):
         return self._model.observe(world, self._own(noise))
 
     def follow(self, world: object, noise: Floats, memory: FrameQueue) -> tuple[Observation, FrameQueue]:
-        """Return what the tracker reads at the next step, and the memory after it."""
+        """Return the observation that the tracker reads at the next step, and the memory after it."""
         step, waits, inner = memory.step + 1, memory.waits - 1, memory.model
         frames = memory.frames or (_blank(self.observe(world, noise)),) * self._capacity
         now = int(step[0])  # that of all rows

@@ -24,7 +24,7 @@ class ReferenceProblem:
         system: Batched system; importable, so that worker processes can build it.
         formula: Specification as formula text.
         steps: Number of steps (states t = 0..steps); 0 for a static problem.
-        relation: Robustness of failures: "<=0", or "<0" where 0 is no failure (or has no probability).
+        relation: Robustness of failures: "<=0", or "<0" where 0 passes (or has no probability).
         exact: Function that computes the probability, to nine digits or more.
         score: Score for splitting where minus the robustness is a poor one, else None.
         known: Published probability, None to compute it.

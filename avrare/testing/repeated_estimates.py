@@ -77,7 +77,7 @@ class Audited(Problem):
         return self.system.rows if isinstance(self.system, Counting) else 0
 
     def replay(self, tape: Floats, *, keep_carries: bool = False) -> Rollouts:
-        """Replay as ``Problem`` does: a check of a result is no part of its cost."""
+        """Replay as ``Problem`` does: a check of a result costs it nothing."""
         before = self.rollouts, self.errors, self.stepped
         outcome = super().replay(tape, keep_carries=keep_carries)
         self.rollouts, self.errors, self.stepped = before

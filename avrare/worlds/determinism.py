@@ -1,6 +1,6 @@
 """Probe of a system: is it a function of its state and its noise alone, and is its state a value?
 
-Three rows are run a few steps, and again: on the same noise, from a stored state, and one of them by itself.
+Three rows are run a few steps, and again: on the same noise, from a stored state, and one of them alone.
 The numbers are the probe's own, and it leaves the global generators as they were: no result depends on it.
 """
 

@@ -45,7 +45,7 @@ _SEED = 2**62
 """Added to the seed: fresh noise differs from that of any estimate."""
 _OUTLIERS = 2.5
 _MEDIAN_START = "start at its median"
-"""It says what fails, but no part is mended by it: the last of the changes."""
+"""It shows the failures, but mends no part: the last of the changes."""
 _FRESH = 1000
 
 

@@ -1,8 +1,8 @@
 """Kinds of failure: clusters of failing rollouts that go alike, each with its own probability.
 
 Failures are clustered by their signals over time, by the comparison that is violated first, and by when. A
-kind is told by that and by the noise that sets it apart from chance. The probabilities of the kinds add up to
-the estimate; their intervals take the kinds as given.
+kind is described by that and by the noise that sets it apart from chance. The probabilities of the kinds add
+up to the estimate; their intervals take the kinds as given.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _COMPONENTS = 5
 _FEW = 5
 """Fewer failures of a kind get a warning."""
 _STRAY = 4
-"""So few failures are no kind of their own, unless something else is violated first."""
+"""So few failures do not make a kind, unless they begin with another violation."""
 _APART = 4.0
 """Least separation of two kinds; a uniform law cut in the middle has 3.5, a normal one 2.7."""
 _LEAST_SHARE = 0.05

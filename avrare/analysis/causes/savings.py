@@ -15,7 +15,7 @@ from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Bools
 
 _WORTH = 0.05
-"""Share of the failures that is worth to be told as a least one."""
+"""Least share of the failures that is worth a sentence."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ class PairedComparison(Answer):
         return any(change.exceeds(self.scenarios[0].max_error_rate) for change in self.changes)
 
     def headline(self) -> list[str]:
-        """Return what was compared."""
+        """Return the names of both versions."""
         first, second = self.names
         other = second if second != first else f"{second} with other settings"
         how = f"{self.rollouts:,} rollouts each, on the same noise"
@@ -130,7 +130,7 @@ class PairedComparison(Answer):
         return Records(rows)
 
     def lines(self) -> list[str]:
-        """Return what was compared, the change of each specification, and the notes."""
+        """Return both versions, the change of each specification, and the notes."""
         return [*self.headline(), *self.summary(), *self.notes()]
 
 

@@ -17,7 +17,7 @@ from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 
 MIN_REPETITIONS = 2
-"""Repetitions below which there is no spread."""
+"""Repetitions that a spread needs."""
 _BIAS_SHARE = 0.5
 """Share of the mean squared error above which a mean whose interval misses the truth counts as biased."""
 

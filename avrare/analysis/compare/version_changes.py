@@ -56,7 +56,7 @@ class VersionChange(ABC):
 
     @abstractmethod
     def document(self) -> dict[str, object]:
-        """Return what paired.json has of this kind of comparison alone."""
+        """Return the part of paired.json that this kind of comparison alone has."""
 
     @abstractmethod
     def exceeds(self, error_rate: float) -> bool:

@@ -16,9 +16,9 @@ FULL_BRAKING = 6.0
 _DECELERATIONS = np.linspace(0.1, 12.0, 120)
 """Decelerations that are tried, up to those that a car can reach [m/s^2]."""
 _AFTER = 8.0
-"""Time after the impact for which the other goes on, braking as it did at last [s]."""
+"""Time after the impact for which the other continues, braking as it did at last [s]."""
 _FAR = 1e3
-"""Length of the straight on which the ego's path goes on [m]."""
+"""Length of the straight that continues the ego's path [m]."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def build_causes(
 
 
 def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
-    """Describe the failures of a specification and what would help."""
+    """Describe the failures of a specification and their remedies."""
     kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
     sentences = []
     if kinds is None:

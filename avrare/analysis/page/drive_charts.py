@@ -20,7 +20,7 @@ _MAX_VEHICLES = 3
 _LONGEST = 10.0
 """Time to collision above this is not drawn [s]."""
 _FEW = 0.25
-"""Shown of a scale beyond the largest error: a chart of centimetres is no chart of metres [m]."""
+"""Shown of a scale beyond the largest error: centimetres need another chart than metres [m]."""
 
 
 def make_time_axis(result: MonitoringResult) -> tuple[Floats, Scale]:

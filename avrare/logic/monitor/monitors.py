@@ -205,7 +205,7 @@ class RobustnessMonitor(_Monitor):
     """Monitor of a formula's robustness at sample 0 (an ``avrare.protocols.Specification``).
 
     Every step costs the same, except for the few formulas that ``plan`` names, whose history is carried and
-    evaluated. NaN makes a row's robustness NaN for good if the formula depends on it; such a row is neither
+    evaluated. NaN makes a row's robustness NaN for good if the formula depends on it; that row is neither
     violated nor does its score change.
 
     Args:

@@ -10,7 +10,7 @@ from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.plan import Info
 
 _LONG_STAGE = 5.0
-"""Seconds that a stage still takes, from which on that is told."""
+"""Least seconds of a stage that are shown."""
 
 
 @dataclass
@@ -18,7 +18,7 @@ class TimeLeft:
     """Time left of one estimate.
 
     The start of workers and the first compilation belong to the first chunk. Once as much time again has
-    passed, the pace is that of what came after it.
+    passed, the pace is that of the rollouts after it.
 
     Attributes:
         steady: Leave the first chunk out of the pace; not after a resumption: old chunks arrive at once.

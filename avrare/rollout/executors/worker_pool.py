@@ -41,7 +41,7 @@ class WorkerLost(Exception):
     """Worker that ended, or was ended, while it ran a task; the text says how.
 
     Attributes:
-        blameless: True for want of memory or a kill, which are no errors of rollouts.
+        blameless: True for want of memory or a kill, which are not errors of rollouts.
         hangs: True where it took too long.
     """
 

@@ -77,7 +77,7 @@ class Subject:
 
         Raises:
             UsageError: Given options are unknown or invalid.
-            Skipped: An option has no default, and there is no example.
+            Skipped: An option has neither default nor example.
         """
         if self.options:
             return check_options(self.model, self.name, dict(self.options), self.kind)
@@ -183,7 +183,7 @@ def checks_of(kind: str) -> list[Check]:
     """Return the checks of a kind of component, description checks first.
 
     Raises:
-        UsageError: There is no such kind.
+        UsageError: The kind does not exist.
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))

@@ -36,7 +36,7 @@ class Search:
         specification: Name of the specification.
         iterations: Estimates at most, that of the start included.
         step: Step of the differences, in units of the numbers.
-        directions: Random directions of each gradient; 0: each number by itself.
+        directions: Random directions of each gradient; 0: each number separately.
         target: Probability that is low enough.
         maximise: Raise the probability instead.
         seed: Seed of the first estimate; iteration i has ``seed + i``.

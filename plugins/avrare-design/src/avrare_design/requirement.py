@@ -18,7 +18,7 @@ class Trial:
     Attributes:
         value: The value.
         result: The estimate, at the level of all trials together.
-        score: What its failures tell of the slope there; None where there is no score function.
+        score: Slope there by its failures; None without a score function.
         nearby: What its failures tell of other values, in ascending order.
     """
 

@@ -1,6 +1,6 @@
 """Reweighed trial: what the failures of one run tell of nearby values of a parameter.
 
-Where a parameter changes nothing but the law of what perception observes, and the density ratio w of two laws
+Where a parameter changes nothing but the law of the observations, and the density ratio w of two laws
 is known, the mean of w over failures, times the probability, is that at the other value. The values must be
 fixed before the run, else the estimates would have no interval.
 """
@@ -104,7 +104,7 @@ class Reweigher:
         """Return estimates at values that were fixed before the run, where enough failures are left.
 
         Args:
-            result: Estimate at this value; other than by Monte Carlo of a fixed size it tells nothing.
+            result: Estimate at this value; other than by Monte Carlo of a fixed size it does not count.
             values: The values.
             level: Level of the intervals.
         """

@@ -3,7 +3,7 @@
 A few small runs look for the value at which the bound is reached: values are chosen by a line through log p,
 as near to its root as the next estimate can tell apart. Half of the budget then decides. Where the failures
 of a run can be reweighed for nearby values (``reweighed_trial``) far enough, it is one run at the root, else
-one on each side of it. Each run has noise of its own, so the values may be chosen from what came before, and
+one on each side of it. Each run has noise of its own, so the values may be chosen from earlier trials, and
 the risks of all of them add up to alpha (Bonferroni). The values that a run is reweighed for are tested in an
 order that is fixed before it, from the safe end until one fails, which needs no correction (fixed-sequence
 testing). If the probability is monotone in the parameter, the value at which it reaches the bound then lies
@@ -198,7 +198,7 @@ class _Search:
         return _from(point if inside else middle, self.scaled)
 
     def _inside(self, root: float) -> float:
-        """Return the value of a root, or the middle of what is left where it lies outside."""
+        """Return the value of a root, or the middle of the rest where it lies outside."""
         shown = [end for end in self.bracket() if end is not None]
         ends = shown if len(shown) == 2 else [end.value for end in self.trials[:2]]
         low, high = sorted(_to(end, self.scaled) for end in ends)

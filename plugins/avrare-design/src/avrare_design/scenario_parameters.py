@@ -83,7 +83,7 @@ class ParametricScenario:
         return tuple(f"{path}={value}" for path, value in [*written.items(), *values.items()])
 
     def value(self, parameter: str) -> float:
-        """Return the value of a parameter; UsageError if it is no number."""
+        """Return the value of a parameter; UsageError if it is not a number."""
         numbers = dict(_numbers(self.scenario.definition.resolved))
         if parameter not in numbers:
             hint = did_you_mean(parameter, numbers) or "a dotted path such as perception.miss_scale"
@@ -108,7 +108,7 @@ class ParametricScenario:
 
 
 def look_up(value: object, path: str) -> object:
-    """Return what plain data has at a dotted path, None where it has nothing."""
+    """Look up a dotted path in plain data; None where it is missing."""
     for key in path.split("."):
         if isinstance(value, dict):
             value = value.get(key)
@@ -155,7 +155,7 @@ def sensitivity(
         runner: Runs and counts the tapes.
 
     Raises:
-        UsageError: A parameter is no number, no rollout fails, or nothing can be derived.
+        UsageError: A parameter is not a number, no rollout fails, or nothing can be derived.
     """
     scenario, tapes = ParametricScenario(path, as_settings(overrides)), runner or TapeRunner()
     name, definition = scenario.specification(specification), scenario.scenario.definition

@@ -146,7 +146,7 @@ def synthesise(
         budget: Budget of each step's estimate, as for ``avrare.estimate``.
         steps: Estimates at most, that of the start included.
         step: Relative step of the differences.
-        directions: Random directions of a gradient, for many numbers; 0: each number by itself.
+        directions: Random directions of a gradient, for many numbers; 0: each number separately.
         target: Probability that is low enough.
         maximise: Raise the probability instead.
         seed: Seed of the first step; None: the scenario's.

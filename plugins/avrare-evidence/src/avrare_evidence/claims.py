@@ -1,4 +1,4 @@
-"""Claims of a pack: each with its measure, its evidence, and what speaks against it."""
+"""Claims of a pack: each with its measure, its evidence, and its challenges."""
 
 from __future__ import annotations
 

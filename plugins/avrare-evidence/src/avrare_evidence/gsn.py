@@ -61,7 +61,7 @@ def _add(case: Case, prefix: str, **element: object) -> str:
 
 
 def find_prefix(key: str) -> str:
-    """Return the letters of an element's id, which say what it is; empty for other keys."""
+    """Return the letters of an element's id, which give its kind; empty for other keys."""
     match = re.fullmatch(r"([A-Z][A-Za-z]?[a-z]?)\d+", key)
     return match[1] if match and match[1] in _PREFIXES else ""
 

@@ -212,7 +212,7 @@ class Flow:
         """Read a flow from its file.
 
         Raises:
-            UsageError: There is no such file, or it is not a flow.
+            UsageError: The file is missing, or not a flow.
         """
         try:
             return _from_arrays(parse_arrays(read_regular(path)))

@@ -114,7 +114,7 @@ class CommonErrors(Options):
 
 
 class PoseErrors(Options):
-    """Error of the ego's own pose, which moves all detections with it and what the planner believes."""
+    """Error of the ego's own pose, which moves all detections and the planner's belief with it."""
 
     sd: tuple[_Deviation, _Deviation] = Field(description="standard deviations along and across the road [m]")
     heading_sd: _Deviation = Field(default=0.0, description="standard deviation of the heading [rad]")

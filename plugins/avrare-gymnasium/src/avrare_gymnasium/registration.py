@@ -17,7 +17,7 @@ _ROOT = "__root__"
 
 @functools.cache
 def register_installed() -> tuple[str, ...]:
-    """Call the entry points of all installed distributions, once; return what went wrong, a line for each."""
+    """Call the entry points of all installed distributions, once; return their errors, a line for each."""
     return tuple(line for point in entry_points(group=GROUP) if (line := _register(point)))
 
 

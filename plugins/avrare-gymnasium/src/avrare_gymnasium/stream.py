@@ -146,7 +146,7 @@ class Stream:
     def reset(
         self, env: gymnasium.Env[Observation, object], noise: Floats, options: dict[str, object] | None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Reset an environment with the first numbers of a row and return what its ``reset`` returns."""
+        """Reset an environment with the first numbers of a row and return the result of its ``reset``."""
         noise = noise[: self.noise_size]
         if self.by == "tape":
             generator = env.unwrapped.np_random

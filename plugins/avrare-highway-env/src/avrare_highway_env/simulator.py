@@ -153,7 +153,7 @@ class HighwayEnvSimulator(Simulator):
             noise: Noise (N, noise_size).
 
         Raises:
-            UsageError: There is no controller, or its action has the wrong shape.
+            UsageError: The controller is missing, or its action has the wrong shape.
         """
         running = np.flatnonzero(~world.over)
         if not running.size:

@@ -12,7 +12,7 @@ from avrare.protocols import Floats
 STOP, GO = 0.001, 0.002
 """Probabilities that a vehicle that moves stands one step later, and the other way round."""
 _STANDING_NOISE = 0.05
-"""Variance of a step of what stands, over that of a measurement: a new one weighs 0.2, as errors last."""
+"""Variance of a step of a standing vehicle over a measurement's: a new one weighs 0.2, as errors last."""
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,7 @@ class ImmTracker(Tracker):
         return ImmTrack(longitudinal, lateral, life)
 
     def _measurements(self, predicted: ImmTrack, observation: Observation) -> tuple[Floats, Floats]:
-        """Return what the filters along and across the road measure, (N, V, 1 or 2) each."""
+        """Return the measurements of the filters along and across the road, (N, V, 1 or 2) each."""
         along = [observation.x, observation.speed_x][: len(self.longitudinal.measurement_variance)]
         across = [observation.y]
         if self._measures_across:

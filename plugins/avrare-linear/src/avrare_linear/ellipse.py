@@ -2,7 +2,7 @@
 
 1. On z cos(theta) + nu sin(theta) every affine margin is a sinusoid about its mean. Its crossings of the
    level cut the ellipse into segments on which no predicate changes its truth.
-2. One evaluation of the formula at the middle of each segment tells whether the segment fails.
+2. One evaluation of the formula at the middle of each segment decides whether the segment fails.
 3. A conjunction fails where one of its parts does: ``always`` over predicates of a single sample is cut
    sample by sample, with few crossings each, and the failing segments are united.
 """

@@ -56,7 +56,7 @@ def from_config(config: LinearConfig) -> LinearSystem:
     """Build the system of a scenario.
 
     Raises:
-        UsageError: A covariance is invalid, or there is no optimal gain.
+        UsageError: A covariance is invalid, or an optimal gain does not exist.
     """
     feedback, observer = config.feedback, config.observer
     costs = None

@@ -142,7 +142,7 @@ def estimate_parameter_gradient(
     """Estimate the failure probability and the gradient of its logarithm in one of ``PARAMETERS``.
 
     Raises:
-        UsageError: There is no such parameter, or its gradient does not exist.
+        UsageError: The parameter or its gradient does not exist.
     """
     if parameter not in PARAMETERS or getattr(system, parameter) is None:
         raise UsageError(f"there is no parameter {parameter!r}", did_you_mean(parameter, PARAMETERS))
@@ -190,13 +190,13 @@ def descend(
         iterations: Maximal number of iterations.
         target: Probability that is low (or high) enough.
         tolerance: Smallest change, in the parameter's units.
-        least: Smallest gain in log p, to first order; a smaller one cannot be told from the noise of the
-            estimated gradient.
+        least: Smallest gain in log p, to first order; a smaller one is lost in the noise of the estimated
+            gradient.
         on_step: Function called with each step.
         maximise: Raise the probability instead: v_dir = 1, for one of success.
 
     Raises:
-        UsageError: The rate is not positive and finite, or there is no iteration.
+        UsageError: The rate is not positive and finite, or the iterations are none.
     """
     if (rate is not None and not 0.0 < rate < math.inf) or iterations < 1:
         raise UsageError("gradient descent needs a positive, finite rate and at least one iteration")

@@ -120,7 +120,7 @@ class LinearSystem(System):
             feedforward: (m,) or (S, m); None: 0.
 
         Raises:
-            UsageError: A shape is wrong, a covariance is invalid, or there is no optimal gain.
+            UsageError: A shape is wrong, a covariance is invalid, or an optimal gain does not exist.
         """
         n, m, q = len(states), len(inputs), len(outputs)
         a, b, c = _stack("A", A, n, n), _stack("B", B, n, m), _stack("C", C, q, n)

@@ -3,7 +3,7 @@
 With x the length along the curve at the ego's offset y, heading h against the road and turn rate w beyond the
 road's own, x' = v cos(h), y' = v sin(h), h' = w hold on any road while the ego stays at y; a lane change by D
 in a bend of radius R errs by D / R in x'. So the programme stays what it is, and the road's curvature enters
-where the other vehicles are and what is commanded.
+where the other vehicles are, and the commands.
 """
 
 from __future__ import annotations

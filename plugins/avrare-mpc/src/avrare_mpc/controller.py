@@ -94,7 +94,7 @@ class MpcController(Controller):
             prediction: The other vehicles, at least H + 1 samples; one at infinity does not exist.
 
         Raises:
-            UsageError: There is no prediction, or it is too short.
+            UsageError: The prediction is missing or too short.
         """
         vehicles = others = self._list_predictions(prediction)
         line, wheelbase = self._scene.road.line, self._config.wheelbase

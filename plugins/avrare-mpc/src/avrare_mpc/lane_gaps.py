@@ -13,11 +13,11 @@ from avrare.protocols import Floats
 from avrare_mpc.bends import beside_ego
 
 _LONG = 1e4
-"""Length of what stands there [m]."""
+"""Length of the obstacle there [m]."""
 _ROOM = 1.0
 """Distance of the ego's front from the end of its lane where it stops [m]."""
 _REACH = 1.0
-"""What a lane that goes on may lack at either end of the road [m]."""
+"""Length that a through lane may lack at either end of the road [m]."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class LaneGaps:
 
     Attributes:
         edges: (K,) x of where the lane begins or ends [m].
-        sides: (K,) -1: there is no lane before; 1: there is none beyond.
+        sides: (K,) -1: the lane is missing before; 1: beyond.
         offsets: (K,) y of the lane's centre [m].
     """
 

@@ -1,4 +1,4 @@
-"""Counts of what rare events are made of, in data and by a model: large errors, misses, runs of misses."""
+"""Counts of large errors, misses and runs of misses, in data and by a model."""
 
 from __future__ import annotations
 

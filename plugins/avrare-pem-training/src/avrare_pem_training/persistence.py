@@ -23,7 +23,7 @@ from avrare_gp_pem.runtime.variant import MeasuredPersistence, Variant
 from avrare_pem_training.table import DetectionTable, errors_in
 
 LONGEST = 4.5
-"""Frames of a track that are farther apart are no pair [s]."""
+"""Greatest distance of two frames of a pair [s]."""
 NEARBY = 40.0
 """Vehicles farther than this do not count [m]."""
 _LEAST_PAIRS = 200
@@ -113,7 +113,7 @@ def detection_bounds(law: ObservationLaw) -> Floats:
 
 
 def pair_probability(bounds: Floats, detected: Bools, pairs: Pairs, correlation: Floats) -> Floats:
-    """Return (p,) the probability of what happened to both rows of each pair, detection or miss."""
+    """Return (p,) the probability of the outcomes of both rows of each pair, detection or miss."""
     first, second = bounds[pairs.first], bounds[pairs.second]
     both = bivariate_normal(first, second, correlation)
     detect_first, detect_second = ndtr(first), ndtr(second)

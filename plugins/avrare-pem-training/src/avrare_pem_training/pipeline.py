@@ -57,7 +57,7 @@ class FitPlan:
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted model, and what a refit to other rows needs.
+    """Fitted model, with the plan that a refit to other rows needs.
 
     Attributes:
         model: The model.

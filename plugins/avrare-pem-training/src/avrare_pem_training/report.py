@@ -41,7 +41,7 @@ _KINDS = {
 
 
 def provenance(plan: FitPlan, data: CleanedData, given: Mapping[str, str]) -> dict[str, str]:
-    """Return what a model file states about its origin: data, rows, seed, versions and licence."""
+    """Return the statements of a model file about its origin: data, rows, seed, versions and licence."""
     rows = f"{len(data.train)} training ({int(data.oblique.sum())} of them clean), {len(data.test)} held out"
     libraries = ["torch", "numpy", "scipy", *(["pyro-ppl"] if plan.model in ("gp", "literal") else [])]
     return {

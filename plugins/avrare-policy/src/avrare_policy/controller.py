@@ -37,7 +37,7 @@ class PolicyController(Controller):
         self.arrays = network.arrays if isinstance(network, Network) else {}
 
     def start(self, n: int) -> None:
-        """Return None: there is no memory."""
+        """Return None: it has no memory."""
 
     def act(
         self, memory: None, ego: object, prediction: Prediction | None
@@ -67,7 +67,7 @@ def locate(model: str) -> Path:
     """Return the file of a shipped policy, or of a path that ends in ``.npz`` or ``.onnx``.
 
     Raises:
-        UsageError: There is no such policy or file.
+        UsageError: The policy or file does not exist.
     """
     if model.endswith((".npz", ".onnx")):
         path = Path(model)

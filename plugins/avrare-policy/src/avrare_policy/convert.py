@@ -27,7 +27,7 @@ _MAX_BYTES = 512 * 2**20
 
 @dataclass(frozen=True)
 class Layout:
-    """Names of a policy's layers in a state dict, and what its library puts around them."""
+    """Names of a policy's layers in a state dict, and the prefixes of its library."""
 
     name: str
     pattern: str  # of the layers' names, in the order of the network
@@ -66,7 +66,7 @@ def convert(
 
     Raises:
         PluginError: torch is not installed.
-        UsageError: The file is no such policy.
+        UsageError: The file is another policy.
     """
     weights = _read(path)
     for layout in LAYOUTS:

@@ -30,7 +30,7 @@ class OnnxPolicy:
 
     Raises:
         PluginError: onnxruntime is not installed.
-        UsageError: The file is no such model.
+        UsageError: The file is another model.
     """
 
     def __init__(self, path: Path) -> None:

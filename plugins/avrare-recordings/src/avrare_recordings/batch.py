@@ -1,7 +1,7 @@
 """Rules on many recorded drives: every file of a folder, every vehicle of a file as the ego, in one table.
 
 A violation is an unbroken run of samples at which a rule's body is false. Drives of one file share their
-traffic, so that the rates are those of what was recorded and have no interval.
+traffic, so that the rates are those of the recordings and have no interval.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class RuleTotal:
 
 @dataclass(frozen=True, repr=False)
 class BatchResult(Answer):
-    """Scores of all drives and what could not be scored, in the order of files, egos and rules."""
+    """Scores of all drives, and refusals, in the order of files, egos and rules."""
 
     scores: tuple[DriveScore, ...]
     refusals: tuple[Refusal, ...]
@@ -177,7 +177,7 @@ class BatchResult(Answer):
         return [_describe_score(score) for total in self.totals for score in self.find_worst(total.rule)]
 
     def describe_refusals(self) -> list[str]:
-        """Return what could not be read or scored, by reason."""
+        """Return the refused drives by reason."""
         lines = [f"not read: {refusal.reason}" for refusal in self.refusals if not refusal.ego]
         reasons = Counter(refusal.reason for refusal in self.refusals if refusal.ego)
         lines += [f"not scored: {reason}" for reason in list(reasons)[:_SHOWN]]

@@ -90,7 +90,7 @@ def cut_in(
         gap: Free gap along the road when it has reached its speed across, 1.6 m beside the driver [m].
         lateral_speed: That speed, which it gains by 1.5 m/s^2 [m/s].
         ttc_reading: What becomes of a cut-in whose time to collision is above 2 s at overlap across.
-            ``settled``: it ends without a crash; ``waits``: it goes on. Default: settled for ``cc``, as in
+            ``settled``: it ends without a crash; ``waits``: it continues. Default: settled for ``cc``, as in
             JRC's grids, and waits for the others.
 
     Returns:

@@ -25,7 +25,7 @@ def find_situation(controller: str, scene: Scene, ego: Vehicles, prediction: Pre
         prediction: The others now and a step later.
 
     Raises:
-        UsageError: There is no prediction.
+        UsageError: The prediction is missing.
     """
     if prediction is None:
         raise UsageError(f"the controller {controller} needs predictions", "name a tracker in the scenario")

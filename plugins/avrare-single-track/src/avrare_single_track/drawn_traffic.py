@@ -45,7 +45,7 @@ class DrawnTraffic:
     """Trajectories of V vehicles for drawn starts and goals.
 
     Args:
-        vehicles: The vehicles with the medians of what is drawn.
+        vehicles: The vehicles with the medians of the drawn options.
         road: Lanes.
         dt: Step [s].
         laws: Law of each drawn option of a simulator, by its place: ``vehicles.0.speed``.

@@ -33,7 +33,7 @@ def check_body(ego: dict[str, float], source: str) -> dict[str, float]:
     """Return options of the ego's body, without those of its start, which ``source`` gives.
 
     Raises:
-        ValueError: One of them is no option of a body, or has a wrong value.
+        ValueError: One of them is not an option of a body, or has a wrong value.
     """
     for name in ego:
         if name in ("x", "y", "heading", "speed"):

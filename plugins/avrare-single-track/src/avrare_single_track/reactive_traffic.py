@@ -119,7 +119,7 @@ class ReactiveTraffic:
     def move(
         self, memory: DriverMemory, substep: NDArray[np.int64], ego: Vehicles, others: Vehicles
     ) -> tuple[DriverMemory, Floats]:
-        """Return what ``step`` does a substep later, with the moods as they are."""
+        """Advance by a substep, with the moods as they are."""
         table = self._table[None] if memory.table is None else memory.table
         late = np.zeros_like(memory.mood)
         if memory.past.size:

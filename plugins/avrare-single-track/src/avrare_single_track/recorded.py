@@ -27,7 +27,7 @@ _STEADY = 0.3
 _ALIGNED = 0.25 * np.pi
 """Largest angle between a driver that is handed over and its lane [rad]."""
 _REACH = 1.0
-"""What a lane that goes on may lack at either end of the road [m]."""
+"""Length that a through lane may lack at either end of the road [m]."""
 
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:

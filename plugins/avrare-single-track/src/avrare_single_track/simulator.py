@@ -41,7 +41,7 @@ class TrackWorld(World):
         friction: (N,) drawn friction coefficient; None: that of the options.
         plans: Place among the plans of the scripted vehicles, where they are drawn.
         drivers: Memory of the drivers that react, if there are any.
-        ended: (N,) the ego has touched a vehicle, which ended the drive; None: it goes on.
+        ended: (N,) the ego has touched a vehicle, which ended the drive; None: it continues.
     """
 
     jerk: Floats
@@ -147,7 +147,7 @@ class SingleTrack(Simulator):
         """Return the world one ``dt`` later; one that an impact has ended does not change.
 
         Raises:
-            UsageError: There is no controller.
+            UsageError: The controller is missing.
         """
         if action is None:
             raise UsageError("the ego needs a controller", "add a `controller:` block to the scenario")

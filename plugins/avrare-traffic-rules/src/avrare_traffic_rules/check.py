@@ -41,7 +41,7 @@ class FormulaText:
     option: str
 
     def relocate(self, message: str, hint: str | None) -> tuple[str, str | None, str]:
-        """Express a message about ``text`` in terms of what the user wrote: message, hint, option.
+        """Express a message about ``text`` in the words of the user: message, hint, option.
 
         Args:
             message: Message of the parser, with a position counted from the first definition.

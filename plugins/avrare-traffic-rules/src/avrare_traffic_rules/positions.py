@@ -73,7 +73,7 @@ def on_access_ramp(s: Setting, a: Bodies) -> Floats:
 
 @predicate("lateral")
 def on_main_carriageway(s: Setting, a: Bodies) -> Floats:
-    """A touches a lane that is no access ramp and no shoulder."""
+    """A touches a lane other than an access ramp or a shoulder."""
     return _touches(a, s.main_lanes)
 
 

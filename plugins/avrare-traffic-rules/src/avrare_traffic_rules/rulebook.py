@@ -127,7 +127,7 @@ def fill(text: str, options: Mapping[str, object]) -> str:
     """Replace the ``{names}`` of a text by options.
 
     Raises:
-        UsageError: There is no such option, or it is not a number.
+        UsageError: The option does not exist, or is not a number.
     """
     for error in invalid_options(text, options):
         raise error

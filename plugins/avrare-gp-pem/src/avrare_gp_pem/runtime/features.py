@@ -6,7 +6,7 @@ that a model file lists. Every column is a smooth or piecewise smooth function o
 
 * range, and its logarithm: a lidar's resolution falls with it; it explains most of both detection and error;
 * aspect (yaw minus bearing), by cosine and sine of one and two turns: which side faces the sensor. Aspect
-  instead of yaw, because aspect is what a spinning lidar sees;
+  instead of yaw, because a spinning lidar sees the aspect;
 * bearing, likewise: a detector is not trained equally in all directions;
 * reach: the greater of the distances to the side and ahead, and soft steps of it. Detectors crop their points
   to a square, and detection falls within 5 m of its edge, which no smooth function of range follows. The
@@ -156,7 +156,7 @@ def features(box: Box, names: Sequence[str] = NAMES) -> Floats:
     """Return (..., len(names)) columns of ``box``; a full turn of its yaw changes only rounding.
 
     Raises:
-        KeyError: A name is no column.
+        KeyError: A name is not a column.
     """
     columns = [COLUMNS[name](box) for name in names]
     return np.stack(np.broadcast_arrays(*columns), axis=-1)

@@ -211,7 +211,7 @@ class GhostPem:
     ) -> tuple[Floats, GhostMemory]:
         """Return (N,) log density ratio of a nearby model ``other``, see ``PersistentPem.log_ratio``.
 
-        That of the ghosts is the ratio of the probabilities of what happened to each slot. It is NaN where
+        That of the ghosts is the ratio of the probabilities of the events in each slot. It is NaN where
         something can happen to a slot under ``other`` alone, as where its ghosts last and these do not.
 
         Raises:

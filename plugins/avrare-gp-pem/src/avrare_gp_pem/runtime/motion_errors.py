@@ -1,4 +1,4 @@
-"""Errors of what a detector reports beyond a place: speed across the road, and heading.
+"""Errors of detections beyond the place: speed across the road, and heading.
 
 A box has a front that the detector guesses: with some probability the reported heading is half a turn off.
 The rest of the error is Student-t up to a quarter turn (``variant.YawErrors``), as fitted or as given.

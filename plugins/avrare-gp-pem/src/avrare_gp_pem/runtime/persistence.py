@@ -116,7 +116,7 @@ class PersistentPem:
     def log_ratio(
         self, world: World, noise: Floats, memory: Memory, other: PersistentPem, other_memory: Memory
     ) -> tuple[Floats, Memory]:
-        """Return (N,) log density ratio of another model for what ``noise`` makes one observe.
+        """Return (N,) log density ratio of another model for the observation from ``noise``.
 
         The tape of ``other`` that gives the same observations is a function of this one's, number by number
         and step by step, so the ratio of the densities of the two tapes times its derivative weighs this tape

@@ -1,6 +1,6 @@
 """Better and worse detectors: a law of observations with scaled misses, errors and tails.
 
-It also tells how the noise would have to move for another law to give the same observation, and the ratio of
+It also gives the move of the noise for another law to give the same observation, and the ratio of
 their densities. Both are what a score function needs, and the reweighing of rollouts for another detector.
 """
 

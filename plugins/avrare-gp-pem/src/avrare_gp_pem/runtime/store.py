@@ -53,7 +53,7 @@ def locate(model: str) -> Path:
     """Return the file of a shipped model's name, or of a path that ends in ``.npz``.
 
     Raises:
-        UsageError: There is no such model or file.
+        UsageError: The model or file does not exist.
     """
     if model.endswith(".npz"):
         path = Path(model)

@@ -5,7 +5,7 @@ Optimization, 2nd ed., chapter 19). A tick of the search is one trial:
 
 1. Multipliers stay within orders of magnitude of the central path.
 2. Newton direction by the Riccati sweep, with Gauss-Newton curvature and primal-dual bounds; the longest step
-   that keeps every bound. After a failed trial both are what they were, and the step is shorter.
+   that keeps every bound. After a failed trial both are restored, and the step is shorter.
 3. The trial, tested by the merit J + barrier (Armijo); after several that failed, more damping.
 4. Newton step of the multipliers.
 5. Convergence test at the last mu; before it, a smaller mu.

@@ -199,7 +199,7 @@ class RiccatiSolver:
 
 
 def addressed(p: Programme) -> Programme:
-    """Return what kernels get of a programme, which must outlive it."""
+    """Return the programme with raw addresses for the compiled kernels; keep the original alive meanwhile."""
     arrays = ("centres", "reach_x", "reach_y", "low", "high", "penalty")
     return p._replace(**{name: memory(getattr(p, name)) for name in arrays})
 

@@ -185,5 +185,5 @@ def new_memory(steps: int, vehicles: int) -> tuple[Floats, Path, Path, Workspace
 
 
 def memory(array: Floats) -> Memory:
-    """Return what kernels get of a contiguous array: its address where they are compiled."""
+    """Return a contiguous array for kernels: its address where they are compiled."""
     return array.ctypes.data if COMPILED else array

@@ -61,7 +61,7 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
     """Read a scenario and the start of a planning problem, as an obstacle at one step.
 
     Raises:
-        UsageError: There is no such problem, or there are several and none is chosen, or its start is not
+        UsageError: The problem does not exist, or several do and none is chosen, or its start is not
             exact.
     """
     scenario, problems = _open_file(path)

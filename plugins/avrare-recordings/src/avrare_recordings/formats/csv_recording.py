@@ -34,7 +34,7 @@ _MAX_HEADING = 4 * math.pi  # a heading beyond two full turns is taken for degre
 def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
     """Read a recorded drive: of vehicles if the file has a column ``vehicle``, otherwise of named signals.
 
-    Rules apply to the vehicle called ``ego`` and need a road. Errors in the file are told by line.
+    Rules apply to the vehicle called ``ego`` and need a road. Errors in the file name the line.
     """
     table = read_csv_table(
         path,

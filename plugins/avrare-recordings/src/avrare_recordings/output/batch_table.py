@@ -1,4 +1,4 @@
-"""Table of rules on many recorded drives: totals, the worst drives, and what could not be scored."""
+"""Table of rules on many recorded drives: totals, the worst drives, and refusals."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from commonroad.scenario.lanelet import Lanelet
 
 ASIDE = 30.0
-"""Largest distance from the reference line of what belongs to the road [m]."""
+"""Largest distance of a part of the road from the reference line [m]."""
 
 _ALONG = 0.8  # least advance of a lane along the line, as a share of its length: crossings turn away
 _WITH = 0.5  # least cosine between a vehicle and the lanelet that it drives on

@@ -105,7 +105,7 @@ class PlaneDrives:
             return self.road, 0.0
 
     def lead(self, ego: Obstacle, route: Sequence[int]) -> Obstacle:
-        """Return a vehicle that also drives along the lanelets ``route``; UsageError if they are no way."""
+        """Return a vehicle that also drives along the lanelets ``route``; UsageError for a gap in them."""
         by_id = {int(lanelet.lanelet_id): lanelet for lanelet in self.lanelets}
         if unknown := sorted(set(route) - set(by_id)):
             raise UsageError(f"{self.path}: there is no lanelet {unknown[0]}", "look at `route`")
