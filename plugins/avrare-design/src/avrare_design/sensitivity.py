@@ -164,7 +164,7 @@ def derive_by_score(
 ) -> Sensitivity:
     """Derive log p by the score function, from failing tapes.
 
-    With the density f of the observation that the noise makes, d log p / d parameter is the mean over failures
+    With the density f of the observations, d log p / d parameter is the mean over failures
     of d log f / d parameter, summed over the observations (stl-ess, Eq. 33, corrected). The terms after the
     verdict is final have mean zero and are left out. The derivative of log f is a central difference without
     noise. It is NaN where the model has none: beside the value something is observed that cannot be there.
