@@ -394,9 +394,7 @@ def _describe_faults(signals: Signals, rows: Bools) -> Iterator[tuple[str, Integ
     places = np.flatnonzero(rows)
     broken = np.array([np.full(len(places), True), *(_is_nan(values[rows]) for values in signals.values())])
     for way in np.unique(broken, axis=1).T:
-        signals_with_nan = [name for name, there in zip(signals, way[1:], strict=True) if there]
-        nan = f"NaN in signal{'s' * (len(signals_with_nan) > 1)} {', '.join(signals_with_nan)}"
-        yield (
-            nan if signals_with_nan else "fault reported by the system",
-            places[(broken == way[:, None]).all(axis=0)],
-        )
+        names = [name for name, there in zip(signals, way[1:], strict=True) if there]
+        nan = f"NaN in signal{'s' * (len(names) > 1)} {', '.join(names)}"
+        alike = places[(broken == way[:, None]).all(axis=0)]
+        yield nan if names else "fault reported by the system", alike
