@@ -15,5 +15,5 @@ def avrare_components() -> list[Component]:
             complete="avrare_openscenario.completion:complete",
             scenes="avrare_openscenario.distributions:list_scenes",
             summary="OpenSCENARIO XML scene: a single-track ego among vehicles that act out its storyboard",
-        ),
+        )
     ]

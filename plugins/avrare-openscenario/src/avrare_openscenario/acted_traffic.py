@@ -14,10 +14,10 @@ from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.conditions import Traffic, holds
 from avrare_openscenario.courses import Course
-from avrare_openscenario.motions import Drive, Motions
+from avrare_openscenario.motions import GONE, Drive, Motions
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import move_all, move_along_body, place_all, speed_all
+from avrare_openscenario.starts import move_all, move_along_body, move_over, place_all, speed_all
 from avrare_openscenario.story import Assignment, Edge, Route, Trigger
 from avrare_openscenario.ways import Ways
 
@@ -44,7 +44,8 @@ class StoryMemory:
         still: (N, V + 1) time at rest so far [s].
         variables: (N, P) values of variables.
         drive: What the vehicles are doing.
-        points: States (N, V) of their points of reference.
+        points: States (N, V) of their points of reference, each along its own road.
+        bodies: The same of their middles.
     """
 
     table: Floats
@@ -61,6 +62,7 @@ class StoryMemory:
     variables: Floats
     drive: Drive
     points: Vehicles
+    bodies: Vehicles
 
 
 class ActedTraffic:
@@ -95,8 +97,8 @@ class ActedTraffic:
             owners[[number for group in trigger or () for number in group]] = index
         return owners
 
-    def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, Vehicles, StoryMemory]:
-        """Return the ego (N,), the others (N, V) and the memory at t = 0, with drawn parameters (N,)."""
+    def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, StoryMemory]:
+        """Return the ego (N,) and the memory at t = 0, with drawn parameters (N,)."""
         table = self.file.parameters.table(values, n)
         if not self.file.ego and n == 1:
             self.ways = self.motions.ways = Ways(self.file.network, list(self.file.maps), self.file.routes)
@@ -110,17 +112,19 @@ class ActedTraffic:
             self.ways.changed.update(range(len(self.maps)))
             points, _ = self.ways.renew(points, Course.idle(1, vehicles), [False] * len(self.maps))
         heading, speed = points.heading, points.speed
-        own = Vehicles(*(values[:, :vehicles] for values in vars(points).values()))
+        every = move_all(self.maps, points, self.ahead)
+        own, others = (
+            Vehicles(*(values[:, :vehicles] for values in vars(part).values())) for part in (points, every)
+        )
+        acts, conditions, events = len(story.acts), len(story.conditions), len(story.events)
         memory = StoryMemory(
             table,
-            np.zeros((n, len(story.acts)), np.bool_),
-            np.zeros((n, len(story.acts)), np.bool_),
-            np.full((n, len(story.events)), -1),
-            np.full((n, len(story.events)), -1),
-            np.zeros((n, len(story.events)), np.int64),
+            *np.zeros((2, n, acts), np.bool_),
+            *np.full((2, n, events), -1),
+            np.zeros((n, events), np.int64),
             np.zeros((n, len(story.groups)), np.int64),
-            np.full((n, len(story.conditions)), -1),
-            np.zeros((n, len(story.conditions), int(self.delays.max(initial=0)) + 1), np.bool_),
+            np.full((n, conditions), -1),
+            np.zeros((n, conditions, int(self.delays.max(initial=0)) + 1), np.bool_),
             np.zeros_like(speed),
             np.zeros_like(speed),
             table[:, list(story.variables)],
@@ -131,12 +135,22 @@ class ActedTraffic:
                 np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
             ),
             own,
+            others,
         )
-        every = move_all(self.maps, points, self.ahead)
-        ego, others = (
-            Vehicles(*(part[:, rows] for part in vars(every).values())) for rows in (-1, slice(vehicles))
-        )
-        return ego, others, memory
+        return Vehicles(*(values[:, -1] for values in vars(every).values())), memory
+
+    def show(self, memory: StoryMemory) -> Vehicles:
+        """Return the middles (N, V) along the road of the ego, far away where that has no place for them."""
+        columns = []
+        for k, roads in enumerate(self.maps[: self.count]):
+            body = Vehicles(*(values[:, k] for values in vars(memory.bodies).values()))
+            seen = move_over(body, roads, self.maps[-1])
+            lost = np.isnan(seen.x) & np.isfinite(body.x)
+            away = {name: np.where(lost, 0.0, values) for name, values in vars(seen).items()}
+            columns.append({**away, "x": np.where(lost, GONE, seen.x)})
+        if not columns:
+            return memory.bodies
+        return Vehicles(*(np.stack([each[name] for each in columns], axis=1) for name in columns[0]))
 
     def check_start(self) -> None:
         """Raise an error where a vehicle starts off the road of the ego, or the ego against it.
@@ -144,8 +158,8 @@ class ActedTraffic:
         Raises:
             UsageError: Such a vehicle.
         """
-        ego, others, _ = self.start(1, {})
-        starts = [(others.x[0, k], others.heading[0, k]) for k in range(self.count)]
+        ego, memory = self.start(1, {})
+        starts = [(memory.bodies.x[0, k], memory.bodies.heading[0, k]) for k in range(self.count)]
         starts += [(ego.x[0], ego.heading[0])] if self.file.ego else []
         for body, roads, (station, heading) in zip(self.file.bodies, self.maps, starts, strict=True):
             length = roads.line.length
@@ -158,11 +172,9 @@ class ActedTraffic:
                 text = f"{self.file.path}: {body.name!r} drives against the reference line of its road"
                 raise UsageError(text, "only an ego that drives along it is supported")
 
-    def step(
-        self, memory: StoryMemory, step: Integers, ego: Vehicles | None, others: Vehicles
-    ) -> tuple[StoryMemory, Vehicles]:
-        """Return the memory and the others one step later; the ego, if there is one, is that of this step."""
-        every = memory.points
+    def step(self, memory: StoryMemory, step: Integers, ego: Vehicles | None) -> StoryMemory:
+        """Return the memory one step later; the ego, if there is one, is that of this step."""
+        every, others = memory.points, memory.bodies
         if ego is not None:
             pose = move_along_body(self.maps[-1], ego.x, ego.y, ego.heading, -self.ahead[-1])
             every = _join(every, Vehicles(*pose, ego.speed, ego.acceleration))
@@ -178,17 +190,15 @@ class ActedTraffic:
         if self.ways is not None:
             points = self.ways.stop(every, points, follows)
             self.ways.changed.update(np.flatnonzero((changes >= 0) & (drive.across.action[0] < 0)).tolist())
-        memory = replace(memory, drive=drive, points=points)
         found = move_all(self.maps, points, self.ahead)
+        memory = replace(memory, drive=drive, points=points, bodies=found)
         mean = replace(found, speed=0.5 * np.abs(others.speed + found.speed))
         driven = _join(mean, ego).speed * self.dt
         resting = np.abs(_join(found, ego).speed) < _AT_REST
         memory = replace(
-            memory,
-            travelled=memory.travelled + driven,
-            still=np.where(resting, memory.still + self.dt, 0.0),
+            memory, travelled=memory.travelled + driven, still=np.where(resting, memory.still + self.dt, 0.0)
         )
-        return self._end_events(memory, step + 1), found
+        return self._end_events(memory, step + 1)
 
     def _trigger(
         self, memory: StoryMemory, step: Integers, every: Vehicles, middles: Vehicles
@@ -257,12 +267,7 @@ class ActedTraffic:
         return ((memory.begun < 0) | (memory.ended >= 0)) & (memory.runs < self.counts)
 
     def _begin_event(
-        self,
-        memory: StoryMemory,
-        index: int,
-        rows: Bools,
-        step: Integers,
-        every: Vehicles,
+        self, memory: StoryMemory, index: int, rows: Bools, step: Integers, every: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
         event = self.story.events[index]
         ended, begun = np.array(memory.ended), np.array(memory.begun)

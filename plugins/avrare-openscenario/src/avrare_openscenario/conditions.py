@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.network import RoadMap
-from avrare_openscenario.starts import move_along_body, nearest_lane, place_point
+from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, place_point
 from avrare_openscenario.story import Condition
 from avrare_openscenario.trajectories import list_places
 
@@ -58,18 +58,7 @@ def holds(
     ended: NDArray[np.int64],
     complete: Bools,
 ) -> Bools:
-    """Tell (N,) where a condition holds, edges and delays aside.
-
-    Args:
-        condition: The condition.
-        traffic: The vehicles.
-        maps: The road of each vehicle.
-        table: (N, K) numbers of the file.
-        acts: (N, A) which acts have begun.
-        begun: (N, E) step at which each event began, -1 before.
-        ended: (N, E) step at which it ended, -1 before.
-        complete: (N, E) which events have begun as often as they may, and ended.
-    """
+    """Tell (N,) where a condition holds, edges and delays aside."""
     value = table[:, condition.value]
     if condition.kind == "time":
         return compare(condition.rule, traffic.time, value)
@@ -188,13 +177,7 @@ def _distance(
 
 def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
     # Another vehicle along a road, which may not be its own.
-    vehicles = _pick(traffic.vehicles, other)
-    if maps[other] is roads:
-        return vehicles
-    x, y = maps[other].line.to_plane(vehicles.x, vehicles.y)
-    s, d = roads.line.to_road(x, y)
-    heading = vehicles.heading + maps[other].line.heading(vehicles.x) - roads.line.heading(s)
-    return replace(vehicles, x=s, y=d, heading=heading)
+    return move_over(_pick(traffic.vehicles, other), maps[other], roads)
 
 
 def _distance_to_place(

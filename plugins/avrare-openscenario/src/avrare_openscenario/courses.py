@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.story import FORMS, Transition
+from avrare_openscenario.story import Transition
 
 Integers = NDArray[np.int64]
 _PEAKS = {"step": 0.0, "linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * np.pi}
@@ -48,11 +48,6 @@ class Course:
         form, by_way = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
         return cls(np.full(shape, -1), start, target, clock, span, form, by_way)
 
-    @classmethod
-    def form_index(cls, transition: Transition) -> int:
-        """Return the index of a transition's shape."""
-        return FORMS.index(transition.form)
-
     def begin(self, action: int, vehicle: int, rows: Bools, **values: Floats | int | bool) -> Course:
         """Return the courses with a new one of one vehicle in some rows."""
         fields = {name: np.array(part) for name, part in vars(self).items()}
@@ -66,14 +61,7 @@ class Course:
         return replace(self, action=np.where(stopped, -1, self.action))
 
     def carry_over(self, vehicle: int, before: float, after: float, side: float) -> Course:
-        """Return the courses of which one vehicle's values are counted along another line.
-
-        Args:
-            vehicle: Its index.
-            before: One of its values.
-            after: The same along the new line.
-            side: 1 where the new line has the direction of the old one, -1 where it is opposite.
-        """
+        """Return the courses of which one vehicle's values are counted along another line."""
         start, target = np.array(self.start), np.array(self.target)
         for values in (start, target):
             values[:, vehicle] = after + side * (values[:, vehicle] - before)

@@ -14,14 +14,9 @@ from avrare_openscenario.gaps import close_gap, place_gap
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.profiles import follow_profile
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import (
-    build_path,
-    lane_middle,
-    nearest_lane,
-    place_point,
-    resolve_speed,
-)
+from avrare_openscenario.starts import build_path, lane_middle, nearest_lane, place_point, resolve_speed
 from avrare_openscenario.story import (
+    FORMS,
     Assignment,
     Gap,
     LaneChange,
@@ -40,7 +35,7 @@ from avrare_openscenario.ways import Ways
 
 _CRAWL = 0.5
 """Speed below which a heading does not follow a lane change [m/s]."""
-_GONE = 1e6
+GONE = 1e6
 """Station of a vehicle that is taken out [m]."""
 
 
@@ -105,7 +100,7 @@ class Motions:
                 return replace(drive, heading=heading, across=across), _choose(rows, actor, moved, every)
             case Removal():
                 parts = {name: np.array(part) for name, part in vars(every).items()}
-                parts["x"][rows, actor], parts["speed"][rows, actor] = _GONE, 0.0
+                parts["x"][rows, actor], parts["speed"][rows, actor] = GONE, 0.0
                 speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
                 return replace(drive, speed=speed, across=across), Vehicles(**parts)
             case Gap() if action.acceleration is None and not action.continuous:
@@ -218,7 +213,7 @@ class Motions:
             fastest = np.where(target >= now, *self.bodies[action.actor].rates)
             limit = replace(transition, dimension="rate")
             span = np.maximum(span, transition_span(limit, target - now, fastest))
-        form = Course.form_index(transition)
+        form = FORMS.index(transition.form)
         return course.begin(
             number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False
         )
@@ -248,7 +243,7 @@ class Motions:
             start=now,
             target=target,
             span=transition_span(action.transition, target - now, table[:, action.transition.value]),
-            form=Course.form_index(action.transition),
+            form=FORMS.index(action.transition.form),
             by_way=action.transition.dimension == "distance",
         )
 
@@ -264,13 +259,7 @@ class Motions:
         return Vehicles(**parts)
 
     def _steer(
-        self,
-        table: Floats,
-        begun: Course,
-        course: Course,
-        drive: Drive,
-        velocity: Floats,
-        every: Vehicles,
+        self, table: Floats, begun: Course, course: Course, drive: Drive, velocity: Floats, every: Vehicles
     ) -> tuple[Course, Floats]:
         # Speeds of actions that look at others, or at a table of times.
         velocity = np.array(velocity)

@@ -28,7 +28,6 @@ class RoadMap:
         lanes: Index of each lane, by its id.
         centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
         closed: Whether its end is its begin.
-        linked: Whether another road or a junction follows its begin, and its end.
         legs: Lanes that it follows from one to the next; empty: it is a line of roads itself.
     """
 
@@ -38,7 +37,6 @@ class RoadMap:
     lanes: Mapping[int, int]
     centres: Mapping[int, float]
     closed: bool = False
-    linked: tuple[bool, bool] = (False, False)
     legs: tuple[Leg, ...] = ()
 
     def find_leg(self, s: float) -> Leg:
@@ -69,6 +67,17 @@ class RoadMap:
         ]
         return np.stack(centres, axis=-1)
 
+    def borders(self, index: int, s: Floats) -> tuple[Floats, Floats]:
+        """Return y of the left and of the right border of a lane at stations [m]."""
+        if self.road.lanes:
+            lane = self.road.lanes[index]
+            left, right = (
+                np.interp(s, lane.stations, side, np.nan, np.nan) for side in (lane.left, lane.right)
+            )
+            return left, right
+        half = np.full_like(s, 0.5 * self.road.lane_width)
+        return self.road.lane_centres[index] + half, self.road.lane_centres[index] - half
+
 
 @dataclass(frozen=True)
 class Leg:
@@ -95,11 +104,19 @@ class Connection:
         roads: The other line.
         direction: Whether it is driven along (1) or against (-1) it.
         lanes: Id of the lane there, by that of the lane here.
+        span: Stations there at which the road that connects begins and ends [m].
+        junction: Id of the junction in which it lies; empty: none.
+        rank: 2 where signs give it priority, 1 without signs, 0 where it yields, -1 where it stops.
+        lights: Whether traffic lights are at its begin.
     """
 
     roads: RoadMap
     direction: int
     lanes: Mapping[int, int]
+    span: tuple[float, float] = (0.0, 0.0)
+    junction: str = ""
+    rank: int = 1
+    lights: bool = False
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,9 @@ _MOST_TURNED = 100.0
 """Most angle that a spiral may turn by [rad]: more would be computed for hours."""
 _STEP = 0.2
 """Distance of the points of a curve that is a polynomial [m]."""
+_LIGHT = "light"
+_RANKS = {"205": 0, "206": -1, "301": 2, "306": 2}
+"""Rank by the sign of an incoming road, by the numbers of Germany's: yield, stop, right of way, priority."""
 
 
 def read_opendrive(path: str) -> Network:
@@ -69,16 +72,35 @@ def _list_connections(
                     ways.append(Connection(other, into, lanes))
                 continue
             junction = junctions.get(name)
+            signs = _list_signs(road)
             for way in junction.list("connection") if junction is not None else ():
-                other = network.find(way.attributes.get("connectingRoad", ""))
+                connecting = way.attributes.get("connectingRoad", "")
+                other = network.find(connecting)
                 if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
                     continue
                 into = 1 if way.attributes.get("contactPoint", "start") == "start" else -1
                 lanes = {int(one.number("from")): int(one.number("to")) for one in way.list("laneLink")}
-                ways.append(
-                    Connection(other, into, lanes or {lane: lane * into * direction for lane in roads.lanes})
-                )
+                lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
+                ranks = [
+                    rank
+                    for priority in junction.list("priority")
+                    for side, rank in (("high", 2), ("low", 0))
+                    if priority.attributes.get(side) == connecting
+                ]
+                rank = min([*ranks, *(_RANKS[sign] for sign in signs if sign in _RANKS)], default=1)
+                ends = sorted(begin for begin in other.begins.values() if begin > other.begins[connecting])
+                span = other.begins[connecting], [*ends, other.line.length][0]
+                ways.append(Connection(other, into, lanes, span, name, rank, _LIGHT in signs))
     return found
+
+
+def _list_signs(road: Element) -> set[str]:
+    block = road.find("signals")
+    signals = () if block is None else block.list("signal")
+    return {
+        _LIGHT if one.attributes.get("dynamic") == "yes" else one.attributes.get("type", "")
+        for one in signals
+    }
 
 
 def _lane_links(road: Element, side: str, section: int) -> dict[int, int]:
@@ -136,13 +158,7 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
         road.skip_children("objects", "signals", "type", "surface")
         for name in ("name", "length", "junction"):
             road.get(name)
-    linked = _is_linked(chain[0], "predecessor"), _is_linked(chain[-1], "successor")
-    return _assemble(line, begins, lanes, left, linked)
-
-
-def _is_linked(road: Element, side: str) -> bool:
-    link = road.find("link")
-    return link is not None and link.find(side) is not None
+    return _assemble(line, begins, lanes, left)
 
 
 def _same_lanes(lanes: Sequence[LaneStrip], others: Sequence[LaneStrip]) -> bool:
@@ -255,13 +271,7 @@ def _check_joint(geometry: Element, before: CurvedLine, x: float, y: float, head
         raise geometry.error(text, "pieces must join smoothly")
 
 
-def _assemble(
-    line: ReferenceLine,
-    begins: dict[str, float],
-    lanes: list[LaneStrip],
-    left: bool,
-    linked: tuple[bool, bool],
-) -> RoadMap:
+def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStrip], left: bool) -> RoadMap:
     kept = [lane for lane in lanes if lane.kind in KINDS]
     kinds = [KINDS[lane.kind] for lane in kept]
     widths = [float(np.median(lane.border.left - lane.border.right)) for lane in kept]
@@ -305,4 +315,4 @@ def _assemble(
     tip = np.array([0.0, line.length])
     closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
     indices = {lane.name: index for index, lane in enumerate(kept)}
-    return RoadMap(road, line, begins, indices, centres, closed, linked)
+    return RoadMap(road, line, begins, indices, centres, closed)

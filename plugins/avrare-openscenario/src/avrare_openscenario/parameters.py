@@ -168,14 +168,14 @@ class Parameters:
 
     def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
         found = known[constraint.name]
-        fits = False
-        for group in constraint.groups:
-            fits_group = True
-            for rule, bound in group:
-                limit = bound if isinstance(bound, str) else self._evaluate(bound, known)
-                fits_group &= _RULES[rule](found, limit)
-            fits |= fits_group
-        return fits
+        groups = [
+            [
+                _RULES[rule](found, bound if isinstance(bound, str) else self._evaluate(bound, known))
+                for rule, bound in group
+            ]
+            for group in constraint.groups
+        ]
+        return functools.reduce(np.logical_or, [functools.reduce(np.logical_and, group) for group in groups])
 
     def text(self, element: Element, name: str) -> str:
         """Return an attribute, or the text of the parameter that it refers to."""
@@ -282,13 +282,7 @@ class Parameters:
         return table
 
     def _numbers(self) -> dict[str, float]:
-        found = {}
-        for name, value in self.values.items():
-            try:
-                found[name] = float(value)
-            except ValueError:
-                continue
-        return found
+        return {name: float(value) for name, value in self.values.items() if _is_number(str(value))}
 
     def _value(self, element: Element, name: str, parameter: str) -> float | str:
         parameter = self._names.get(parameter, parameter)

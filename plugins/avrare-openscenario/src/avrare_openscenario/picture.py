@@ -41,17 +41,6 @@ def draw_scene(path: Path, file: ScenarioFile, dt: float, until: float) -> None:
 
 def _list_borders(roads: RoadMap) -> list[tuple[Floats, Floats]]:
     # Both borders of each lane in the plane.
-    line, road = roads.line, roads.road
-    if not road.lane_centres:
-        return []
-    stations = np.linspace(0.0, line.length, max(2, int(line.length)))
-    if road.lanes:
-        borders = [
-            np.interp(stations, lane.stations, border, np.nan, np.nan)
-            for lane in road.lanes
-            for border in (lane.right, lane.left)
-        ]
-    else:
-        half = 0.5 * road.lane_width
-        borders = [np.full_like(stations, y + side) for y in road.lane_centres for side in (-half, half)]
-    return [line.to_plane(stations, border) for border in borders]
+    stations = np.linspace(0.0, roads.line.length, max(2, int(roads.line.length)))
+    lanes = range(len(roads.road.lane_centres))
+    return [roads.line.to_plane(stations, side) for lane in lanes for side in roads.borders(lane, stations)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from avrare.base.errors import did_you_mean
 from avrare_openscenario.network import Network, RoadMap
@@ -13,7 +13,7 @@ from avrare_openscenario.story import Place
 from avrare_openscenario.xml_tree import Element
 
 if TYPE_CHECKING:
-    from avrare_openscenario.story import Trajectory
+    from avrare_openscenario.action_reader import ActionReader
 
 POSITIONS = (
     "WorldPosition, LanePosition, RoadPosition, RelativeLanePosition, RelativeRoadPosition, "
@@ -21,22 +21,12 @@ POSITIONS = (
 )
 
 
-class CurveReader(Protocol):
-    """Reader of the trajectory in an element."""
-
-    def read_curve(self, holder: Element, actor: int, timed: bool) -> Trajectory:
-        """Return the trajectory."""
-
-    def read_route_place(self, position: Element) -> Place:
-        """Return the place along a route."""
-
-
 def read_place(
     position: Element,
     parameters: Parameters,
     roads: Network,
     names: Sequence[str],
-    curves: CurveReader | None = None,
+    curves: ActionReader | None = None,
 ) -> Place:
     """Read the element ``Position``; ``names`` are those of the entities, the ego last."""
     place = _read_kind(position.choice(), parameters, roads, names, curves)
@@ -44,7 +34,7 @@ def read_place(
 
 
 def _read_kind(
-    one: Element, parameters: Parameters, roads: Network, names: Sequence[str], curves: CurveReader | None
+    one: Element, parameters: Parameters, roads: Network, names: Sequence[str], curves: ActionReader | None
 ) -> Place:
 
     def number(name: str, default: float | None = None) -> Number:

@@ -11,12 +11,14 @@ import numpy as np
 from avrare.base.errors import did_you_mean
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.catalogs import Catalogs
+from avrare_openscenario.crossings import add_crossings
 from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
 from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity
-from avrare_openscenario.starts import Starts
+from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.starts import Starts, nearest_lane, place_all
 from avrare_openscenario.story import (
     Action,
     Gap,
@@ -151,20 +153,19 @@ def read_scenario(
     variables = _read_variables(top, parameters)
     reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
     starts = _read_starts(board.child("Init"), reader.reading, board.list_names("Actors", "entityRef"))
-    if ego is not None and starts.routes:
-        name = names[next(iter(starts.routes))]
-        raise board.error(f"the route of {name!r} is not read under a stack", "see docs/openscenario.md")
     story = reader.read(board, starts)
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
+    maps = _find_roads(story, roads, parameters)
+    maps = maps if ego is None else _follow_ways(story, roads, maps, starts.routes, parameters)
     return ScenarioFile(
         path,
         file,
         tuple(entries.used),
         parameters,
         roads,
-        _find_roads(story, roads, parameters),
+        maps,
         dict(starts.routes),
         bodies,
         ego is not None,
@@ -186,6 +187,28 @@ def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tu
         return roads.find_nearest(x, y)
 
     return tuple(find(place) for place in story.places)
+
+
+def _follow_ways(
+    story: Storyboard,
+    network: Network,
+    maps: tuple[RoadMap, ...],
+    routes: Mapping[int, Sequence[RoadMap]],
+    parameters: Parameters,
+) -> tuple[RoadMap, ...]:
+    # The way of each vehicle, through junctions where its road ends at one.
+    ways = list(maps)
+    stations, offsets, headings = place_all(story, maps, parameters.table({}, 1))
+    for k, roads in enumerate(maps):
+        direction = 1 if np.cos(headings[0, k]) >= 0.0 else -1
+        if roads.lanes and network.find_ways(roads, direction) and np.isfinite(stations[0, k]):
+            lane = roads.name_lane(int(nearest_lane(roads, offsets[:, k], stations[:, k])[0]))
+            ways[k] = follow_lane(network, roads, lane, routes.get(k, ()), direction)
+    ego = add_crossings(network, ways[-1])
+    passed = [[(leg.roads, leg.direction) for leg in way.legs] for way in ways]
+    return tuple(
+        ego if own and own == passed[-1] else way for way, own in zip([*ways[:-1], ego], passed, strict=True)
+    )
 
 
 def _read_bodies(

@@ -67,10 +67,6 @@ class OpenScenario(SingleTrack):
             np.array([speeds[k] != 0.0 or k in driven for k in range(len(others))], dtype=bool),
         )
         self.acted.check_start()
-        for body, roads in zip(file.bodies, file.maps, strict=True):
-            if roads is not file.roads:
-                text = f"{file.path}: {body.name!r} starts on another road than {config.entity!r}"
-                raise UsageError(text, "a stack drives on one road so far; `avrare scenes` acts the file out")
 
     def drawing(self, laws: Mapping[str, object]) -> OpenScenario:
         """Return the simulator itself: every rollout has its own numbers anyway.
@@ -92,8 +88,8 @@ class OpenScenario(SingleTrack):
         """Return the worlds at the start with drawn parameters (N,)."""
         own = {path.removeprefix(PREFIX): value for path, value in values.items() if path.startswith(PREFIX)}
         world = super().reset(noise)
-        ego, others, story = self.acted.start(len(noise), own)
-        fields = {**vars(world), "ego": ego, "others": others}
+        ego, story = self.acted.start(len(noise), own)
+        fields = {**vars(world), "ego": ego, "others": self.acted.show(story)}
         if (weather := values.get("weather")) is not None:
             fields["weather"] = weather
         return StoryWorld(**fields, story=story)
@@ -101,8 +97,8 @@ class OpenScenario(SingleTrack):
     def _move_others(self, world: TrackWorld, noise: Floats) -> dict[str, Any]:
         assert isinstance(world, StoryWorld)
         assert world.story is not None
-        story, others = self.acted.step(world.story, world.step, world.ego, world.others)
-        return {"others": others, "story": story}
+        story = self.acted.step(world.story, world.step, world.ego)
+        return {"others": self.acted.show(story), "story": story}
 
     def impossible(self, world: StoryWorld) -> Bools:
         """Return (N,) True where a ``ConstraintGroup`` forbids the drawn parameters."""

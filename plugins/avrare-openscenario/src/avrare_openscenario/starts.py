@@ -12,15 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.network import RoadMap
-from avrare_openscenario.story import (
-    Action,
-    Gap,
-    Place,
-    Storyboard,
-    TargetSpeed,
-    Teleport,
-    Trajectory,
-)
+from avrare_openscenario.story import Action, Gap, Place, Storyboard, TargetSpeed, Teleport, Trajectory
 from avrare_openscenario.trajectories import Path, Pose, list_places
 
 Integers = NDArray[np.int64]
@@ -139,6 +131,15 @@ def move_all(maps: Sequence[RoadMap], vehicles: Vehicles, ahead: Floats) -> Vehi
     if not poses:
         return vehicles
     s, d, heading = (np.stack(values, axis=1) for values in zip(*poses, strict=True))
+    return replace(vehicles, x=s, y=d, heading=heading)
+
+
+def move_over(vehicles: Vehicles, old: RoadMap, new: RoadMap) -> Vehicles:
+    """Return vehicles, given along a road, along another one; NaN where they have no foot on it."""
+    if old is new:
+        return vehicles
+    s, d = new.line.to_road(*old.line.to_plane(vehicles.x, vehicles.y))
+    heading = vehicles.heading + old.line.heading(vehicles.x) - new.line.heading(s)
     return replace(vehicles, x=s, y=d, heading=heading)
 
 

@@ -248,9 +248,5 @@ class StoryReader:
             events = (len(self.events),)
             self.events.append(single)
         self.conditions[index] = replace(
-            self.conditions[index],
-            events=events,
-            state=state,
-            begin=found[0].begin,
-            act=found[0].act,
+            self.conditions[index], events=events, state=state, begin=found[0].begin, act=found[0].act
         )

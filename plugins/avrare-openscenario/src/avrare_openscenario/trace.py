@@ -29,10 +29,10 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
 
 
 def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
-    _, others, memory = traffic.start(1, {})
+    _, memory = traffic.start(1, {})
     yield memory.points
     for step in range(round(until / traffic.dt)):
-        memory, others = traffic.step(memory, np.array([step]), None, others)
+        memory = traffic.step(memory, np.array([step]), None)
         yield memory.points
 
 

@@ -54,13 +54,7 @@ class Ways:
         self.changed.add(vehicle)
 
     def renew(self, points: Vehicles, course: Course, follows: Sequence[bool]) -> tuple[Vehicles, Course]:
-        """Return points of reference (1, V) and lane changes along the lines that vehicles take from here.
-
-        Args:
-            points: States (1, V).
-            course: Lane changes under way.
-            follows: Whether each vehicle follows a trajectory, and so keeps its line.
-        """
+        """Return points of reference (1, V) and lane changes along the lines that vehicles take from here."""
         for k, roads in enumerate(self.maps):
             station = float(points.x[0, k])
             if roads.legs and not follows[k] and self._leaves(k, roads, station, points):
@@ -74,13 +68,7 @@ class Ways:
         return points, course
 
     def stop(self, before: Vehicles, points: Vehicles, follows: Sequence[bool]) -> Vehicles:
-        """Return points of reference (1, V) of which those that came to the end of a road stand there.
-
-        Args:
-            before: States (1, V) one step ago.
-            points: States now.
-            follows: Whether each vehicle follows a trajectory, and so keeps no road.
-        """
+        """Return points of reference (1, V) of which those that came to the end of a road stand there."""
         ends = np.array([roads.line.length for roads in self.maps])
         free = [follows[k] or roads.closed or not roads.lanes for k, roads in enumerate(self.maps)]
         x, was = points.x[0], before.x[0]
