@@ -180,6 +180,10 @@ OPTIONS: dict[str, Options] = {
             "--failure ID": "ID of a stored failure; with --run: an index",
             "--blob TEXT": "failure as text; @FILE reads it from a file, @- from stdin",
             "--run DIR": "run folder; default: its worst failure",
+            "--error K": (
+                "with --run: index of a rollout that ended in an error",
+                {"type": int},
+            ),
             "--specification NAME": "with --run: the violated specification",
         },
         **SEARCH,

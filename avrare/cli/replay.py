@@ -11,7 +11,7 @@ from avrare.analysis.failures.failure import Failure, make_failure, record_failu
 from avrare.analysis.failures.lost import continue_without_noise
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.storage import decode
-from avrare.analysis.failures.stored_replays import FailureReplay, replay
+from avrare.analysis.failures.stored_replays import FailureReplay, replay, replay_error
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import progress_line, store_failure
 from avrare.cli.output import print_warnings, say_beside, show
@@ -53,6 +53,8 @@ def _check(args: argparse.Namespace) -> None:
         if (args.failure is None) == (args.blob is None):
             text = "name one failure: --failure, --blob or --run"
             raise UsageError(text, "avrare replay SCENARIO --failure ID")
+        if args.error is not None:
+            raise UsageError("--error requires --run", "avrare replay --run DIR --error 0")
         if args.specification is not None:
             raise UsageError("--specification requires --run", "a stored failure names its specification")
     elif args.blob is not None:
@@ -86,6 +88,8 @@ def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
     index = None if args.failure is None else int(args.failure)
     run = Run.read(args.run)
     print_warnings((line, None) for line in run.changes)
+    if args.error is not None:
+        return replay_error(run, args.error, args.specification)
     return replay(run, index, args.specification, scenario=args.scenario, overrides=args.set)
 
 

@@ -27,7 +27,7 @@ RUN_AGAIN = "run the scenario again"
 FAILURES_FILE, FAILURE_FIELDS = "failures.npz", ("noise", "robustness", "count")
 SAMPLE_LAW = ("weights", "ancestors")
 """Further fields of the failures, of estimators whose failures are not independent and alike."""
-ROLLOUTS_FILE, SAMPLE_FIELDS = "rollouts.npz", ("worst_robustness", "robustness", "worst")
+ROLLOUTS_FILE, SAMPLE_FIELDS = "rollouts.npz", ("worst_robustness", "robustness", "worst", "errors")
 MAX_SAMPLES = 100_000
 """Stored robustness values of a specification: those of its first rollouts."""
 _Stored = TypeVar("_Stored")
@@ -138,6 +138,7 @@ class StoredEstimate(BaseModel):
             seconds=self.seconds,
             relation=self.relation,
             verdict=self.verdict,
+            error_tapes=sample.error_tapes,
             origin=origin,
         )
 
@@ -155,6 +156,7 @@ class RolloutSample:
 
     robustness: NDArray[np.float64]
     worst: Worst
+    error_tapes: tuple[NDArray[np.float64], ...] = ()
 
 
 def read_failures(folder: Path) -> dict[str, Failures]:
@@ -193,10 +195,14 @@ def _to_failures(
     return Failures(noise, robustness, int(count), weights, ancestors) if valid else None
 
 
-def _to_sample(least: NDArray[Any], robustness: NDArray[Any], worst: NDArray[Any]) -> RolloutSample | None:
-    axes = [(array.dtype.kind, array.ndim) for array in (least, robustness, worst)]
-    valid = axes == [("f", 0), ("f", 1), ("f", 2)]
-    return RolloutSample(robustness.astype(np.float64), Worst(worst, float(least))) if valid else None
+def _to_sample(
+    least: NDArray[Any], robustness: NDArray[Any], worst: NDArray[Any], errors: NDArray[Any]
+) -> RolloutSample | None:
+    errors = worst[None][:0] if errors.dtype.kind == "U" else errors
+    axes = [(array.dtype.kind, array.ndim) for array in (least, robustness, worst, errors)]
+    valid = axes == [("f", 0), ("f", 1), ("f", 2), ("f", 3)]
+    sample = Worst(worst, float(least)) if valid else None
+    return RolloutSample(robustness.astype(np.float64), sample, tuple(errors)) if sample else None
 
 
 def write_failures(folder: Path, results: Sequence[Result]) -> None:
@@ -221,7 +227,8 @@ def write_failures(folder: Path, results: Sequence[Result]) -> None:
 def write_rollouts(folder: Path, results: Sequence[Result]) -> None:
     """Write the rollouts of all results.
 
-    Arrays ``SPECIFICATION.robustness`` (n,), ``.worst`` (steps + 1, noise_size), ``.worst_robustness`` ().
+    Arrays ``SPECIFICATION.robustness`` (n,), ``.worst`` (steps + 1, noise_size), ``.worst_robustness`` (),
+    and where rollouts ended in an error ``.errors`` (E, steps + 1, noise_size).
     """
     arrays: dict[str, NDArray[Any]] = {}
     for result in results:
@@ -229,6 +236,8 @@ def write_rollouts(folder: Path, results: Sequence[Result]) -> None:
         arrays[f"{name}.robustness"] = _to_single(result.robustness[:MAX_SAMPLES])
         arrays[f"{name}.worst"] = np.asarray(result.worst.noise)
         arrays[f"{name}.worst_robustness"] = np.asarray(result.worst.robustness)
+        if result.error_tapes:
+            arrays[f"{name}.errors"] = np.stack(result.error_tapes)
     write_arrays(folder / ROLLOUTS_FILE, arrays)
 
 

@@ -8,6 +8,8 @@ import pytest
 
 import avrare
 from avrare.base.errors import AvrareError, PluginError
+from avrare.cli.main import main
+from avrare.results.run import Run
 from avrare.scenario.fingerprint import fingerprint
 from avrare.stack.builder import try_stack
 
@@ -140,3 +142,23 @@ def test_safe_mode_runs_no_file(load, tmp_path, monkeypatch):
     with pytest.raises(AvrareError) as caught:
         avrare.load(tmp_path / "drift.yaml", safe=True)
     assert str(caught.value).count("safe mode: a Python file is code of no installed plugin") == 2
+
+
+@pytest.mark.slow
+def test_a_rollout_that_crashes_is_replayed_to_the_line_of_the_file(load, tmp_path, monkeypatch, capsys):
+    """Count it as an error, in a worker process, and keep its tape."""
+    monkeypatch.chdir(tmp_path)
+    crash = "\n        if (noise[:, 0] > 2.5).any(): import ctypes; ctypes.string_at(0)\n        return {"
+    code = BATCHED.replace("\n        return {", crash).replace(crash, "\n        return {", 1)
+    load(code)
+    settings = ["--set", "rollout_timeout=60", "--set", "max_error_rate=0.2"]
+    assert main(["run", "drift.yaml", *settings, "--out", "run", "--quiet"]) == 0
+    result = Run.read("run")["near"]
+    assert 0 < result.errors == len(result.error_tapes)
+    assert f"40 rollouts, {result.errors} errors" in repr(result)
+    assert max(tape[1:].max() for tape in result.error_tapes) > 2.5
+    capsys.readouterr()
+    assert main(["replay", "--run", "run", "--error", "0"]) == 6
+    error = capsys.readouterr().err
+    assert error.startswith("the system ended its process (SIGSEGV) in the replay, at drift.py:11 in step\n")
+    assert main(["replay", "--run", "run", "--error", "9"]) == 4

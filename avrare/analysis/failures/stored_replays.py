@@ -5,9 +5,11 @@ The new failures of a run extend the database.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,7 @@ from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failure
+from avrare.rollout.child_process import run_guarded
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.rollout.replay import ReplayedRollout, replay_tape, replay_tapes, tabulate_signals
 from avrare.worlds.capabilities import capabilities
@@ -135,6 +138,23 @@ def replay(
         raise UsageError(f"{source}: name a stored failure of this scenario", "give its ID, or a run folder")
     stored = failure if isinstance(failure, Failure) else FailureDatabase(Path(failures)).load(failure)
     return replay_failure(load(source, overrides, safe), stored)
+
+
+def replay_error(run: Run, index: int, specification: str | None = None) -> FailureReplay:
+    """Run a rollout of a run again that ended in an error; one that ends its process is a ``SystemCrashed``.
+
+    Raises:
+        UsageError: There is no such rollout.
+    """
+    tapes = {name: result.error_tapes for name, result in run.items() if specification in (None, name)}
+    stored = [(name, tape) for name, kept in tapes.items() for tape in kept]
+    if not 0 <= index < len(stored):
+        hint = "rollouts that ended in an error are numbered from 0"
+        raise UsageError(f"{run.name}: there is no error {index}, but {len(stored)} that are stored", hint)
+    name, tape = stored[index]
+    failure = make_failure_of_run(run.scenario, name, tape, math.nan, run.versions)
+    system = run.scenario.problem(name).system
+    return run_guarded("the replay", system, partial(replay_failure, run.scenario, failure))
 
 
 def replay_failure(scenario: LoadedScenario, failure: Failure) -> FailureReplay:

@@ -9,6 +9,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from avrare.base.errors import FIRST_ROLLOUTS, EveryRolloutBroke, Interrupted, UsageError
 from avrare.estimation.checks.result_builder import examine
 from avrare.estimation.loop.pace import Pace
@@ -17,12 +19,15 @@ from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.plan import Estimator, GaveUp, Info, Journal, Plan, Refused
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result.result import Result
+from avrare.protocols import Floats
 from avrare.rollout.chunk_size import spread
 from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.problem import Problem
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import FROM_START, Request, Rollouts
+from avrare.rollout.tape_source import TapeDrawer
 
 Progress = Callable[[Info], None]
+_MOST_ERROR_TAPES = 10
 
 
 def run(
@@ -73,7 +78,8 @@ def _run_cleared(
         suppress=settings.suppress,
         seed=settings.seed,
     )
-    return [replace(result, seconds=seconds) for result in results]
+    tapes = tuple(loop.error_tapes)
+    return [replace(result, seconds=seconds, error_tapes=tapes) for result in results]
 
 
 @dataclass
@@ -121,6 +127,7 @@ class _Loop:
         self.progress, self.journal, self.stop = progress, journal, stop or (lambda: False)
         self.began = time.perf_counter()
         self.pace, self.stopped = Pace(), False
+        self.error_tapes: list[Floats] = []
 
     @property
     def seconds(self) -> float:
@@ -174,6 +181,7 @@ class _Loop:
             if journal:
                 journal.write(stage, index, chunk, outcome, self.seconds)
             index, done = index + 1, done + chunk.rows
+            self._keep_errors(chunk, outcome)
             yield outcome
         if done < request.rows and (self.stopped or not self._timed):
             raise Interrupted("interrupted")
@@ -210,7 +218,16 @@ class _Loop:
             if index == 0 and (stage == 0 or chunk.law is not None):
                 check_reproduces(self._repeat, chunk, outcome)
             self.began = time.perf_counter() - seconds
+            self._keep_errors(chunk, outcome)
             yield outcome
+
+    def _keep_errors(self, chunk: Request, outcome: Rollouts) -> None:
+        """Keep the tapes of the first rollouts from the beginning that broke down."""
+        most = _MOST_ERROR_TAPES - len(self.error_tapes)
+        if most and outcome.error.any():
+            rows = np.flatnonzero(outcome.error & (chunk.start == FROM_START))[:most]
+            draw = TapeDrawer(self.work.noise, chunk, self.plan.steps)
+            self.error_tapes += list(np.stack([draw(rows, t) for t in range(self.plan.steps + 1)], axis=1))
 
     def _repeat(self, chunk: Request) -> Rollouts:
         outcome: Rollouts

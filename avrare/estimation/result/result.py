@@ -152,6 +152,8 @@ class Result:
         cross_check: Second estimate that the option ``cross_check`` asked for; not in the cost above.
         seconds: Wall time [s]; no other field depends on it.
         relation: Definition of failure: "violated", the formula is false at sample 0, or "robustness <= 0".
+        error_tapes: Noise tapes (steps + 1, noise_size) of the first rollouts that ended in an error; of
+            splitting, of those that did so without having branched.
         verdict: Worst verdict on the thresholds of the scenario (``estimation.result.verdict``), or None.
         origin: Problem and call, for ``trace`` and ``report``; neither written, pickled nor compared.
     """
@@ -186,6 +188,7 @@ class Result:
     seconds: float = 0.0
     relation: str = "violated"
     verdict: str | None = None
+    error_tapes: tuple[Floats, ...] = field(default=(), compare=False)
     origin: Origin | None = field(default=None, compare=False)
 
     @cached_property
@@ -297,6 +300,7 @@ class Result:
         numbers = format_estimate(self.probability, self.interval)
         warned = f", warnings: {', '.join(self.health)}" if self.health else ""
         cost = f"{self.estimator}, {self.rollouts:,} rollouts"
+        cost += f", {self.errors:,} errors" if self.errors else ""
         return f"<Result {self.specification}: {numbers}, {cost}{warned}>"
 
     def _repr_html_(self) -> str:
