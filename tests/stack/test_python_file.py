@@ -160,5 +160,5 @@ def test_a_rollout_that_crashes_is_replayed_to_the_line_of_the_file(load, tmp_pa
     capsys.readouterr()
     assert main(["replay", "--run", "run", "--error", "0"]) == 6
     error = capsys.readouterr().err
-    assert error.startswith("the system ended its process (SIGSEGV) in the replay, at drift.py:11 in step\n")
+    assert error.startswith("the system ended its process (SIGSEGV) in the replay, at drift.py:10 in step\n")
     assert main(["replay", "--run", "run", "--error", "9"]) == 4
