@@ -119,8 +119,10 @@ class ActedTraffic:
         acts, conditions, events = len(story.acts), len(story.conditions), len(story.events)
         memory = StoryMemory(
             table,
-            *np.zeros((2, n, acts), np.bool_),
-            *np.full((2, n, events), -1),
+            np.zeros((n, acts), np.bool_),
+            np.zeros((n, acts), np.bool_),
+            np.full((n, events), -1),
+            np.full((n, events), -1),
             np.zeros((n, events), np.int64),
             np.zeros((n, len(story.groups)), np.int64),
             np.full((n, conditions), -1),

@@ -73,7 +73,9 @@ def _list_connections(
                 continue
             junction = junctions.get(name)
             signs = _list_signs(road)
-            for way in junction.list("connection") if junction is not None else ():
+            if junction is None:
+                continue
+            for way in junction.list("connection"):
                 connecting = way.attributes.get("connectingRoad", "")
                 other = network.find(connecting)
                 if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:

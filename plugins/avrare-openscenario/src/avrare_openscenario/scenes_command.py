@@ -134,8 +134,8 @@ def read_acted(path: str, dt: float) -> ScenarioFile:
 def list_spent_edges(file: ScenarioFile) -> list[str]:
     """Return a note where a condition with a rising edge holds from the start: it may never fire."""
     traffic = ActedTraffic(file, _STEP)
-    _, others, memory = traffic.start(1, {})
-    memory, _ = traffic.step(memory, np.array([0]), None, others)
+    _, memory = traffic.start(1, {})
+    memory = traffic.step(memory, np.array([0]), None)
     edges = zip(file.story.conditions, memory.before[0].tolist(), strict=True)
     if all(condition.edge != "rising" or was != 1 for condition, was in edges):
         return []
