@@ -145,3 +145,13 @@ ACTION = f"<PrivateAction>{slow_down()}</PrivateAction>"
 
 
 EUCLIDEAN = COLLISION.replace("freespace", 'relativeDistanceType="euclidianDistance" freespace')
+
+
+def straight(name, x, y, heading, links="", length=50.0, junction="-1"):
+    """Return a straight road with a lane to each side."""
+    lane = '<lane id="{}" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
+    return f"""<road name="" length="{length}" id="{name}" junction="{junction}"><link>{links}</link>
+<planView>
+<geometry s="0" x="{x}" y="{y}" hdg="{heading}" length="{length}"><line/></geometry></planView><lanes>
+<laneSection s="0"><left>{lane.format(1)}</left><center><lane id="0" type="none" level="false"/></center>
+<right>{lane.format(-1)}</right></laneSection></lanes></road>"""

@@ -26,6 +26,7 @@ from openscenario_files import (
     of_entity,
     slow_down,
     state_of,
+    straight,
 )
 
 DATA = next(
@@ -227,15 +228,6 @@ bV="0" cV="0.001" dV="0" pRange="arcLength"/></geometry></planView><lanes><laneS
     x, y, heading, _ = roads.line.frame(np.array([roads.line.length]))
     assert (x[0], y[0]) == pytest.approx((50.0, 2.5))
     assert heading[0] == pytest.approx(math.atan(0.1), abs=2e-3)
-
-
-def straight(name, x, y, heading, links="", length=50.0, junction="-1"):
-    lane = '<lane id="{}" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
-    return f"""<road name="" length="{length}" id="{name}" junction="{junction}"><link>{links}</link>
-<planView>
-<geometry s="0" x="{x}" y="{y}" hdg="{heading}" length="{length}"><line/></geometry></planView><lanes>
-<laneSection s="0"><left>{lane.format(1)}</left><center><lane id="0" type="none" level="false"/></center>
-<right>{lane.format(-1)}</right></laneSection></lanes></road>"""
 
 
 def two_ways():

@@ -36,7 +36,13 @@ def _list_others(network: Network, junction: str, incoming: tuple[int, int]) -> 
     for key, ways in network.connections.items():
         for way in ways:
             if way.junction == junction and key != incoming:
-                yield from (_build(way, lane) for lane in set(way.lanes.values()) if lane in way.roads.lanes)
+                yield from (_build(way, lane) for lane in set(way.lanes.values()) if _is_driven(way, lane))
+
+
+def _is_driven(way: Connection, lane: int) -> bool:
+    # Whether the traffic of a lane goes the way that leads into it.
+    opposing = way.roads.lanes.get(lane) in way.roads.road.opposing
+    return lane in way.roads.lanes and opposing == (way.direction < 0)
 
 
 def _build(way: Connection, lane: int) -> Way:
