@@ -29,7 +29,18 @@ from avrare.rollout.loaded_scenario import LoadedScenario
 
 BASE = "scenarios/_base/recorded_cut_in.yaml"
 OUT = Path("docs/regulation")
-MPC = {"plugin": "mpc", "horizon": 30, "stop_braking": 3.5, "acceleration_max": 6.0, "smooth_start": True}
+AEB = "{time_to_collision: 1.2}"
+MPC = {
+    "plugin": "mpc",
+    "horizon": 30,
+    "clearance_x": 8.0,
+    "stop_braking": 3.5,
+    "lateral_acceleration_max": 4.0,
+    "acceleration_max": 6.0,
+    "turn_rate_weight": 2000.0,
+    "turn_rate_change_weight": 150000.0,
+    "smooth_start": True,
+}
 HEADS = ("scene", "stack", "steps", "probability", "low", "high", "rollouts", "errors", "seconds", "reason")
 
 
@@ -42,25 +53,17 @@ class Kind:
         prefix: Of their names, which is left out.
         steps: Of a rollout.
         stacks: Controllers.
-        aeb: Emergency braking beside them.
     """
 
     pattern: str
     prefix: str
     steps: int
     stacks: tuple[str, ...]
-    aeb: str
 
 
 KINDS = {
-    "alks": Kind("*_template.xosc", "alks_scenario_", 400, ("cruise", "mpc"), "{}"),
-    "ncap": Kind(
-        "NCAP_AEB_*_20??.xosc",
-        "NCAP_AEB_",
-        150,
-        ("hold",),
-        "{time_to_collision: 1.2, needed_deceleration: 5.0}",
-    ),
+    "alks": Kind("*_template.xosc", "alks_scenario_", 400, ("cruise", "mpc")),
+    "ncap": Kind("NCAP_AEB_*_20??.xosc", "NCAP_AEB_", 150, ("hold",)),
 }
 
 
@@ -72,7 +75,7 @@ def find_files(folder: Path, pattern: str) -> list[Path]:
 def open_scene(file: Path, stack: str, kind: Kind) -> LoadedScenario:
     """Return the scene with a stack behind the sensor of the shipped cut-ins."""
     simulator = {"plugin": "openscenario", "file": str(file.resolve()), "ignore_ego_events": True}
-    settings = [f"name={stack}", f"steps={kind.steps}", f"aeb={kind.aeb}"]
+    settings = [f"name={stack}", f"steps={kind.steps}", f"aeb={AEB}"]
     controller: dict[str, object] = {"plugin": stack}
     if stack == "mpc":
         loop = avrare.load(BASE, [*settings, f"simulator={json.dumps(simulator)}"]).stack.loop
@@ -145,7 +148,15 @@ def main() -> None:
                 problem = open_scene(file, stack, kind).problem("no_collision")
                 result = avrare.estimate(problem, "mc", rollouts=args.rollouts, seed=0)
             except AvrareError as error:
-                row: tuple[object, ...] = ("", "", "", "", "", "", error.lines()[0].split(": ", 2)[-1])
+                row: tuple[object, ...] = (
+                    "",
+                    "",
+                    "",
+                    "",
+                    "",
+                    "",
+                    error.lines()[0].rsplit(".xosc:", 1)[-1].strip(),
+                )
             else:
                 numbers = (f"{x:.3g}" for x in (result.probability, *result.interval))
                 row = (*numbers, result.rollouts, result.errors, f"{time.process_time() - begun:.2g}", "")

@@ -22,6 +22,7 @@ class RiskBalance:
 
     Attributes:
         rule: The rule.
+        unit: Unit that the rates are per.
         ratio: Of the rates; NaN where neither breaks it.
         interval: Its interval; the exposures are those of both.
         highest: Upper end of the interval of the higher rate.
@@ -29,6 +30,7 @@ class RiskBalance:
     """
 
     rule: str
+    unit: str
     ratio: float
     interval: Interval
     highest: float
@@ -44,7 +46,9 @@ class RiskBalance:
         """Return ``no_collision: 0.4 (0.2 .. 0.7) times as often as NAME: positive risk balance``."""
         if math.isnan(self.ratio):
             bound = format_probability(self.highest, 2)
-            return f"{self.rule}: neither the stack nor {driver} breaks it: each at most {bound} per unit"
+            return (
+                f"{self.rule}: neither the stack nor {driver} breaks it: each at most {bound} per {self.unit}"
+            )
         balance = f"{self.verdict} risk balance" if self.verdict != "not known" else "risk balance not known"
         return f"{self.rule}: {format_ratio(self.ratio, self.interval)} times as often as {driver}: {balance}"
 
@@ -53,7 +57,7 @@ class RiskBalance:
         return finite(asdict(self) | {"verdict": self.verdict})
 
 
-def weigh(rule: str, exposures: Sequence[Quantity], stack: Terms, driver: Terms) -> RiskBalance:
+def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, driver: Terms) -> RiskBalance:
     """Return the balance of a rule.
 
     Both rates have the same exposures, which matter to the ratio only as far as the scenes have unlike
@@ -78,7 +82,7 @@ def weigh(rule: str, exposures: Sequence[Quantity], stack: Terms, driver: Terms)
         for one, other in zip(results, others, strict=True)
     ]
     highest = max(total.interval[1], reference.interval[1])
-    return RiskBalance(rule, _divide(total.value, reference.value), (low, high), highest, tuple(scenes))
+    return RiskBalance(rule, unit, _divide(total.value, reference.value), (low, high), highest, tuple(scenes))
 
 
 _WIDEST = 700.0

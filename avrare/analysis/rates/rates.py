@@ -136,7 +136,13 @@ class CatalogueRates(Answer):
         if self.reference is None:
             return []
         return [
-            weigh(rate.rule, self.exposures, self._terms(rate), self.reference._terms(other))
+            weigh(
+                rate.rule,
+                next(iter(rate.totals)),
+                self.exposures,
+                self._terms(rate),
+                self.reference._terms(other),
+            )
             for rate, other in zip(self.rates, self.reference.rates, strict=True)
         ]
 

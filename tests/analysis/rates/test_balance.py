@@ -16,7 +16,7 @@ def balance(exposures, failures, others, rollouts=2000):
         parts = [from_rollouts(count, rollouts, 0, 0.95, False) for count in counts]
         results = [SimpleNamespace(probability=p.value, interval=(p.low, p.high)) for p in parts]
         terms.append((combine(exposures, parts), results))
-    return weigh("no_collision", exposures, *terms)
+    return weigh("no_collision", "hour", exposures, *terms)
 
 
 def test_a_common_exposure_of_one_scene_cancels():
@@ -40,7 +40,7 @@ def test_nothing_is_claimed_without_failures():
     neither = balance(known, [0], [0])
     assert math.isnan(neither.ratio)
     assert neither.verdict == "not known"
-    assert "each at most" in neither.describe("fsm")
+    assert neither.describe("fsm").endswith(" per hour")
     assert balance(known, [0], [30]).verdict == "positive"
     assert balance(known, [30], [0]).verdict == "negative"
     assert balance(known, [0], [1]).verdict == "not known"
