@@ -18,7 +18,7 @@ from avrare.protocols import Bools, Floats, Signals, Specification, System, adap
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
-from avrare.stack.array_checks import check_rows, check_signals
+from avrare.stack.array_checks import check_rows, check_signals, find_nan
 from avrare.stack.features import monitor_features, system_features
 
 _AnswerT = TypeVar("_AnswerT")
@@ -192,7 +192,7 @@ class _Simulation:
         if faults is not None:
             faulty |= check_rows("faults(state)", np.asarray(faults), n).astype(bool)
         for values in signals.values():
-            faulty |= _is_nan(values)
+            faulty |= find_nan(values)
         return state, signals, faulty
 
     def _guard(
@@ -382,17 +382,10 @@ def _restore_carries(
     return replace(request, carries=tuple(sorted(merged.items(), key=lambda pair: pair[0])))
 
 
-def _is_nan(values: Floats) -> Bools:
-    """Return the rows (N,) with a number that is NaN."""
-    if values.dtype.kind != "f":
-        return np.zeros(len(values), dtype=bool)
-    return np.asarray(np.isnan(values).reshape(len(values), -1).any(axis=1))
-
-
 def _describe_faults(signals: Signals, rows: Bools) -> Iterator[tuple[str, Integers]]:
     """Yield each way in which these rows (N,) broke down, and the places of the rows that did."""
     places = np.flatnonzero(rows)
-    broken = np.array([np.full(len(places), True), *(_is_nan(values[rows]) for values in signals.values())])
+    broken = np.array([np.full(len(places), True), *(find_nan(values[rows]) for values in signals.values())])
     for way in np.unique(broken, axis=1).T:
         names = [name for name, there in zip(signals, way[1:], strict=True) if there]
         nan = f"NaN in signal{'s' * (len(names) > 1)} {', '.join(names)}"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Signals
+from avrare.protocols import Bools, Floats, Signals
 
 
 def check_signals(signals: Signals, n: int) -> Signals:
@@ -35,3 +35,10 @@ def check_rows(what: str, values: object, n: int) -> NDArray[Any]:
             "return NumPy arrays with one entry a particle",
         )
     return values
+
+
+def find_nan(values: Floats) -> Bools:
+    """Return the rows (N,) with a number that is NaN."""
+    if values.dtype.kind != "f":
+        return np.zeros(len(values), dtype=bool)
+    return np.asarray(np.isnan(values).reshape(len(values), -1).any(axis=1))
