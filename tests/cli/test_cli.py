@@ -239,7 +239,10 @@ def test_plugins_lists_components_and_problems(capsys):
 def test_schema_holds_the_options_of_every_component(capsys):
     assert main(["validate", "--schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
-    [box] = schema["properties"]["simulator"]["oneOf"]
+    boxes = {
+        each["properties"]["plugin"]["const"]: each for each in schema["properties"]["simulator"]["oneOf"]
+    }
+    box = boxes["box"]
     assert box["properties"]["plugin"]["const"] == "box"
     assert box["properties"]["gap"]["description"] == "initial gap [m]"
     assert box["additionalProperties"] is False

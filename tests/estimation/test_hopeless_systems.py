@@ -7,7 +7,7 @@ import avrare
 from avrare.base.errors import EveryRolloutBroke, ExitCode
 from avrare.testing.faulty_systems import Counting, Fragile, Walk
 
-ESTIMATORS = ["mc", "auto", "is", "smc", "ams", "ess", "ce"]
+ESTIMATORS = ["mc", "auto", "is", "smc", "ams", "ess"]
 
 
 class Late(Walk):

@@ -16,7 +16,7 @@ from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
 from avrare.stack.noise_names import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
-from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.lessons.lessons import Lessons, require_noise
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, failing_weights
 from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
@@ -93,6 +93,7 @@ class LearnedSampling(WeightedSampler):
 
     def init(self, plan: Plan) -> tuple[LearnedState, Info]:
         """Return the state before the first rollout, and what to show."""
+        require_noise(plan)
         rollouts = self._rows(plan)
         most = rollouts * self.config.runs
         info = Info(goal=most)

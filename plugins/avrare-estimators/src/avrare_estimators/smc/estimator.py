@@ -19,6 +19,7 @@ from avrare.rollout.request import Request, Rollouts
 from avrare.stack.features import system_features
 from avrare_estimators.common.config import LEAST_PILOT
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
+from avrare_estimators.common.lessons.lessons import require_noise
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.samples.sampling import wave_bytes
 from avrare_estimators.smc.config import SmcConfig
@@ -92,6 +93,7 @@ class SequentialMonteCarlo(Estimator):
 
     def init(self, plan: Plan) -> tuple[SmcState, Info]:
         """Return the state before the first rollout, and what to show."""
+        require_noise(plan)
         return SmcState(plan, Learning.begin(self.config, plan, self._affordable(plan))), Info()
 
     def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import UsageError
+from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common.lessons.dictionary import fit
@@ -30,6 +32,13 @@ _FEW = 10.0
 """Effective number of failures from which the gain is that for failures, not for the elite."""
 _PAST = 0.2
 """Share of the proposals of earlier stages in the final one: they are wider."""
+
+
+def require_noise(plan: Plan) -> None:
+    """Raise a ``UsageError`` where a system has no noise from which to learn."""
+    if not plan.noise.noise_size:
+        text = "noise_size is 0: without noise nothing leads to failures"
+        raise UsageError(text, "all rollouts are alike: use mc, with a single rollout")
 
 
 @dataclass(frozen=True)
