@@ -71,7 +71,8 @@ def _list_connections(
                     lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
                     ways.append(Connection(other, into, lanes))
                 continue
-            junction = junctions.get(name)
+            if (junction := junctions.get(name)) is None:
+                continue
             signs = _list_signs(road)
             if junction is None:
                 continue
