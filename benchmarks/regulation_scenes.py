@@ -160,7 +160,8 @@ def main() -> None:
             else:
                 numbers = (f"{x:.3g}" for x in (result.probability, *result.interval))
                 row = (*numbers, result.rollouts, result.errors, f"{time.process_time() - begun:.2g}", "")
-                drives.append((f"{name}, {stack}: {result.probability:.2g}", problem))
+                if result.errors < result.rollouts:
+                    drives.append((f"{name}, {stack}: {result.probability:.2g}", problem))
             writer.writerow((name, stack, kind.steps, *row))
             table.flush()
     draw_sheet(drives, OUT / f"{args.kind}.png")
