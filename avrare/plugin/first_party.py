@@ -78,6 +78,7 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-mpc": {"controller": ("mpc",)},
     "avrare-openscenario": {"simulator": ("openscenario",)},
     "avrare-policy": {"controller": ("policy",)},
+    "avrare-process": {"simulator": ("process",), "controller": ("process",)},
     "avrare-ray": {"executor": ("ray",)},
     "avrare-reference-drivers": {
         "controller": ("reference_driver", "cruise", "hold"),

@@ -4,6 +4,7 @@ from avrare.worlds.capabilities import Capabilities, capabilities, require
 from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.step_timeout import StepTimeout
 from avrare.worlds.world import NotDeterministic, World
+from avrare.worlds.world_controller import WorldController
 from avrare.worlds.worlds_simulator import Worlds, WorldState, WorldSystem, as_system
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "NotDeterministic",
     "StepTimeout",
     "World",
+    "WorldController",
     "WorldState",
     "WorldSystem",
     "Worlds",
