@@ -12,7 +12,7 @@ from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity, find_lane, read_place
-from avrare_openscenario.route_reader import read_route, read_route_place
+from avrare_openscenario.route_reader import read_route
 from avrare_openscenario.story import (
     DIMENSIONS,
     FORMS,
@@ -263,10 +263,6 @@ class ActionReader:
         if target.tag != "RelativeTargetLaneOffset":
             raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
         return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
-
-    def read_route_place(self, position: Element) -> Place:
-        """Read a ``RoutePosition``."""
-        return read_route_place(self, position)
 
     def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
         holder = action.find("TrajectoryRef") or action

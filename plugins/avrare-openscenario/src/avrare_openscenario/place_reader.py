@@ -52,7 +52,9 @@ def _read_kind(
             heading, absolute = read_orientation(one, parameters)
             return Place("shifted", number("dx"), number("dy"), heading, None, other, absolute)
         case "RoutePosition" if curves is not None:
-            return curves.read_route_place(one)
+            from avrare_openscenario.route_reader import read_route_place  # which reads places itself
+
+            return read_route_place(curves, one)
         case "TrajectoryPosition" if curves is not None:
             heading, absolute = read_orientation(one, parameters)
             curve = curves.read_curve(one.find("TrajectoryRef") or one, -1, False)
