@@ -104,7 +104,6 @@ def lies():
         ("test_certain", liar(shifted), (), r"\(0.5, 1.0\)"),
         ("test_errors_are_counted", liar(errors_hidden), (), "errors are counted"),
         ("test_errors_are_counted", liar(errors_dropped), (), "does not count errors"),
-        ("test_errors_everywhere", liar(errors_hidden), ("nan",), "all rollouts"),
     ]  # fmt: skip
 
 

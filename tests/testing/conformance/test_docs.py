@@ -15,7 +15,7 @@ from avrare.scenario.yaml import parse
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
-PARTS = [DOCS / f"{name}.md" for name in ("concepts", "controller", "tracker", "timing")]
+PARTS = [DOCS / f"{name}.md" for name in ("concepts", "controller", "tracker")]
 PAGES = [DOCS / "index.md", DOCS / "write-a-plugin.md", DOCS / "hours.md", *PARTS]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 FOREIGN = re.compile(
@@ -82,7 +82,7 @@ def test_the_snippets_run(page, tmp_path, monkeypatch, capsys):
 
 def test_there_are_snippets_to_run():
     found = [language for page in PAGES for language, _ in FENCE.findall(page.read_text())]
-    assert len(PAGES) == 7
+    assert len(PAGES) == 6
     assert min(found.count(language) for language in ("python", "yaml", "console")) >= 4
 
 
