@@ -1,5 +1,7 @@
 """Programs as simulators and controllers: the same rollouts as in Python, whatever happens to the program."""
 
+import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +19,7 @@ from avrare.stack.python_file import TEMPLATE, find_member
 from avrare.testing.conformance import Subject, checks_of
 from avrare_process.config import EXAMPLE, ProcessConfig
 from avrare_process.parts import build_controller, build_simulator
+from avrare_process.process import Process
 
 RULE = avrare.stl("always (gap > 5)")
 FAULTS = """
@@ -184,3 +187,12 @@ def test_conformance(kind):
     for check in checks_of(kind):
         outcome = check.run(Subject.installed(kind, "process"))
         assert outcome.status != "failed", f"{check.name}: {outcome.reason}"
+
+
+def test_the_example_answers_as_the_page_says():
+    page = (Path(__file__).parents[3] / "docs" / "your-own-simulator.md").read_text()
+    rows = re.findall(r"^\| `(\{.*?\})` \| `(\{.*\})` \|$", page, re.M)
+    process = Process(config())
+    answers = [(process.ask(json.loads(message)), answer) for message, answer in rows]
+    assert len(answers) == 4
+    assert all(answer == json.loads(wanted) for answer, wanted in answers if "..." not in wanted)
