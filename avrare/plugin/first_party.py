@@ -68,6 +68,7 @@ _PROVIDED: dict[str, dict[str, tuple[str, ...]]] = {
     "avrare-estimators": {"estimator": ("ams", "is", "ce", "ess", "mfmc", "smc")},
     "avrare-example": {"simulator": ("tank",), "specification": ("spillage",)},
     "avrare-flows": {"simulator": ("transformed",)},
+    "avrare-fmi": {"simulator": ("fmi",), "controller": ("fmi",)},
     "avrare-glider": {"simulator": ("glider",)},
     "avrare-gp-pem": {"perception": ("gp_pem", "parametric", "naive")},
     "avrare-gymnasium": {"simulator": ("gymnasium",), "controller": ("gym_feedback", "gym_constant")},

@@ -18,7 +18,7 @@ def blocks(language):
 
 
 HOVER, ESTIMATE = blocks("python")
-SCENARIO, _, CART = blocks("yaml")
+SCENARIO, _, _, CART = blocks("yaml")
 COMMANDS, NEW, _ = blocks("sh")
 FEW = ("--set", "estimator.runs=2", "--set", "estimator.particles=20", "--set", "estimator.discard=4")
 
