@@ -77,7 +77,7 @@ def _write_scenario(args: argparse.Namespace) -> None:
 
 
 def _write_catalogue(args: argparse.Namespace) -> None:
-    if args.kind or args.no_driving or args.act or args.set:
+    if args.kind or args.no_driving or args.act or args.python or args.set:
         raise UsageError(
             "a catalogue takes --simulator, --ego, --stack and --out", "avrare new catalogue FOLDER"
         )
@@ -87,6 +87,11 @@ def _write_catalogue(args: argparse.Namespace) -> None:
             raise UsageError(f"{given}: no such file or folder", "give a folder of scenes, or a file")
     registry = default_registry()
     component = registry.require("simulator", args.simulator or _choose_reader(registry))
+    if not component.scenes:
+        raise UsageError(
+            f"simulator {args.simulator!r} reads no files of scenes",
+            f"--simulator {_choose_reader(registry)}",
+        )
     path = Path(args.out) / f"{source.resolve().stem}.yaml"
     stack = Path(args.stack or path.with_name(f"{path.stem}_stack.yaml"))
     if args.stack is None:

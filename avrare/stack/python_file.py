@@ -33,6 +33,10 @@ class FileOptions(Options):
     def _trusted(cls, file: str) -> str:
         if is_safe():
             raise ValueError(f"safe mode: a Python file is code of no installed plugin; {TRUST}")
+        if not Path(file).is_file():
+            raise ValueError(
+                "should be an existing file, beside the scenario or by its path from the current folder"
+            )
         return file
 
 
@@ -77,13 +81,15 @@ def build_controller(config: PythonConfig, scene: Scene | None) -> object:
 def _prepare(config: PythonConfig, scene: Scene | None) -> partial[object]:
     cls = find_member(config.file, config.class_, "class {}: ...")
     arguments: dict[str, object] = dict(config.options)
+    signature = inspect.signature(cls)
+    names = [name for name in signature.parameters if name != "scene"]
+    if "scene" in signature.parameters:
+        arguments["scene"] = scene
     try:
-        signature = inspect.signature(cls)
-        if "scene" in signature.parameters:
-            arguments["scene"] = scene
         signature.bind(**arguments)
     except TypeError as error:
-        raise UsageError(f"{config.file}: {config.class_}: {error}", "`options` has its arguments") from None
+        hint = f"`options` of {config.class_}: {', '.join(names) or 'none'}"
+        raise UsageError(f"{config.file}: {config.class_}: {error}", hint) from None
     return partial(cls, **arguments)
 
 

@@ -246,3 +246,12 @@ def test_a_new_scenario_goes_on_with_its_controller(tmp_path, monkeypatch, capsy
     Path("spill.py").write_text("mine")
     assert main(words) == 4
     assert "spill.py: already exists" in capsys.readouterr().err
+
+
+def test_a_catalogue_needs_a_simulator_that_reads_scenes(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "catalogue", ".", "--simulator", "python"]) == 4
+    assert "simulator 'python' reads no files of scenes" in capsys.readouterr().err
+    assert main(["new", "catalogue", ".", "--python"]) == 4
+    assert "a catalogue takes" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())

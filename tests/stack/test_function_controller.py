@@ -110,8 +110,14 @@ def test_what_is_wrong_with_a_function_is_told(controller, text, options, messag
 
 
 def test_a_file_that_is_missing(tmp_path):
+    file = tmp_path / "pilot.py"
+    with pytest.raises(ValueError, match="should be an existing file"):
+        FunctionConfig(file=str(file))
+    file.touch()
+    config = FunctionConfig(file=str(file))
+    file.unlink()
     with pytest.raises(UsageError, match="no such file"):
-        build(FunctionConfig(file=str(tmp_path / "pilot.py")), None)
+        build(config, None)
 
 
 @pytest.fixture

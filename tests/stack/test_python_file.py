@@ -97,7 +97,7 @@ def test_parts_of_one_file_share_its_classes(load):
     ("code", "settings", "message"),
     [
         (BATCHED, ["simulator.class=Drif"], "did you mean 'Drift'"),
-        (BATCHED, ["simulator.options.scal=1"], "got an unexpected keyword argument 'scal'"),
+        (BATCHED, ["simulator.options.scal=1"], "argument 'scal'\nhint: `options` of Drift: scale"),
         (BATCHED.replace("def signals", "def signal"), [], "Drift has no signals"),
         (BATCHED.replace("def act", "def acts"), [], "Pilot has no act"),
         (SINGLE.replace("dt, noise_size = 0.5, 1", "noise_size = 1"), [], "Drift has no dt"),
@@ -162,3 +162,22 @@ def test_a_rollout_that_crashes_is_replayed_to_the_line_of_the_file(load, tmp_pa
     error = capsys.readouterr().err
     assert error.startswith("the system ended its process (SIGSEGV) in the replay, at drift.py:10 in step\n")
     assert main(["replay", "--run", "run", "--error", "9"]) == 4
+
+
+@pytest.mark.slow
+def test_a_replay_that_hangs_ends_at_the_line_of_the_file(load, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    error = "\n        if (noise[:, 0] > 2.5).any(): raise RuntimeError\n        return {"
+    code = BATCHED.replace("\n        return {", error).replace(error, "\n        return {", 1)
+    load(code)
+    settings = ["--set", "rollout_timeout=2", "--set", "max_error_rate=0.2"]
+    assert main(["run", "drift.yaml", *settings, "--out", "run", "--quiet"]) == 0
+    load(code.replace("raise RuntimeError", "import time; time.sleep(600)"))
+    capsys.readouterr()
+    assert main(["replay", "--run", "run", "--error", "0"]) == 6
+    assert "the rollout takes more than 2 s: it hangs at drift.py:10 in step\n" in capsys.readouterr().err
+
+
+def test_a_file_that_is_missing_has_its_place_in_the_scenario(load):
+    with pytest.raises(AvrareError, match=r"drift\.yaml:3:35: simulator\.file: should be an existing file"):
+        load(BATCHED, text=SCENARIO.replace("file: drift.py", "file: nowhere.py", 1))

@@ -76,9 +76,11 @@ class PairedComparison(Answer):
     def headline(self) -> list[str]:
         """Return the names of both versions."""
         first, second = self.names
-        other = second if second != first else f"{second} with other settings"
+        if second == first:
+            same = comparable(self.scenarios[0]) == comparable(self.scenarios[1])
+            second = "itself" if same else f"{second} with other settings"
         how = f"{self.rollouts:,} rollouts each, on the same noise"
-        return [f"{first} against {other}: {how if self.rollouts else self.scenarios[0].estimator.plugin}"]
+        return [f"{first} against {second}: {how if self.rollouts else self.scenarios[0].estimator.plugin}"]
 
     def summary(self) -> list[str]:
         """Return the change of each specification and its ratio in a line."""

@@ -97,6 +97,8 @@ class VersionChange(ABC):
 
     def describe_ratio(self, confidence: float) -> str:
         """Return ``0.4 (0.2 .. 0.7)``, or ``at most 3e-4 each`` where neither version fails."""
+        if math.isnan(self.difference):
+            return "not known"
         if not (self.first or self.second):
             return f"at most {format_probability(self.highest(confidence), 2)} each"
         return format_ratio(self.ratio, self.ratio_interval(confidence))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -31,10 +32,11 @@ from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats
 from avrare.results.run import Run
 from avrare.results.stored_failures import select_failure
-from avrare.rollout.child_process import run_guarded
+from avrare.rollout.child_process import SystemCrashed, run_guarded
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.rollout.replay import ReplayedRollout, replay_tape, replay_tapes, tabulate_signals
 from avrare.worlds.capabilities import capabilities
+from avrare.worlds.step_timeout import StepTimeout, Watchdog
 
 MAX_STORED = 10
 """Largest number of new failures of a specification stored from one run, the worst ones."""
@@ -141,20 +143,36 @@ def replay(
 
 
 def replay_error(run: Run, index: int, specification: str | None = None) -> FailureReplay:
-    """Run a rollout of a run again that ended in an error; one that ends its process is a ``SystemCrashed``.
+    """Run a rollout of a run again that ended in an error.
 
     Raises:
+        SystemCrashed: It ends its process, or takes longer than the scenario's ``rollout_timeout``.
         UsageError: There is no such rollout.
     """
     tapes = {name: result.error_tapes for name, result in run.items() if specification in (None, name)}
     stored = [(name, tape) for name, kept in tapes.items() for tape in kept]
     if not 0 <= index < len(stored):
         hint = "rollouts that ended in an error are numbered from 0"
-        raise UsageError(f"{run.name}: there is no error {index}, but {len(stored)} that are stored", hint)
+        raise UsageError(f"{run.name}: there is no error {index}: {len(stored)} of them are stored", hint)
     name, tape = stored[index]
     failure = make_failure_of_run(run.scenario, name, tape, math.nan, run.versions)
-    system = run.scenario.problem(name).system
-    return run_guarded("the replay", system, partial(replay_failure, run.scenario, failure))
+    problem = run.scenario.problem(name)
+    try:
+        with Watchdog(problem.rollout_timeout) as watchdog:
+            guarded = partial(watchdog.call, replay_failure, run.scenario, failure)
+            return run_guarded("the replay", problem.system, guarded)
+    except StepTimeout as timeout:
+        raise SystemCrashed(
+            f"the rollout takes more than {problem.rollout_timeout:g} s: it hangs {_find_line(timeout)}",
+            "mend that line, or raise `rollout_timeout`",
+        ) from timeout
+
+
+def _find_line(timeout: StepTimeout) -> str:
+    alarm = timeout.__context__
+    frames = traceback.extract_tb(alarm.__traceback__ if alarm else None)
+    line = frames[-2]  # the last one is that of the alarm
+    return f"at {os.path.relpath(line.filename)}:{line.lineno} in {line.name}"
 
 
 def replay_failure(scenario: LoadedScenario, failure: Failure) -> FailureReplay:

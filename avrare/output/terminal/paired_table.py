@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.markup import escape
 from rich.table import Table
 
@@ -24,12 +26,11 @@ def paired_table(paired: PairedComparison) -> Table:
     table = make_table(None, ["specification"], numbers)
     table.add_column("", no_wrap=True)
     for change in paired.changes:
-        verdict = change.verdict(paired.confidence)
+        verdict, versions = change.verdict(paired.confidence), (change.first, change.second)
         table.add_row(
             escape(change.specification),
-            format_probability(change.first),
-            format_probability(change.second),
-            format_difference(change.difference),
+            *("not known" if math.isnan(value) else format_probability(value) for value in versions),
+            "not known" if math.isnan(change.difference) else format_difference(change.difference),
             format_signed_interval(change.interval(paired.confidence)),
             change.describe_ratio(paired.confidence),
             *(f"{value:.2g}" if value < 1.0 else f"{value:,.0f}" for value in change.numbers.values()),

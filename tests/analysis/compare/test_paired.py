@@ -4,18 +4,22 @@ import itertools
 import json
 import math
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy import stats
 
 import avrare
-from avrare.analysis.compare.paired_comparison import compare_pairs
+from avrare.analysis.compare.paired_comparison import compare_pairs, compare_versions
 from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
+from avrare.output.terminal.paired_table import paired_table
 from avrare.rollout.executors.serial import SerialExecutor
+from avrare.stack.new_scenario import write_python_scenario
 
 LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml")
 
@@ -270,3 +274,20 @@ def test_few_differing_rollouts_are_not_significant(only_first, only_second, wor
     assert (low > 0.0) == worse
     assert high > 3.6e-4
     assert (pair.p_value < 0.05) == worse
+
+
+def test_versions_without_a_difference_or_without_an_outcome(tmp_path):
+    """Say "itself" of the same settings, and "not known" where all rollouts end in an error."""
+    file = tmp_path / "acc.yaml"
+    write_python_scenario(file)
+    same = compare_versions(file, file, budget="rollouts=4")
+    assert same.headline() == [f"{file} against itself: 4 rollouts each, on the same noise"]
+    broken = compare_versions(
+        file, file, budget="rollouts=4", overrides=["against.simulator.options.radar=.nan"]
+    )
+    assert "acc.yaml with other settings" in broken.headline()[0]
+    assert "not known" in broken.summary()[0]
+    console = Console(file=StringIO(), width=200)
+    console.print(paired_table(broken))
+    assert console.file.getvalue().count("not known") == 5
+    assert "nan" not in console.file.getvalue()
