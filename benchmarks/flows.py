@@ -24,8 +24,8 @@ from avrare.testing import normal
 from avrare.testing.static_problems import Static, Values, row_sum
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, LogNormal
-from avrare_flows.system import transformed
-from avrare_flows.weights import WarpedLaw, weighted
+from avrare_flows.system import transform_noise
+from avrare_flows.weights import WarpedLaw, weigh_noise
 
 RUNS = 10
 
@@ -84,11 +84,11 @@ class Case:
         """Make the problem without weights, with those of the paper, or with P/q."""
         system: Any
         if weights == "none":
-            system = transformed(self.system, self.flow)
+            system = transform_noise(self.system, self.flow)
         elif weights == "paper":
-            system = weighted(self.system, self.flow, weights="paper")
+            system = weigh_noise(self.system, self.flow, weights="paper")
         else:
-            system = weighted(self.system, self.flow, self.meant.log_density)
+            system = weigh_noise(self.system, self.flow, self.meant.log_density)
         return avrare.Problem(system, avrare.stl(f"total < {self.level!r}"), steps=0)
 
 

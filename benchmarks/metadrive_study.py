@@ -72,7 +72,7 @@ def estimate(name: str, parts: int, folder: Path) -> None:
         return time.process_time() + float(start.call("seconds"))
 
     if name == "ams":
-        problem = problem.rescored(danger(avrare.trace(problem)["reward"]))
+        problem = problem.rescore(danger(avrare.trace(problem)["reward"]))
     metadrive_parts.run(problem, name, _options()[name], parts, folder, clock)
 
 

@@ -106,7 +106,7 @@ def choose(rows: NDArray[np.bool_], first: State, second: State) -> State:
     return map_leaves(pick, first, second)
 
 
-def separated(state: State) -> State:
+def separate_leaves(state: State) -> State:
     """Return a copy in which no two leaves are the same array."""
     return _map(np.copy, None, [[state]])[0]
 

@@ -174,7 +174,7 @@ class ScenarioProblem(Problem):
 
 
 def _rebuild_problem(definition: Scenario, names: tuple[str, ...], score: Any, sizes: Any) -> Problem:
-    problem = ScenarioProblem(LoadedScenario(definition), names).rescored(score)
+    problem = ScenarioProblem(LoadedScenario(definition), names).rescore(score)
     problem._sizes = sizes
     return problem
 

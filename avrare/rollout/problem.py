@@ -178,7 +178,7 @@ class Problem:
             self.system, self.steps, *guide_formula, guide, by_sample=by_sample, failures=failures
         )
 
-    def rescored(self, score: ScoreFunction | Formula | str) -> Problem:
+    def rescore(self, score: ScoreFunction | Formula | str) -> Problem:
         """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
         other = object.__new__(type(self))  # copy.copy would call __reduce__, which calls this method
         other.__dict__.update(self.__dict__)

@@ -99,22 +99,24 @@ def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts
     if scenario.perception is not None:
         with _locate_errors(scenario, "perception"):
             perception = build_block(
-                scenario.perception, clock.paced(scene, clock.sensor), PerceptionErrorModel
+                scenario.perception, clock.pace_scene(scene, clock.sensor), PerceptionErrorModel
             )
             check_declarations(perception)
     if scenario.tracker is not None:
         with _locate_errors(scenario, "tracker"):
-            tracker = build_block(scenario.tracker, clock.paced(scene, clock.tracker), Tracker)
+            tracker = build_block(scenario.tracker, clock.pace_scene(scene, clock.tracker), Tracker)
             if perception is not None:
                 check_labels(perception, tracker)
             known = tracker.known_scene or scene
     if scenario.controller is not None:
         with _locate_errors(scenario, "controller"):
-            paced = clock.paced(known, clock.planner)
+            paced = clock.pace_scene(known, clock.planner)
             controller = build_block(scenario.controller, paced, Controller)
     if scenario.aeb is not None:
         with _locate_errors(scenario, "aeb"):
-            controller = add_emergency_braking(controller, scenario.aeb, clock.paced(known, clock.planner))
+            controller = add_emergency_braking(
+                controller, scenario.aeb, clock.pace_scene(known, clock.planner)
+            )
     if controller is not None and adapt(Controller, controller).sees_truth:
         perception, tracker = None, None  # nobody reads them
     timing, actuators = scenario.timing or Timing(), scenario.actuators or Actuators()

@@ -62,7 +62,7 @@ class Clock:
             delay,
         )
 
-    def paced(self, scene: Scene | None, steps: int) -> Scene | None:
+    def pace_scene(self, scene: Scene | None, steps: int) -> Scene | None:
         """Return the scene for a part that works every so many steps."""
         return None if scene is None else replace(scene, dt=steps * self.dt)
 

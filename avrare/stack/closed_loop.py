@@ -206,21 +206,21 @@ class ClosedLoop(System):
     def features(self, state: LoopState) -> Floats:
         """Return (N, F) what the parts declare, or else what every driving stack has."""
         driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
-        found = [_declared(self.simulator, state.world)]
+        found = [_read_features(self.simulator, state.world)]
         if found[0] is None:
             found = [flatten(self.signals(state)), vehicle_features(state.world) if driving else None]
-        found.append(_declared(self.perception, state.latent))
-        tracked = _declared(self.tracker, state.track)
+        found.append(_read_features(self.perception, state.latent))
+        tracked = _read_features(self.tracker, state.track)
         if tracked is None and self.tracker is not None and driving:
             tracked = track_features(self.tracker, state.track, state.world)
-        planned = _declared(self.controller, state.memory)
+        planned = _read_features(self.controller, state.memory)
         if planned is None and self.controller is not None:
             planned = plan_features(self.controller.plan(state.memory))
         found += [tracked, planned]
         return np.concatenate([part for part in found if part is not None], axis=1)
 
 
-def _declared(part: Any, state: Any) -> Floats | None:
+def _read_features(part: Any, state: Any) -> Floats | None:
     declared = part.features(state) if state is not None else None
     return None if declared is None else check_features(part, declared)
 

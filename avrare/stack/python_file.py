@@ -30,7 +30,7 @@ class FileOptions(Options):
 
     @field_validator("file")
     @classmethod
-    def _trusted(cls, file: str) -> str:
+    def _check_trust(cls, file: str) -> str:
         if is_safe():
             raise ValueError(f"safe mode: a Python file is code of no installed plugin; {TRUST}")
         if not Path(file).is_file():

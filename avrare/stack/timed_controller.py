@@ -80,7 +80,7 @@ class TimedController(Controller):
 
     def pace(self, scene: Scene | None) -> Scene | None:
         """Return a scene at the planner's period."""
-        return self._clock.paced(scene, self._clock.planner)
+        return self._clock.pace_scene(scene, self._clock.planner)
 
     def start(self, n: int) -> CommandQueue:
         """Return the memory of ``n`` particles before the first step."""

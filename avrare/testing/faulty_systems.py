@@ -28,13 +28,13 @@ class Walk(System):
 
     def step(self, state: State, noise: Floats) -> State:
         """Advance by one step."""
-        return {"x": self.moved(state["x"], noise)}
+        return {"x": self.move(state["x"], noise)}
 
     def signals(self, state: State) -> dict[str, Floats]:
         """Return ``x`` (N,)."""
         return {"x": state["x"]}
 
-    def moved(self, x: Floats, noise: Floats) -> Floats:
+    def move(self, x: Floats, noise: Floats) -> Floats:
         """Return the next ``x`` (N,)."""
         return x + self.drift + self.scale * noise[:, 0]
 
@@ -101,7 +101,7 @@ class Fragile(Walk):
 
     def step(self, state: State, noise: Floats) -> State:
         """Advance by one step, or into an error."""
-        return self._state(self.moved(state["x"], noise), noise, not self.at_start)
+        return self._state(self.move(state["x"], noise), noise, not self.at_start)
 
     def faults(self, state: State) -> Bools:
         """Return the rows with a reported fault (N,)."""

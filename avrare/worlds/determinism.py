@@ -60,7 +60,7 @@ def probe(system: System, steps: int = STEPS, *, branch: bool = True) -> Finding
     The probe ends where a row raises: errors are counted where they occur in an estimate.
     """
     trial = _Trial(system, steps)
-    with _unnoticed():
+    with _leave_no_trace():
         try:
             trial.run(branch)
         except NotDeterministic as error:
@@ -73,7 +73,7 @@ def probe(system: System, steps: int = STEPS, *, branch: bool = True) -> Finding
 
 
 @contextmanager
-def _unnoticed() -> Iterator[None]:
+def _leave_no_trace() -> Iterator[None]:
     before = random.getstate(), np.random.get_state()
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -167,7 +167,7 @@ def _read_only(state: State) -> State:
 
 def _copy(state: State) -> State | None:
     with suppress(UsageError):
-        return batch.separated(state)
+        return batch.separate_leaves(state)
     return None
 
 

@@ -81,8 +81,8 @@ class _Valued(World):
     def numbers(self) -> Any:
         return self.world.numbers()
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
-        return self.world.named(table)
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+        return self.world.split_table(table)
 
     def snapshot(self) -> object:
         return self.world.snapshot()

@@ -12,7 +12,7 @@ import numpy as np
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.special_functions import uniform_from_normal
 from avrare.protocols import Floats, adapt, overrides
-from avrare.worlds.world import World, close, observed
+from avrare.worlds.world import World, close, read_observation
 
 Law = Literal["normal", "uniform", "laplace"]
 
@@ -128,7 +128,7 @@ class Noisy(World):
 
     def observation(self) -> Any:
         """Return the disturbed observation (d,)."""
-        seen = observed(self.world, self.world.signals())
+        seen = read_observation(self.world, self.world.signals())
         return seen if self.observed is None else np.asarray(seen) + self._error
 
     def assign(self, values: Mapping[str, float]) -> None:

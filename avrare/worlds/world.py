@@ -83,7 +83,7 @@ class World(ABC):
         """Return K floats; called after each step."""
         raise NotImplementedError
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Return signals (N, ...) by name and observations (N, d) from a table (N, K) of ``numbers``."""
         raise NotImplementedError
 
@@ -92,7 +92,7 @@ class NotDeterministic(UsageError):
     """World that does not depend on its noise alone, where that is required."""
 
 
-def observed(world: World, signals: Mapping[str, Any]) -> object:
+def read_observation(world: World, signals: Mapping[str, Any]) -> object:
     """Return the observation (d,) of ``world``, whose signals are given."""
     seen = world.observation()
     if seen is not None:
@@ -112,7 +112,7 @@ class ByName:
     def one(self, world: World) -> tuple[Mapping[str, object], object]:
         """Read signals and observation."""
         signals = world.signals()
-        return signals, observed(world, signals)
+        return signals, read_observation(world, signals)
 
     def all(self, rows: Sequence[Any]) -> Columns:
         """Return the signals and observations of N worlds as arrays."""
@@ -138,7 +138,7 @@ class Table:
 
     def all(self, rows: Sequence[object]) -> Columns:
         """Join the numbers into a table and name its columns."""
-        return self.pattern.named(np.array(rows, dtype=np.float64))
+        return self.pattern.split_table(np.array(rows, dtype=np.float64))
 
 
 Readout = ByName | Table

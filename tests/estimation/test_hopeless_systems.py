@@ -24,7 +24,7 @@ class Late(Walk):
         t = state["t"] + 1.0
         if self.how == "raise" and t[0] == 15:
             raise TypeError("there is no road")
-        return {"x": np.where(t < 15, self.moved(state["x"], noise), np.nan), "t": t}
+        return {"x": np.where(t < 15, self.move(state["x"], noise), np.nan), "t": t}
 
 
 @pytest.mark.parametrize("how", ["raise", "nan"])
@@ -52,7 +52,7 @@ def test_one_good_rollout_in_twenty_goes_on():
 class Still(Walk):
     noise_size = 0
 
-    def moved(self, x, noise):
+    def move(self, x, noise):
         return x + 0.1
 
 

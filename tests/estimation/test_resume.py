@@ -140,7 +140,7 @@ def test_the_step_that_differs_is_named(tmp_path):
 
         def step(self, state, noise):
             late = self.shift * (state["t"] == 7)
-            return {"x": self.moved(state["x"], noise) + late, "t": state["t"] + 1}
+            return {"x": self.move(state["x"], noise) + late, "t": state["t"] + 1}
 
     def late(shift):
         return avrare.Problem(Late(shift), avrare.stl("always (x < 0.9)"), steps=20, chunk=25)

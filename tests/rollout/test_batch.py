@@ -60,7 +60,7 @@ def test_an_array_in_two_places_stays_shared():
     mixed = batch.concatenate([shared, apart])
     assert mixed["a"] is not mixed["b"]
     assert mixed["b"].tolist() == [*x, *x]
-    copy = batch.separated(shared)
+    copy = batch.separate_leaves(shared)
     assert copy["a"] is not copy["b"]
     assert copy["a"] is not x
     assert copy["b"].tolist() == x.tolist()

@@ -104,7 +104,7 @@ def test_a_formula_given_as_score_keeps_the_bits_in_another_unit(unit):
     assert found[0].probability > 0.0
     np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)
     np.testing.assert_array_equal(found[0].failures.noise, found[1].failures.noise)
-    raw = units[1].rescored(
+    raw = units[1].rescore(
         lambda seen, t: np.maximum(seen["x"][:, t] - 2.5, seen["far_y"][:, t] - 2.5 * unit)
     )
     assert (ranks(raw) != ranks(units[1])).any()
@@ -125,10 +125,10 @@ def test_another_score_measures_its_own_terms():
     formula = avrare.stl("always (x < 3 and y < 300)")
     problem = Problem(Pair(1.0, 100.0), formula, STEPS)
     assert len(problem.sizes[0]) == 2
-    guided = problem.rescored(avrare.stl("always (x < 3 and y < 300 and x - y < 500)"))
+    guided = problem.rescore(avrare.stl("always (x < 3 and y < 300 and x - y < 500)"))
     assert len(guided.sizes[0]) == 3
-    np.testing.assert_array_equal(scores(guided.rescored(None)), scores(problem))
-    assert guided.rescored(avrare.stl("always (x < 2)")).sizes == (None,)
+    np.testing.assert_array_equal(scores(guided.rescore(None)), scores(problem))
+    assert guided.rescore(avrare.stl("always (x < 2)")).sizes == (None,)
 
 
 def test_each_vehicle_is_measured_in_its_own_margin():

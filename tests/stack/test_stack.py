@@ -42,7 +42,7 @@ def test_a_score_written_as_a_formula_guides_splitting():
     scored = "specifications.clear.score={stl: 'always (x < 9)'}"
     problem = LoadedScenario(load(str(SCENARIOS / "double_integrator.yaml"), (scored,))).problem("clear")
     result = estimate(problem, "ams", seed=0, particles=20, discard=10, runs=2)
-    plain = estimate(problem.rescored(None), "ams", seed=0, particles=20, discard=10, runs=2)
+    plain = estimate(problem.rescore(None), "ams", seed=0, particles=20, discard=10, runs=2)
     levels, others = (np.concatenate(found.diagnostics["levels"]) for found in (result, plain))
     assert levels.max() < -2.0 < others.min()  # x stays below 7
 

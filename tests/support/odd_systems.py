@@ -44,7 +44,7 @@ class NestedWalk(Walk):
         return Nested(Inner(x), (x, np.zeros((len(noise), 2))))
 
     def step(self, state, noise):
-        return Nested(Inner(self.moved(state.inner.x, noise)), state.pair)
+        return Nested(Inner(self.move(state.inner.x, noise)), state.pair)
 
     def signals(self, state):
         return {"x": state.inner.x}
@@ -63,7 +63,7 @@ class TupleWalk(Walk):
         return Point(np.zeros(len(noise)))
 
     def step(self, state, noise):
-        return Point(self.moved(state.x, noise))
+        return Point(self.move(state.x, noise))
 
     def signals(self, state):
         return {"x": state.x}
@@ -76,7 +76,7 @@ class ArrayWalk(Walk):
         return np.zeros(len(noise))
 
     def step(self, state, noise):
-        return self.moved(state, noise)
+        return self.move(state, noise)
 
     def signals(self, state):
         return {"x": state}
@@ -89,7 +89,7 @@ class Odometer(Walk):
         return {"x": np.zeros(len(noise)), "n": np.zeros(len(noise), dtype=np.int64)}
 
     def step(self, state, noise):
-        return {"x": self.moved(state["x"], noise), "n": state["n"] + 1}
+        return {"x": self.move(state["x"], noise), "n": state["n"] + 1}
 
     def counts(self, state):
         return {"steps": state["n"]}
@@ -103,7 +103,7 @@ class Doomed(Walk):
         self.brink = brink
 
     def step(self, state, noise):
-        return {"x": np.where(state["x"] > self.brink, np.nan, self.moved(state["x"], noise))}
+        return {"x": np.where(state["x"] > self.brink, np.nan, self.move(state["x"], noise))}
 
 
 class Broken(Walk):

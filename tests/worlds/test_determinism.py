@@ -59,7 +59,7 @@ class Adds(Walk):
         self.more = more
 
     def step(self, state, noise):
-        return {"x": self.moved(state["x"], noise) + self.more(state["x"])}
+        return {"x": self.move(state["x"], noise) + self.more(state["x"])}
 
 
 class Remembers(Walk):
@@ -70,7 +70,7 @@ class Remembers(Walk):
         return {"x": self.x.copy()}
 
     def step(self, state, noise):
-        self.x = self.moved(self.x, noise)
+        self.x = self.move(self.x, noise)
         return {"x": self.x.copy()}
 
 

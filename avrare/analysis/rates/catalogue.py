@@ -60,7 +60,7 @@ class Catalogue:
             raise UsageError(f"{text}: is no driver of a catalogue's scenes", hint)
         return replace(self, driver=tuple(settings))
 
-    def shared(self, index: int) -> tuple[str, ...]:
+    def list_shared_rules(self, index: int) -> tuple[str, ...]:
         """Return the rules of a scene that are estimated by a share of the Monte Carlo rollouts."""
         return tuple(rule for rule in self.rules if rule not in self.own[index])
 
@@ -71,7 +71,7 @@ class Catalogue:
         """
         entry = self.document.scenes[index]
         seed = 2048 * self.document.seed + 2 * index + (phase == "pilot")
-        rules = self.own[index] if phase == "own" else self.shared(index)
+        rules = self.own[index] if phase == "own" else self.list_shared_rules(index)
         common = [
             f"estimator.specifications=[{', '.join(rules)}]",
             f"confidence={self.document.confidence}",
@@ -114,7 +114,7 @@ class Catalogue:
             raise UsageError(
                 "a catalogue's budget is in rollouts or steps", "seconds would change the result"
             )
-        if not any(map(self.shared, range(len(self.document.scenes)))):
+        if not any(map(self.list_shared_rules, range(len(self.document.scenes)))):
             if given is not None:
                 text = "no scene shares a budget: each has an estimator of its own"
                 raise UsageError(text, "give the scenes in the catalogue a budget")

@@ -96,7 +96,8 @@ def load_scenes(catalogue: Catalogue) -> list[Scenario]:
     """Return the scenario of each scene; none is built."""
     count = len(catalogue.document.scenes)
     return [
-        catalogue.scenario(index, "scenes" if catalogue.shared(index) else "own", 1) for index in range(count)
+        catalogue.scenario(index, "scenes" if catalogue.list_shared_rules(index) else "own", 1)
+        for index in range(count)
     ]
 
 
@@ -202,7 +203,7 @@ class _Runner:
         """Return the run of each scene by so many rollouts of Monte Carlo; None where it shares none."""
         runs: list[Run | None] = []
         for index, count in enumerate(rollouts):
-            rules = self.catalogue.shared(index)
+            rules = self.catalogue.list_shared_rules(index)
             scenario = LoadedScenario(self.catalogue.scenario(index, phase, count)) if rules else None
             runs.append(None if scenario is None else self._run_scene(phase, scenario, None, rules))
         return runs

@@ -252,7 +252,7 @@ def divide(
         UsageError: The budget is too small.
     """
     costs = [float(count) for count in steps] if budget.kind == "steps" else [1.0] * len(steps)
-    sharing = [index for index in range(len(steps)) if catalogue.shared(index)]
+    sharing = [index for index in range(len(steps)) if catalogue.list_shared_rules(index)]
     fixed = catalogue.own_cost(budget.kind, steps)
     spent = catalogue.document.pilot * sum(costs[index] for index in sharing) + fixed
     if spent >= budget.amount:

@@ -129,7 +129,7 @@ class UnseenSamples:
     length: int | None = None
 
 
-def lay_out_unseen(seen: int, settling: int, horizon: int, length: int | None) -> UnseenSamples:
+def lay_out_unseen_samples(seen: int, settling: int, horizon: int, length: int | None) -> UnseenSamples:
     """Lay out the unseen samples of a trace in few rows.
 
     Values are constant from ``settling`` samples after the last one seen to ``horizon`` samples before the
@@ -188,11 +188,11 @@ class OpenSamples:
         wanted = self.start(node) - first
         if wanted <= 0:
             return self.open(node)[-wanted:]
-        settled = self.settled(node, wanted)
+        settled = self.read_settled(node, wanted)
         assert settled is not None
         return join_rows(settled, self.open(node)) if self.count(node) else settled
 
-    def settled(self, node: MonitorNode, count: int) -> Array | None:
+    def read_settled(self, node: MonitorNode, count: int) -> Array | None:
         """Return the node's newest settled values, ``count`` of them; None before the first."""
         newest = self.now.tables[node.index][-count:]
         if not newest:

@@ -18,7 +18,7 @@ from avrare.logic.monitor.monitor_node import (
     SampleContext,
     UnseenSamples,
     compose,
-    lay_out_unseen,
+    lay_out_unseen_samples,
     stack,
 )
 from avrare.logic.monitor.monitor_plan import MonitorPlan
@@ -339,7 +339,7 @@ class IntervalMonitor(_Monitor):
         sample = read_sample(signals, self._names, rows)
         if t > engine.plan.horizon:
             return IntervalState(t + 1, (), state.verdict), state.verdict
-        unseen = lay_out_unseen(t + 1, engine.plan.settling, engine.plan.reach, self.length)
+        unseen = lay_out_unseen_samples(t + 1, engine.plan.settling, engine.plan.reach, self.length)
         with np.errstate(all="ignore"):
             carried, values, _ = engine.advance(state.carried, sample, t, rows, unseen)
         (lower, upper), truth = flush(values[0]), values[-1]

@@ -83,7 +83,7 @@ class _ComparisonNode(MonitorNode):
 
     def open(self, samples: OpenSamples) -> Array:
         newest = samples.now.tables[self.index][-1]
-        return samples.fill(samples.now.algebra.unseen(self.formula), newest.shape[samples.now.n + 1 :])
+        return samples.fill(samples.now.algebra.bound_unseen(self.formula), newest.shape[samples.now.n + 1 :])
 
 
 class _PointwiseNode(MonitorNode):
@@ -243,7 +243,7 @@ class _UnboundedPastNode(_TemporalNode):
         return self._expand([now.at(child, i) for child in self.children], now.before(self, i))
 
     def open(self, samples: OpenSamples) -> Array:
-        rows, settled = self._operand_rows(samples), samples.settled(self, 1)
+        rows, settled = self._operand_rows(samples), samples.read_settled(self, 1)
         value = None if settled is None else settled[-1]
         values = [value := self._expand(operands, value) for operands in zip(*rows, strict=True)]
         return np.stack(values) if values else rows[0]

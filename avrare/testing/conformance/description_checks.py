@@ -64,7 +64,7 @@ def config_is_strict(subject: Subject) -> None:
     model = subject.model
     assert isinstance(model, type), f"{model!r} is not a class"
     assert issubclass(model, Options), f"derive {model.__name__} from avrare.plugin.Options"
-    for config in _models_with_nested(model):
+    for config in _list_models(model):
         settings = (config.model_config.get("extra"), config.model_config.get("frozen"))
         wanted = 'ConfigDict(extra="forbid", frozen=True)'
         assert settings == ("forbid", True), f"{config.__name__}: set model_config = {wanted}"
@@ -81,7 +81,7 @@ def options_are_described(subject: Subject) -> None:
     """Every option has a description, and a length, time or speed its unit in brackets."""
     options = [
         (f"{option.__name__}.{name}", name, field)
-        for option in _models_with_nested(subject.model)
+        for option in _list_models(subject.model)
         for name, field in option.model_fields.items()
     ]
     bare = [place for place, _, field in options if not (field.description or _is_tag(field))]
@@ -125,7 +125,7 @@ DIMENSIONS = frozenset(
 """Last words of option names that need a unit."""
 
 
-def _models_with_nested(model: type[BaseModel]) -> list[type[BaseModel]]:
+def _list_models(model: type[BaseModel]) -> list[type[BaseModel]]:
     models = [model]
     for current in models:
         for field in current.model_fields.values():

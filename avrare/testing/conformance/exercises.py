@@ -270,7 +270,7 @@ def split_and_join(state: object) -> object:
 
 def read_only(state: object) -> object:
     """Return a copy that cannot be written to."""
-    copy = batch.separated(state)
+    copy = batch.separate_leaves(state)
     for leaf in batch.leaves(copy):
         leaf.flags.writeable = False
     return copy

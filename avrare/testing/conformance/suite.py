@@ -37,7 +37,9 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def installed(cls, kind: str, name: str, registry: Registry | None = None, **options: object) -> Subject:
+    def find_installed(
+        cls, kind: str, name: str, registry: Registry | None = None, **options: object
+    ) -> Subject:
         """Return the installed component of this kind and name.
 
         Raises:

@@ -190,8 +190,8 @@ def test_all_starts_and_copies_are_rollouts(monkeypatch):
 class BreaksAfterFailure(faulty_systems.Walk):
     """Walk that breaks down in the step after x has exceeded 1."""
 
-    def moved(self, x, noise):
-        return np.where(x > 1.0, np.nan, super().moved(x, noise))
+    def move(self, x, noise):
+        return np.where(x > 1.0, np.nan, super().move(x, noise))
 
     def signals(self, state):
         return {"x": state["x"], "half": 0.5 * state["x"]}

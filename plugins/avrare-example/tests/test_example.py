@@ -13,7 +13,7 @@ from avrare_example.tank import build as build_tank
 
 @pytest.mark.parametrize(("kind", "name"), [("simulator", "tank"), ("specification", "spillage")])
 def test_conforms(kind, name):
-    outcomes = [check.run(Subject.installed(kind, name)) for check in checks_of(kind)]
+    outcomes = [check.run(Subject.find_installed(kind, name)) for check in checks_of(kind)]
     assert len(outcomes) == 13
     assert [(one.check, one.reason) for one in outcomes if one.status != "passed"] == []
 

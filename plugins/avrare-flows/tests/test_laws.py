@@ -8,7 +8,7 @@ from scipy import stats
 
 import avrare
 from avrare.testing.static_problems import Static, Values, row_sum
-from avrare_flows import transformed
+from avrare_flows import transform_noise
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, Gamma, LogNormal, Normal
 
@@ -69,7 +69,9 @@ def test_the_density_of_a_copula_is_that_of_the_transform():
 @pytest.mark.parametrize("estimator", ["mc", "ams", "ess"])
 def test_every_estimator_runs_on_physical_noise(estimator):
     """Estimate how often the sum of three Exp(1) reaches 10: Erlang's law, 2.77e-3."""
-    problem = avrare.Problem(transformed(Total(3), Joint([Exponential()] * 3)), avrare.stl("total < 10"), 0)
+    problem = avrare.Problem(
+        transform_noise(Total(3), Joint([Exponential()] * 3)), avrare.stl("total < 10"), 0
+    )
     options = {"mc": {"rollouts": 100_000}, "ams": {"particles": 4000, "discard": 400}, "ess": {"runs": 20}}
     result = avrare.estimate(problem, estimator, seed=5, **options[estimator])
     exact = np.exp(-10.0) * (1.0 + 10.0 + 50.0)
@@ -79,11 +81,11 @@ def test_every_estimator_runs_on_physical_noise(estimator):
 
 
 def test_the_start_may_have_a_law_of_its_own():
-    walk = transformed(Walk(), Joint([Exponential()]), initial=Joint([LogNormal(2.0, 1.0)]))
+    walk = transform_noise(Walk(), Joint([Exponential()]), initial=Joint([LogNormal(2.0, 1.0)]))
     z = np.array([[0.3], [-1.0]])
     state = walk.initial(z)
     assert np.array_equal(state.x, np.exp(2.0 + z[:, 0]))
     assert np.array_equal(walk.step(state, z).x, state.x + Joint([Exponential()]).physical(z)[:, 0])
     assert walk.faults(state).tolist() == [False, False]
     assert walk.warnings == {}
-    assert transformed(Total(1), Joint([Normal()])).faults(None) is None
+    assert transform_noise(Total(1), Joint([Normal()])).faults(None) is None

@@ -9,7 +9,7 @@ import pytest
 import avrare
 from avrare.base.errors import UsageError
 from avrare.testing.static_problems import Static, Values, row_sum
-from avrare_flows import transformed, weighted
+from avrare_flows import transform_noise, weigh_noise
 from avrare_flows.flow import Flow
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, LogNormal, Normal
@@ -69,20 +69,20 @@ def estimate(system, **options):
 
 
 def test_with_the_density_known_a_flawed_flow_gives_the_truth():
-    flawed, right = Stretched(THREE), estimate(weighted(Total(3), Stretched(THREE), THREE.log_density))
+    flawed, right = Stretched(THREE), estimate(weigh_noise(Total(3), Stretched(THREE), THREE.log_density))
     error = right.relative_error * right.probability
     assert abs(right.probability - EXACT) < 3.0 * error
     assert error < 0.1 * EXACT
     assert list(right.health) == ["flow_tails"]
     assert len(right.diagnostics["weight_sizes"][0]) == len(right.diagnostics["levels"][0])
-    wrong = estimate(transformed(Total(3), flawed))
+    wrong = estimate(transform_noise(Total(3), flawed))
     assert wrong.probability > 1.8 * EXACT
     assert wrong.health == {"model_error": "stretched"}
 
 
 def test_a_density_up_to_a_constant_suffices():
-    known = estimate(weighted(Total(3), Stretched(THREE), THREE.log_density), runs=3)
-    scaled = estimate(weighted(Total(3), Stretched(THREE), lambda x: THREE.log_density(x) + 40.0), runs=3)
+    known = estimate(weigh_noise(Total(3), Stretched(THREE), THREE.log_density), runs=3)
+    scaled = estimate(weigh_noise(Total(3), Stretched(THREE), lambda x: THREE.log_density(x) + 40.0), runs=3)
     assert scaled.probability == pytest.approx(known.probability, rel=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
     """Take a lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
     law, far = Joint([LogNormal(0.0, 0.5)]), 3.0
     problem = avrare.Problem(
-        weighted(Static(1), law, weights="paper"), avrare.stl(f"u0 < {math.exp(0.5 * far)!r}"), 0
+        weigh_noise(Static(1), law, weights="paper"), avrare.stl(f"u0 < {math.exp(0.5 * far)!r}"), 0
     )
     found = avrare.estimate(problem, "ess", seed=1, runs=20, chains=100)
     tilted = 0.5 * math.erfc((far - 0.5) / math.sqrt(2.0))
@@ -102,21 +102,23 @@ def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
 
 def test_weights_are_those_of_all_rows():
     """Draw a walk of N(0, 1) steps from N(0, 1.2^2); the truth is from N(0, 1) itself."""
-    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density)
+    walk = weigh_noise(Walk(), WIDE, Joint([Normal()]).log_density)
     result = avrare.estimate(avrare.Problem(walk, avrare.stl("always (x < 6)"), 4), "ess", seed=3, runs=20)
-    plain = avrare.Problem(transformed(Walk(), Joint([Normal()])), avrare.stl("always (x < 6)"), 4)
+    plain = avrare.Problem(transform_noise(Walk(), Joint([Normal()])), avrare.stl("always (x < 6)"), 4)
     truth = avrare.estimate(plain, "ess", seed=4, runs=20)
     spread = math.hypot(result.relative_error, truth.relative_error)
     assert abs(math.log(result.probability / truth.probability)) < 3.0 * spread
     assert spread < 0.2
     unweighted = avrare.estimate(
-        avrare.Problem(transformed(Walk(), WIDE), avrare.stl("always (x < 6)"), 4), "ess", seed=3
+        avrare.Problem(transform_noise(Walk(), WIDE), avrare.stl("always (x < 6)"), 4), "ess", seed=3
     )
     assert unweighted.probability > 2.0 * truth.probability
 
 
 def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
-    walk = weighted(Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])).with_weights()
+    walk = weigh_noise(
+        Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])
+    ).with_weights()
     z = np.random.default_rng(0).standard_normal((6, 3, 1))
     state = walk.initial(z[:, 0])
     assert walk.log_weights(state).tolist() == [0.0] * 6
@@ -130,7 +132,7 @@ def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
 
 
 def test_a_weight_that_is_not_a_number_is_a_fault():
-    system = weighted(
+    system = weigh_noise(
         Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)
     ).with_weights()
     assert system.faults(system.initial(np.array([[1.0], [-1.0]]))).tolist() == [True, False]
@@ -147,4 +149,4 @@ def test_a_weight_that_is_not_a_number_is_a_fault():
 )
 def test_options_that_do_not_fit_are_refused(options, text):
     with pytest.raises(UsageError, match=text):
-        weighted(Total(3), THREE, **options)
+        weigh_noise(Total(3), THREE, **options)

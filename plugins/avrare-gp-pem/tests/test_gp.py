@@ -126,7 +126,7 @@ def test_inducing_points_are_not_rows_of_the_data(name):
 
     rows, model = convert(DATA / "nuscenes_inputs.txt", DATA / "nuscenes_labels.txt"), load(locate(name))
     for variant in (one for one in (model.clean, model.delivered) if one is not None):
-        columns = variant.normalised(features(rows, variant.inputs))
+        columns = variant.normalise(features(rows, variant.inputs))
         for process in (variant.latents.detection, variant.latents.error):
             nearest = min(np.abs(columns - point).max(axis=1).min() for point in process.inducing)
             assert nearest > 1e-3

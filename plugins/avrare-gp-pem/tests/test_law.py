@@ -28,7 +28,7 @@ def test_student_against_scipy(dof):
     noise = np.linspace(-6, 6, 401)
     beyond = stats.t.sf(40.0, dof)
     exact = np.sign(noise) * stats.t.isf(beyond + stats.norm.sf(np.abs(noise)) * (1 - 2 * beyond), dof)
-    drawn = student(dof).truncated(noise, np.full_like(noise, 40.0))
+    drawn = student(dof).draw_truncated(noise, np.full_like(noise, 40.0))
     np.testing.assert_allclose(drawn, exact, rtol=1e-6, atol=1e-9)
     assert (np.diff(drawn) > 0).all()
 
@@ -52,7 +52,7 @@ def test_powers_of_tails(power):
     exact = stats.t.sf(np.sinh(np.arcsinh(power * size) / power), 3.0)
     np.testing.assert_allclose(table.upper_tail(size, power), exact, rtol=1e-7)
     noise = np.linspace(-5, 5, 201)
-    drawn = table.truncated(noise, np.full_like(noise, bound), np.full_like(noise, power))
+    drawn = table.draw_truncated(noise, np.full_like(noise, bound), np.full_like(noise, power))
     assert (np.diff(drawn) > 0).all()
     below = np.interp(drawn, t, np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(t))))
     np.testing.assert_allclose(below, [0.5 * math.erfc(-z / math.sqrt(2)) for z in noise], atol=1e-5)

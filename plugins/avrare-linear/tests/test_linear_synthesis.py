@@ -116,7 +116,7 @@ def test_the_complex_step_is_the_derivative_of_the_map(parameter):
     value = getattr(system, parameter)
 
     def law(entries):
-        return TrajectoryGaussian.unchecked(
+        return TrajectoryGaussian.from_affine(
             replace(system, **{parameter: entries.reshape(value.shape)}), T, ("x", "a")
         )
 

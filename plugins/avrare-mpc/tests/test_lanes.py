@@ -83,6 +83,6 @@ def test_compilation_is_announced_once(tmp_path, monkeypatch, capfd):
         return 2.0 * x
 
     for told in (1, 0):  # the second time it is on disk
-        with jit.announced("note: compiling"):
+        with jit.announce("note: compiling"):
             assert jit.entry(double)(2.0) == 4.0
         assert capfd.readouterr().err.count("note: compiling") == told

@@ -109,7 +109,7 @@ def test_tails_of_the_law_are_those_of_draws(drive):
 
     bound = np.repeat([5.0, 20.0, 60.0], 100_000)
     power = np.tile([1.0, 0.7, 1.3, 1.0], len(bound) // 4)
-    z = student(2.5).truncated(np.random.default_rng(0).standard_normal(len(bound)), bound, power)
+    z = student(2.5).draw_truncated(np.random.default_rng(0).standard_normal(len(bound)), bound, power)
     fit = ErrorFit(z, np.zeros_like(z), bound, 2.5, power)
     for seen, own in [*(fit.beyond(size) for size in (1.0, 4.0, 8.0)), fit.beyond_sd(4.0)]:
         assert seen == pytest.approx(own, rel=0.05)

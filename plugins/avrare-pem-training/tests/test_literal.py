@@ -18,7 +18,7 @@ Z = np.linspace(-6, 6, 41)
 @pytest.mark.parametrize("power", [None, 0.5, 1.7])
 def test_normal_errors_have_the_normal_law(power):
     law, k = student(math.inf), 1.0 if power is None else power
-    drawn = law.truncated(Z, np.full_like(Z, np.inf), k)
+    drawn = law.draw_truncated(Z, np.full_like(Z, np.inf), k)
     z = np.sinh(np.arcsinh(k * drawn) / k)
     np.testing.assert_allclose(z, Z, atol=1e-12)
     np.testing.assert_allclose(law.upper_tail(np.abs(drawn), k), stats.norm.sf(np.abs(Z)), rtol=1e-10)

@@ -58,7 +58,7 @@ def ahead(centre, speed, y=0.0):
     ],
 )
 def test_conforms(kind, name, options):
-    outcomes = [check.run(Subject.installed(kind, name, **options)) for check in checks_of(kind)]
+    outcomes = [check.run(Subject.find_installed(kind, name, **options)) for check in checks_of(kind)]
     assert outcomes
     assert [(outcome.check, outcome.reason) for outcome in outcomes if outcome.status != "passed"] == []
 

@@ -10,7 +10,7 @@ from avrare.base.errors import FormulaError
 from avrare.plugin import Finding
 from avrare_traffic_rules.check import check, raise_errors
 from avrare_traffic_rules.config import TrafficRuleConfig
-from avrare_traffic_rules.rulebook import shipped
+from avrare_traffic_rules.rulebook import read_shipped
 
 FILE = """\
 definitions: |
@@ -46,7 +46,7 @@ def told(dt=0.1, **options):
 
 @pytest.mark.parametrize("dt", [0.1, None])
 @pytest.mark.parametrize("definitions", ["recommended", "published"])
-@pytest.mark.parametrize("rule", shipped().rules)
+@pytest.mark.parametrize("rule", read_shipped().rules)
 def test_the_shipped_rules_have_no_findings(rule, definitions, dt):
     assert check(TrafficRuleConfig(rule=rule, definitions=definitions), dt) == []
 

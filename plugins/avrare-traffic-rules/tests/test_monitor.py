@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from avrare.base.batch import take
-from avrare_traffic_rules.rulebook import shipped
+from avrare_traffic_rules.rulebook import read_shipped
 
 N, T, V = 8, 50, 4
-RULES = tuple(shipped().rules)
+RULES = tuple(read_shipped().rules)
 LOOKS_AHEAD = {"R_I5", "R_IN3", "R_IN4", "R_IN5"}
 EVERY = pytest.mark.parametrize("name", RULES)
 DEFINITIONS = pytest.mark.parametrize("definitions", ["recommended", "published"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrare_traffic_rules.rulebook import shipped
+from avrare_traffic_rules.rulebook import read_shipped
 from traffic_situations import SITUATIONS
 
 IDS = [f"{situation.rule}: {situation.title}" for situation in SITUATIONS]
@@ -29,7 +29,7 @@ def test_a_micrometre_across_the_boundary_changes_the_verdict(situation):
         assert abs(value) < 1e-4
 
 
-@pytest.mark.parametrize("rule", shipped().rules)
+@pytest.mark.parametrize("rule", read_shipped().rules)
 def test_every_rule_has_all_kinds(rule):
     found = {situation.kind for situation in SITUATIONS if situation.rule == rule}
     assert found == {"pass", "fail", "boundary", "exempt"}

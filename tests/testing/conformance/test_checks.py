@@ -170,7 +170,7 @@ def test_the_conformance_of_every_installed_part(row, tmp_path):
 
 
 def test_the_rows_of_an_exercise_are_the_rows_of_a_batch():
-    exercise = Exercise(Subject.installed("tracker", "imm"))
+    exercise = Exercise(Subject.find_installed("tracker", "imm"))
     for row in range(exercise.rows):
         alone = exercise.play(exercise.tape[[row]])
         for name, value in exercise.outputs.items():

@@ -65,7 +65,7 @@ class Search:
         """-1: downhill, the paper's v_dir."""
         return 1.0 if self.maximise else -1.0
 
-    def reached(self, probability: float) -> bool:
+    def is_reached(self, probability: float) -> bool:
         """Return whether a probability is at the target."""
         return self.target is not None and self.sign * (probability - self.target) >= 0.0
 
@@ -120,7 +120,9 @@ def descend(
         result, refusal = _measure(numbers, values, measure, i)
         better = result is not None and (best is None or _beats(result, best.measured, search))
         now = Iteration(values, result, better, refusal=refusal)
-        enough = result is None or not len(result.failures.robustness) or search.reached(result.probability)
+        enough = (
+            result is None or not len(result.failures.robustness) or search.is_reached(result.probability)
+        )
         if better and result is not None and i + 1 < search.iterations and not enough:
             now = _try_gradient(now, numbers, search, runner, i)
         yield now

@@ -181,7 +181,7 @@ def synthesise(
     start, best = iterations[0], [iteration for iteration in iterations if iteration.best][-1]
     assert start.measured is not None
     assert best.measured is not None
-    synthesis = Synthesis(name, numbers, tuple(iterations), search.reached(best.measured.probability))
+    synthesis = Synthesis(name, numbers, tuple(iterations), search.is_reached(best.measured.probability))
     if best is start:
         return synthesis
     before, after = numbers.at(numbers.start), numbers.at(best.values)

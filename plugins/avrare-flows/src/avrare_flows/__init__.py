@@ -6,10 +6,10 @@ from avrare.plugin import Component, hookimpl
 from avrare_flows.health_messages import WARNINGS
 
 if TYPE_CHECKING:
-    from avrare_flows.system import transformed as transformed
-    from avrare_flows.weights import weighted as weighted
+    from avrare_flows.system import transform_noise as transform_noise
+    from avrare_flows.weights import weigh_noise as weigh_noise
 
-_PUBLIC = {"transformed": "avrare_flows.system", "weighted": "avrare_flows.weights"}
+_PUBLIC = {"transform_noise": "avrare_flows.system", "weigh_noise": "avrare_flows.weights"}
 
 
 @hookimpl
@@ -29,7 +29,7 @@ def avrare_components() -> list[Component]:
 
 
 def __getattr__(name: str) -> Any:
-    """Import ``transformed`` and ``weighted``, which need SciPy, on first use."""
+    """Import ``transform_noise`` and ``weigh_noise``, which need SciPy, on first use."""
     import importlib
 
     if name not in _PUBLIC:

@@ -34,7 +34,7 @@ class TransformedSystem(SystemWrapper):
         return self.system.step(state, self.law.physical(noise))
 
 
-def transformed(system: object, law: Law, *, initial: Law | None = None) -> TransformedSystem:
+def transform_noise(system: object, law: Law, *, initial: Law | None = None) -> TransformedSystem:
     """Adapt a system that reads physical noise to standard normal noise tapes.
 
     With an exact law (``avrare_flows.laws.Joint``) nothing is left to correct: the failure probability

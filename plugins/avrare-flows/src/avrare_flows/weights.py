@@ -87,7 +87,7 @@ class WeightedSystem(SystemWrapper):
         if not self.asked:
             raise UsageError(
                 "this noise has weights, which the estimator does not support",
-                "use ess; to replay tapes, use avrare_flows.transformed(system, flow)",
+                "use ess; to replay tapes, use avrare_flows.transform_noise(system, flow)",
             )
         if self.first is not None:
             return WeightedState(self.system.initial(self.first.physical(noise)), np.zeros(len(noise)))
@@ -120,7 +120,7 @@ class WeightedSystem(SystemWrapper):
         return x, density + log_det - log_normal_density(noise)
 
 
-def weighted(
+def weigh_noise(
     system: object,
     flow: WarpedLaw,
     log_density: Callable[[Floats], Floats] | None = None,
@@ -146,7 +146,7 @@ def weighted(
     if (log_density is None) == (weights == "importance"):
         raise UsageError(
             "importance weights need log_density, weights as in the paper take none",
-            "where only samples are known no weight helps: use avrare_flows.transformed(system, flow)",
+            "where only samples are known no weight helps: use avrare_flows.transform_noise(system, flow)",
         )
     physical = adapt(System, system)
     for law in (flow, initial or flow):

@@ -106,7 +106,7 @@ class GymWorld(World):
         """Return the observation and the outcome: ``observation`` and ``signals`` in one list."""
         return self.observed + self.outcome
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Return the ``numbers`` of N worlds as signals (N,) and observations (N, d)."""
         entries = self.names | {name: len(self.observed) + place for place, name in enumerate(OUTCOMES)}
         signals = {name: np.ascontiguousarray(table[:, entry]) for name, entry in entries.items()}

@@ -59,8 +59,8 @@ class AssociatingTracker(ImmTracker):
         """Return the tracks one step later, from a list of detections, fields (N, S)."""
         if not observation.x.shape[1]:
             observation = _with_a_slot(observation)
-        predicted = self._predicted(track)
-        return self._updated(predicted, _select(observation, self._associate(predicted, observation)))
+        predicted = self._predict_tracks(track)
+        return self._update_tracks(predicted, _select(observation, self._associate(predicted, observation)))
 
     def features(self, track: ImmTrack) -> Floats:
         """Return (N, 5 T) which tracks exist, their places and steps; 0 where there is none."""

@@ -138,9 +138,9 @@ class ImmTracker(Tracker):
         A vehicle that is missed, or detected beyond the gate, is only predicted. The options say when a
         vehicle without a track gets one, and when a track ends.
         """
-        return self._updated(self._predicted(track), observation)
+        return self._update_tracks(self._predict_tracks(track), observation)
 
-    def _predicted(self, track: ImmTrack) -> ImmTrack:
+    def _predict_tracks(self, track: ImmTrack) -> ImmTrack:
         """Return tracks one step later, before its detections."""
         longitudinal = self._predict(self.longitudinal, track.longitudinal)
         lateral = self._predict(self.lateral, track.lateral)
@@ -148,7 +148,7 @@ class ImmTracker(Tracker):
             lateral = set_probability(lateral, -1, longitudinal.probability[..., self._standing])
         return ImmTrack(longitudinal, lateral, track.life)
 
-    def _updated(self, predicted: ImmTrack, observation: Observation) -> ImmTrack:
+    def _update_tracks(self, predicted: ImmTrack, observation: Observation) -> ImmTrack:
         """Return predicted tracks after detections whose slots are those of the tracks."""
         longitudinal, lateral = predicted.longitudinal, predicted.lateral
         along, across = self._measurements(predicted, observation)

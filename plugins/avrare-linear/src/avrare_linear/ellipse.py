@@ -151,7 +151,7 @@ def _cut(part: Conjunct, offset: Floats, along: Floats, across: Floats) -> tuple
         for j in range(many):
             a, b, d = (x[:, :, w, j, None] for x in (offset, along, across))
             margins[j, w] = a + b * cosine + d * sine
-    bad = part.violated(margins.reshape(many, width, -1)).reshape(middle.shape)
+    bad = part.find_violations(margins.reshape(many, width, -1)).reshape(middle.shape)
     # 3. Keep the failing segments.
     low, high = np.where(bad, edges[..., :-1], _TURN), np.where(bad, edges[..., 1:], _TURN)
     return low.reshape(rows, -1), high.reshape(rows, -1)

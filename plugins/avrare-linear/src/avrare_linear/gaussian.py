@@ -47,12 +47,12 @@ class TrajectoryGaussian:
             UsageError: A signal does not exist, has a vehicle axis, overflows, or is not affine in the noise.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # the check names the signal
-            gaussian = TrajectoryGaussian.unchecked(system, steps, names)
+            gaussian = TrajectoryGaussian.from_affine(system, steps, names)
             gaussian._check(system)
         return gaussian
 
     @staticmethod
-    def unchecked(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
+    def from_affine(system: System, steps: int, names: Sequence[str] | None = None) -> TrajectoryGaussian:
         """Compute the distribution of a system that is known to be affine; complex if its matrices are."""
         shape = (steps + 1, system.noise_size)
         size = shape[0] * shape[1]

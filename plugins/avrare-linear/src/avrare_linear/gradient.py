@@ -114,7 +114,7 @@ def compute_sensitivity(
     for k in range(len(parameter)):
         moved = parameter.astype(np.complex128)
         moved[k] += 1j * _STEP
-        distributions.append(TrajectoryGaussian.unchecked(build(moved), steps, names))
+        distributions.append(TrajectoryGaussian.from_affine(build(moved), steps, names))
     return Sensitivity(
         np.stack([distribution.mean.imag / _STEP for distribution in distributions]),
         np.stack([distribution.map.imag / _STEP for distribution in distributions]),

@@ -129,7 +129,7 @@ def to_solvable(problem: Problem) -> Problem:
     formula = _formula(problem)
     if _has_closed_form(problem):
         return problem
-    return problem.rescored(WholeTrace(formula, problem.steps, _guide(problem)))
+    return problem.rescore(WholeTrace(formula, problem.steps, _guide(problem)))
 
 
 def _formula(problem: Problem) -> Formula:

@@ -56,7 +56,7 @@ class Conjunct:
     windows: np.ndarray
     closed: bool
 
-    def violated(self, margins: Floats) -> np.ndarray:
+    def find_violations(self, margins: Floats) -> np.ndarray:
         """Return where the margins (J, W, rows) violate the formula: (rows,)."""
         steps, rows = margins.shape[1:]
         slots = [np.ascontiguousarray(margin) for margin in margins]

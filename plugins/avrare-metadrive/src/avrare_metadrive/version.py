@@ -11,7 +11,7 @@ CHECKED = "0.4.3"
 HINT = f"in a separate environment: pip install metadrive-simulator=={CHECKED}"
 
 
-def installed() -> str | None:
+def find_version() -> str | None:
     """Return the installed version without importing MetaDrive."""
     try:
         return version("metadrive-simulator")
@@ -25,7 +25,7 @@ def check_supported(optional: bool = False) -> None:
     Raises:
         PluginError: Another version is installed, or none and it is not ``optional``.
     """
-    present = installed()
+    present = find_version()
     if present is None and not optional:
         raise PluginError(f"metadrive-simulator {CHECKED} is not installed", HINT)
     if present not in (None, CHECKED):

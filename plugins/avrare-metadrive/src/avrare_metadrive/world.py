@@ -101,7 +101,7 @@ class MetaDriveWorld(World):
         """Return the signals, then the observation, (K,)."""
         return self._numbers
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Split the numbers (N, K) of N worlds into signals (N,) and observations."""
         return dict(zip(SIGNALS, table.T.copy(), strict=False)), table[:, len(SIGNALS) :].copy()
 

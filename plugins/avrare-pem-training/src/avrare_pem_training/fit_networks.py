@@ -52,7 +52,7 @@ class Recipe:
     decay: float = 1e-2
     dropout: float = 0.1
 
-    def settled(self, doubled: int) -> Recipe:
+    def settle_schedule(self, doubled: int) -> Recipe:
         """Return the recipe whose only schedule is the shortest one, so many times as long."""
         longer = doubled * self.epochs, doubled * self.least_steps
         return replace(self, epochs=longer[0], least_steps=longer[1], least_gain=math.inf)
@@ -98,7 +98,7 @@ def fit_networks(
             torch.set_num_threads(threads)
     steps = ", ".join(map(str, trainer.best_step))
     report(f"loss {trainer.loss:.4f} on blocks left out; kept steps {steps} of {trainer.steps}")
-    return trainer.best(), trainer.left_out(), recipe.settled(trainer.doubled)
+    return trainer.best(), trainer.predict_left_out(), recipe.settle_schedule(trainer.doubled)
 
 
 def _train(sample: Sample, recipe: Recipe, blocks: list[NDArray[np.intp]], seed: int) -> _Trainer:
@@ -184,7 +184,7 @@ class _Trainer:
         weights = (*parts[: layers - 1], parts[layers - 1] * mask)
         return networks(weights, tuple(part[:, 0] for part in parts[layers : 2 * layers]))
 
-    def left_out(self) -> Floats:
+    def predict_left_out(self) -> Floats:
         """Return (n, 5) outputs of the network that has not seen the row."""
         best = self.best()
         out = np.empty((len(self.x), OUTPUTS))

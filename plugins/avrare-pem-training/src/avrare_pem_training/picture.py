@@ -104,7 +104,7 @@ def _sample_errors(scored: ScoredRows, axis: int) -> Floats:
     scale, location = scored.law.scale[detected, axis], scored.law.location[detected, axis]
     ranks = np.random.default_rng(0).standard_normal((len(scale), 20))
     power = np.ones(1) if scored.law.power is None else scored.law.power[detected, axis]
-    drawn = student(scored.law.dof[axis]).truncated(
+    drawn = student(scored.law.dof[axis]).draw_truncated(
         ranks, (scored.law.limit / scale)[:, None], power[:, None]
     )
     positions: Floats = location[:, None] + scale[:, None] * drawn

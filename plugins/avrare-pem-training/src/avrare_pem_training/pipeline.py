@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.features import AXES, COMMON, LITERAL, features
-from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors, split_flips
+from avrare_gp_pem.runtime.variant import FittedPem, Latents, Variant, YawErrors, separate_flips
 from avrare_pem_training.calibration import MAX_DOF, MIN_DOF, UnseenRows, calibrate
 from avrare_pem_training.cleaning import CleanedData
 from avrare_pem_training.fit_networks import Recipe, Sample, fit_networks
@@ -206,7 +206,7 @@ def fit_yaw(rows: DetectionTable) -> YawErrors | None:
     if measured.sum() < _MIN_YAW_ROWS:
         return None
     distance = rows.range[measured]
-    flipped, rest = split_flips(rows.error_yaw[measured])
+    flipped, rest = separate_flips(rows.error_yaw[measured])
 
     def flip_loss(parameters: Floats) -> float:
         argument = parameters[0] + parameters[1] * distance / 50

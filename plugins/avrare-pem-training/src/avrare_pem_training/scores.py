@@ -14,7 +14,7 @@ from scipy.stats import rankdata
 from avrare.protocols import Bools, Floats
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
-from avrare_gp_pem.runtime.variant import FittedPem, Variant, split_flips
+from avrare_gp_pem.runtime.variant import FittedPem, Variant, separate_flips
 from avrare_pem_training.cleaning import CleanedData
 from avrare_pem_training.table import DetectionTable, errors_in
 
@@ -178,7 +178,7 @@ def yaw_scores(model: FittedPem, data: CleanedData) -> dict[str, float]:
     if model.yaw is None or not measured.any():
         return {}
     distance, error = rows.range[measured], rows.error_yaw[measured]
-    flipped, rest = split_flips(error)
+    flipped, rest = separate_flips(error)
     return {
         "yaw_rows": float(measured.sum()),
         "yaw_flips": float(flipped.mean()),

@@ -43,7 +43,7 @@ class SpanConfig(Options):
     end: _Station | None = Field(default=None, description="x at which it ends; default: it does not [m]")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if self.begin is None and self.end is None:
             raise ValueError("give begin, end or both")
         if self.begin is not None and self.end is not None and self.begin >= self.end:
@@ -149,7 +149,7 @@ class BrakeConfig(Options):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         if self.from_step > self.to_step:
             raise ValueError("from_step must not be above to_step")
         return self
@@ -208,7 +208,7 @@ class DriverConfig(FollowingConfig[Drawable]):
 
     @field_validator("lanes")
     @classmethod
-    def _ordered(cls, lanes: tuple[int, int] | None) -> tuple[int, int] | None:
+    def _check_order(cls, lanes: tuple[int, int] | None) -> tuple[int, int] | None:
         if lanes is not None and lanes[0] > lanes[1]:
             raise ValueError("the first lane must not be above the last one")
         return lanes
@@ -238,7 +238,7 @@ class VehicleConfig(Options):
 
     @field_validator("name")
     @classmethod
-    def _not_reserved(cls, name: str) -> str:
+    def _refuse_reserved(cls, name: str) -> str:
         if name in _RESERVED:
             raise ValueError(f"{name!r} is a reserved name in formulas: give the vehicle another name")
         return name
@@ -275,7 +275,7 @@ class SingleTrackConfig(Options):
         return self
 
     @model_validator(mode="after")
-    def _known_lanes(self) -> Self:
+    def _check_lanes(self) -> Self:
         count = len(self.road.lane_centres)
         for vehicle in self.vehicles:
             drive = vehicle.drive

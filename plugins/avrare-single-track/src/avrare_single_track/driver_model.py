@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.protocols import Floats
-from avrare_mpc.riccati.jit import entry, inlined
+from avrare_mpc.riccati.jit import entry, inline
 
 Integers = NDArray[np.int64]
 
@@ -51,7 +51,7 @@ _TOUCH = 0.1
 """Least gap that enters the model [m]."""
 
 
-@inlined
+@inline
 def idm(v: float, u: float, gap: float, p: Floats) -> float:
     """Return the acceleration at speed ``v``, ``gap`` behind a vehicle at speed ``u`` (inf: behind none)."""
     wanted = 0.0 if v == 0.0 else -math.inf  # who wants to stand
@@ -66,7 +66,7 @@ def idm(v: float, u: float, gap: float, p: Floats) -> float:
     return acceleration
 
 
-@inlined
+@inline
 def _sort(
     x: Floats,
     y: Floats,
@@ -92,7 +92,7 @@ def _sort(
         rank[order[k]] = k
 
 
-@inlined
+@inline
 def _ahead(
     x: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, lane: int
 ) -> tuple[int, float]:
@@ -104,7 +104,7 @@ def _ahead(
     return -1, math.inf
 
 
-@inlined
+@inline
 def _behind(
     x: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, lane: int
 ) -> tuple[int, float]:
@@ -115,7 +115,7 @@ def _behind(
     return -1, math.inf
 
 
-@inlined
+@inline
 def _follow(v: Floats, i: int, ahead: int, gap: float, p: Floats) -> float:
     u = v[ahead] if ahead >= 0 else 0.0
     a = idm(v[i], u, gap, p)
@@ -126,7 +126,7 @@ def _follow(v: Floats, i: int, ahead: int, gap: float, p: Floats) -> float:
     return a
 
 
-@inlined
+@inline
 def _follow_all(
     x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int,
     lane: int, p: Floats,
@@ -141,7 +141,7 @@ def _follow_all(
     return a
 
 
-@inlined
+@inline
 def _incentive(
     x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers, i: int, now: int,
     to: int, p: Floats, drivers: Integers, table: Floats, end: float, new_end: float,
@@ -178,8 +178,8 @@ def _incentive(
     return True, after - current + p[6] * (imposed + gained)
 
 
-@inlined
-def _chosen(
+@inline
+def _choose_lane(
     x: Floats, v: Floats, lengths: Floats, order: Integers, rank: Integers, lanes: Integers,
     drivers: Integers, parameters: Floats, p: Floats, i: int, here: int, first: int, last: int, wanted: int,
     looking: bool, end: float, spans: Floats,
@@ -203,22 +203,22 @@ def _chosen(
     return chosen
 
 
-@inlined
+@inline
 def _curve(across: float, share: float, time: float) -> tuple[float, float]:
     # Way to the side so far, and its rate, on a polynomial of fifth degree.
     way = across * share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
     return way, across * 30.0 * share**2 * (1.0 - share) ** 2 / time
 
 
-@inlined
+@inline
 def _way_to_end(spans: Floats, end: float, start: int, lane: int, x: float, length: float) -> float:
     # From a front to the end of a lane; ``end`` is that of the lane of the start.
     end = min(spans[1, lane], end if lane == start else math.inf)
     return end - x - 0.5 * length
 
 
-@inlined
-def _delayed(past: Floats, step: int, late: float, now: float) -> float:
+@inline
+def _delay_demand(past: Floats, step: int, late: float, now: float) -> float:
     # What was demanded ``late`` steps ago, by a ring of past demands; before the start what was at the start.
     size = len(past)
     past[step % size] = now
@@ -229,8 +229,8 @@ def _delayed(past: Floats, step: int, late: float, now: float) -> float:
     return demand
 
 
-@inlined
-def _braked(brake: Floats, row: int, step: int, a: float) -> float:
+@inline
+def _limit_by_braking(brake: Floats, row: int, step: int, a: float) -> float:
     for k in range(len(brake)):
         if brake[k, 0] == row and brake[k, 1] <= step <= brake[k, 2]:
             a = min(a, brake[k, 3])
@@ -295,7 +295,7 @@ def advance(
                     pause[n, r] = look
                 chosen = -1
                 if looking or (wanted >= 0 and wanted != here):
-                    chosen = _chosen(
+                    chosen = _choose_lane(
                         at, speeds, lengths, order, rank, lanes, drivers, parameters, p, i, here,
                         limits[r, 0], limits[r, 1], wanted, looking, end, spans,
                     )  # fmt: skip
@@ -311,9 +311,9 @@ def advance(
             if end < math.inf:
                 a = min(a, idm(speeds[i], 0.0, end, p))
             if past.shape[2] > 0:
-                a = _delayed(past[n, r], step[n], late[n, r], a)
+                a = _delay_demand(past[n, r], step[n], late[n, r], a)
             a += mood[n, r]
-            a = min(max(_braked(brake, r, step[n], a), -p[5]), p[3])
+            a = min(max(_limit_by_braking(brake, r, step[n], a), -p[5]), p[3])
             speed = max(speeds[i] + a * dt, 0.0)
             out[0, n, r] = at[i] + 0.5 * dt * (speeds[i] + speed)
             out[1, n, r], out[2, n, r] = y[n, i], 0.0

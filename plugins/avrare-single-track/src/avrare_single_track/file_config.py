@@ -114,7 +114,7 @@ class RecordedConfig(Options):
 
     @field_validator("ego")
     @classmethod
-    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+    def _check_body(cls, ego: dict[str, float]) -> dict[str, float]:
         return check_body(ego, "the recording")
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.lanes import ENDLESS, lane_ends
 from avrare.protocols import Floats
-from avrare_mpc.riccati.jit import announced
+from avrare_mpc.riccati.jit import announce
 from avrare_single_track.config import MOST_REACTION, VehicleConfig
 from avrare_single_track.driver_model import PARAMETERS, advance
 
@@ -130,7 +130,7 @@ class ReactiveTraffic:
             **{name: getattr(memory, name).copy() for name in ("lane", "base", "clock", "pause", "past")},
         )
         out = np.empty((5, *memory.mood.shape))
-        with announced("note: the drivers of single_track are compiled, once for this machine and version"):
+        with announce("note: the drivers of single_track are compiled, once for this machine and version"):
             for flow in self._flows:
                 flow.step(later, table, late, substep, ego, others, out)
         line = self.scene.road.line
@@ -147,7 +147,7 @@ class ReactiveTraffic:
         haste = _walk(memory.haste, self._decay[self._varies], self._haste_spread, noise[:, drivers:])
         return replace(memory, mood=mood, haste=haste)
 
-    def placed(self, others: Vehicles, states: Floats) -> Vehicles:
+    def place_drivers(self, others: Vehicles, states: Floats) -> Vehicles:
         """Return all vehicles with those of the drivers in their places."""
         fields = [np.array(part) for part in vars(others).values()]
         for field, part in zip(fields, states, strict=True):

@@ -188,7 +188,7 @@ class SingleTrack(Simulator):
             slips |= slipping
             share = (part + 1) / self._substeps
             others = scripted if share == 1.0 else interpolate(world.others, scripted, share)
-            others = others if states is None else self.reactive.placed(others, states)
+            others = others if states is None else self.reactive.place_drivers(others, states)
         if drivers is not None:
             drivers = self.reactive.change_moods(drivers, noise)
             changed = others.acceleration.copy()
@@ -214,7 +214,7 @@ class SingleTrack(Simulator):
         others, drivers = self._others(world.step + 1, world.plans), world.drivers
         if drivers is not None:
             drivers, states = self.reactive.step(drivers, world.step, world.ego, world.others, noise)
-            others = self.reactive.placed(others, states)
+            others = self.reactive.place_drivers(others, states)
         return {"others": others, "drivers": drivers}
 
     def _lateral(self, ego: Vehicles, steering: Floats) -> Floats:

@@ -6,12 +6,12 @@ from typing import Any
 
 from avrare.plugin import RuleCard, RuleParameter
 from avrare_traffic_rules.config import Parameters
-from avrare_traffic_rules.rulebook import fill, format_value, shipped
+from avrare_traffic_rules.rulebook import fill, format_value, read_shipped
 
 
 def rules() -> list[RuleCard]:
     """Return a card for every rule of this package, with the default parameters."""
-    book = shipped()
+    book = read_shipped()
     options = Parameters().model_dump()
     return [
         RuleCard(

@@ -179,7 +179,7 @@ def formula_text(config: TrafficRuleConfig) -> FormulaText:
         "rules_file": f"{config.rules_file}: rules.{config.rule}: ",
         "rule": f"{config.rule}: ",
     }[option]
-    definitions = tuple(config.rulebook.needed(_rule_formula(config)))
+    definitions = tuple(config.rulebook.find_definitions(_rule_formula(config)))
     return FormulaText(
         fill(template, options), definitions, option_positions(template, options), source, option
     )

@@ -18,7 +18,7 @@ from pydantic_core import PydanticCustomError
 
 from avrare.base.errors import UsageError
 from avrare.plugin import Options
-from avrare_traffic_rules.rulebook import Rulebook, read, shipped
+from avrare_traffic_rules.rulebook import Rulebook, read, read_shipped
 
 _LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
 
@@ -163,7 +163,7 @@ class TrafficRuleConfig(Parameters):
 
     @field_validator("rule")
     @classmethod
-    def _known_rule(cls, rule: str | None, info: ValidationInfo) -> str | None:
+    def _check_rule(cls, rule: str | None, info: ValidationInfo) -> str | None:
         try:
             rules = _rulebook(info.data.get("rules_file")).rules
         except UsageError:
@@ -190,4 +190,4 @@ class TrafficRuleConfig(Parameters):
 
 
 def _rulebook(path: Path | None) -> Rulebook:
-    return shipped() if path is None else read(path)
+    return read_shipped() if path is None else read(path)

@@ -14,17 +14,19 @@ from avrare.driving.lanes import lane_borders, lane_exists
 from avrare.protocols import Floats
 from avrare_traffic_rules import intersections, positions, predicates
 from avrare_traffic_rules.traffic import Bodies, bounding_box, overlap
-from avrare_traffic_rules.vocabulary import Definitions, Setting, named, predicate
+from avrare_traffic_rules.vocabulary import Definitions, Setting, find_predicates, predicate
 
 RECOMMENDED = Definitions(
-    named(vars(positions)) | named(vars(predicates)) | named(vars(intersections)),
+    find_predicates(vars(positions))
+    | find_predicates(vars(predicates))
+    | find_predicates(vars(intersections)),
     bounding_box,
     overlap,
     scaled=True,
 )
 
 PLAIN = frozenset({"distance", "speed", "acceleration", "other_than"})
-WITHOUT_LANES = PLAIN | frozenset(named(vars(intersections)))
+WITHOUT_LANES = PLAIN | frozenset(find_predicates(vars(intersections)))
 """Names of the predicates that mean something in the plane, where a road has no lanes."""
 
 
@@ -71,7 +73,7 @@ def drives_slightly_faster(s: Setting, a: Bodies, b: Bodies) -> Floats:
 
 PUBLISHED = Definitions(
     dict(RECOMMENDED.predicates)
-    | named({rule.name: rule for rule in (keeps_safe_distance, left_of, drives_slightly_faster)}),
+    | find_predicates({rule.name: rule for rule in (keeps_safe_distance, left_of, drives_slightly_faster)}),
     edge_midpoints,
     inner_half,
     scaled=False,

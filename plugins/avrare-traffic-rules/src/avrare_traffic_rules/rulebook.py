@@ -74,7 +74,7 @@ class Rulebook:
     rules: Mapping[str, Rule]
     definitions: Mapping[str, str]
 
-    def needed(self, formula: str) -> dict[str, str]:
+    def find_definitions(self, formula: str) -> dict[str, str]:
         """Return the definitions that a formula uses, each after those that it uses."""
         needed: dict[str, str] = {}
         seen: set[str] = set()  # a definition may use itself: the parser says so
@@ -95,11 +95,11 @@ class Rulebook:
 
     def complete(self, formula: str) -> str:
         """Return the formula below the definitions that it needs, one per line."""
-        return "\n".join([*self.needed(formula).values(), formula])
+        return "\n".join([*self.find_definitions(formula).values(), formula])
 
 
 @functools.cache
-def shipped() -> Rulebook:
+def read_shipped() -> Rulebook:
     """Return the rules of this package."""
     return _parse((files("avrare_traffic_rules") / "rules.yaml").read_bytes(), "rules.yaml", {})
 
@@ -120,7 +120,7 @@ def read(path: Path) -> Rulebook:
 
 @functools.lru_cache(maxsize=4)  # one command asks several times: to list, to check and to build
 def _read_once(data: bytes, name: str) -> Rulebook:
-    return _parse(data, name, shipped().definitions)
+    return _parse(data, name, read_shipped().definitions)
 
 
 def fill(text: str, options: Mapping[str, object]) -> str:

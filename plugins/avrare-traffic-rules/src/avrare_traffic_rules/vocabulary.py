@@ -138,7 +138,7 @@ def quantity(unit: str) -> Callable[[Function], Predicate]:
     return lambda function: _describe(function, unit, "")
 
 
-def named(module: Mapping[str, object]) -> dict[str, Predicate]:
+def find_predicates(module: Mapping[str, object]) -> dict[str, Predicate]:
     """Return the predicates of a module's namespace by name."""
     return {name: value for name, value in module.items() if isinstance(value, Predicate)}
 

@@ -170,7 +170,7 @@ class Population:
                 lambda leaf: np.zeros((total, *leaf.shape[1:]), leaf.dtype), carry
             )
         if not self._write(t, slots, carry):  # leaves that shared one array no longer do
-            self.history[t] = batch.separated(self.history[t])
+            self.history[t] = batch.separate_leaves(self.history[t])
             self._write(t, slots, carry)
 
     def _write(self, t: int, slots: Integers, carry: Carry) -> bool:

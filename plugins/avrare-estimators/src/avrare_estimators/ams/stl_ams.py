@@ -17,7 +17,7 @@ class PublishedSplitting(Splitting):
 
     def prepare(self, problem: Problem) -> Problem:
         """Return the problem with the robustness of the prefix as its score."""
-        return problem.rescored("prefix")
+        return problem.rescore("prefix")
 
     def _store(self, state: AmsState, rollouts: Rollouts) -> None:
         super()._store(state, rollouts)

@@ -242,7 +242,7 @@ def _with_weights(problem: Problem) -> Problem:
     monitors = dict(zip(problem.names, problem.monitors, strict=True))
     score: Any = problem.score
     system = problem.system.with_weights()
-    return Problem(system, monitors, problem.steps, chunk=problem.named_chunk).rescored(score)
+    return Problem(system, monitors, problem.steps, chunk=problem.named_chunk).rescore(score)
 
 
 def _info(state: EssState) -> Info:

@@ -82,7 +82,9 @@ class MotionErrorPem:
             distance = self._range(world)
             flipped = normal.cdf(parts[_HEADING[0]]) < self.heading.flip_probability(distance)
             scale = self.heading.scale[0] + self.heading.scale[1] * distance
-            rest = scale * student(float(self.heading.dof)).truncated(parts[_HEADING[1]], _QUARTER / scale)
+            rest = scale * student(float(self.heading.dof)).draw_truncated(
+                parts[_HEADING[1]], _QUARTER / scale
+            )
             error = rest + np.where(flipped, np.pi, 0.0)
             seen = replace(seen, heading=_wrap(others.heading - error) + missing)
         return seen

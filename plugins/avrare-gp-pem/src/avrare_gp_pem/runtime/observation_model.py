@@ -121,7 +121,7 @@ class ObservationLaw:
     def _error(self, axis: int, noise: Floats) -> Floats:
         scale = self.scale[..., axis]
         power = 1.0 if self.power is None else self.power[..., axis]
-        standard = student(self.dof[axis]).truncated(noise, self.limit / scale, power)
+        standard = student(self.dof[axis]).draw_truncated(noise, self.limit / scale, power)
         return self.location[..., axis] + scale * standard
 
     def _error_log_density(self, axis: int, error: Floats) -> Floats:

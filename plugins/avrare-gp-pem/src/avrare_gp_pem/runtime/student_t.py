@@ -76,7 +76,7 @@ class StudentT:
         """Return P(T > t) for t >= 0, elementwise."""
         return np.exp(-self.tail(np.arcsinh(power * t) / power))
 
-    def truncated(self, noise: Floats, bound: Floats, power: Floats | float = 1.0) -> Floats:
+    def draw_truncated(self, noise: Floats, bound: Floats, power: Floats | float = 1.0) -> Floats:
         """Return the value of T given |T| <= bound that has the rank of a standard normal ``noise``.
 
         Args:
@@ -114,7 +114,7 @@ class Normal:
         """Return P(T > t) for t >= 0, elementwise."""
         return normal.cdf(-np.sinh(np.arcsinh(power * t) / power))
 
-    def truncated(self, noise: Floats, bound: Floats, power: Floats | float = 1.0) -> Floats:
+    def draw_truncated(self, noise: Floats, bound: Floats, power: Floats | float = 1.0) -> Floats:
         """Return the value with the rank of a standard normal ``noise``; ``bound`` is not read."""
         return np.asarray(np.sinh(power * np.arcsinh(noise)) / power)
 

@@ -73,11 +73,11 @@ class Variant:
 
     def law_from_columns(self, inputs: Floats, distance: Floats, speed_sd: float) -> ObservationLaw:
         """Return the same from columns (..., D) and range (...)."""
-        mean, variance = self.latents.predict(self.normalised(inputs).reshape(-1, inputs.shape[-1]))
+        mean, variance = self.latents.predict(self.normalise(inputs).reshape(-1, inputs.shape[-1]))
         shape = (*inputs.shape[:-1], mean.shape[-1])
         return self.law_from_latents(mean.reshape(shape), variance.reshape(shape), distance, speed_sd)
 
-    def normalised(self, inputs: Floats) -> Floats:
+    def normalise(self, inputs: Floats) -> Floats:
         """Return columns (..., D) clipped and scaled as ``latents`` reads them."""
         if np.isfinite(self.bounds).any():
             inputs = np.clip(inputs, self.bounds[0], self.bounds[1])
@@ -156,7 +156,7 @@ class YawErrors:
 
     def log_density(self, error: Floats, distance: Floats) -> Floats:
         """Return the log density of yaw errors [rad] in (-pi, pi]."""
-        flipped, rest = split_flips(error)
+        flipped, rest = separate_flips(error)
         flip = self.flip_probability(distance)
         scale = self.scale[0] + self.scale[1] * distance
         quarter = np.pi / 2 / scale
@@ -164,7 +164,7 @@ class YawErrors:
         return np.asarray(np.log(np.where(flipped, flip, 1 - flip)) + density)
 
 
-def split_flips(error: Floats) -> tuple[Bools, Floats]:
+def separate_flips(error: Floats) -> tuple[Bools, Floats]:
     """Return which yaw errors are nearer to half a turn than to none, and the rest in [-pi/2, pi/2]."""
     wrapped = (error + np.pi) % (2 * np.pi) - np.pi
     return np.abs(wrapped) > np.pi / 2, np.asarray((wrapped + np.pi / 2) % np.pi - np.pi / 2)

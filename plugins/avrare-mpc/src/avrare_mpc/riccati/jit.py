@@ -29,15 +29,15 @@ if COMPILED:
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function that other kernels call, inlined: a call would cost as much as most bodies.
+    """Compile a function that other kernels call, inline: a call would cost as much as most bodies.
 
     Arithmetic is strictly IEEE, so that every run has the same bits.
     """
     _SOURCES.add(function.__code__.co_filename)
-    return inlined(function)
+    return inline(function)
 
 
-def inlined(function: Function) -> Function:
+def inline(function: Function) -> Function:
     """Compile a function like ``kernel``, for an entry in the same file, whose cache knows of its changes."""
     return numba.njit(forceinline=True, **_OPTIONS)(function) if COMPILED else function
 
@@ -79,7 +79,7 @@ class _Entry:
 
 
 @contextlib.contextmanager
-def announced(message: str) -> Iterator[None]:
+def announce(message: str) -> Iterator[None]:
     """Print a message to standard error once something is compiled in this block."""
     if not COMPILED:
         yield

@@ -12,7 +12,7 @@ from avrare.protocols import Bools, Floats
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.plan import Integers, SearchResult, cheapest, initial_inputs, lane_centres, lateral_bounds
 from avrare_mpc.riccati.batch import Answer, Jobs, solve_all
-from avrare_mpc.riccati.jit import COMPILED, announced
+from avrare_mpc.riccati.jit import COMPILED, announce
 from avrare_mpc.riccati.newton import FOUND
 from avrare_mpc.riccati.values import Bounds, Programme, Tuning, memory, new_memory
 
@@ -79,7 +79,7 @@ class RiccatiSolver:
         near: Tuning | None = NEAR,
     ) -> None:
         self.programme = programme(config, scene)
-        self._addressed = addressed(self.programme)
+        self._addressed = take_addresses(self.programme)
         self._tunings, self._near = (quick, patient), near
         hard = 2 if config.lateral_acceleration_max is None else 3
         self._bounds = Bounds(hard, soft=1), Bounds(hard, soft=3)
@@ -90,7 +90,7 @@ class RiccatiSolver:
                 stacklevel=2,
             )
             return
-        with announced("note: the controller mpc is compiled, once for this machine and version (some 15 s)"):
+        with announce("note: the controller mpc is compiled, once for this machine and version (some 15 s)"):
             nobody = (len(scene.lengths), config.horizon + 1)
             problems = np.zeros((0, 5)), np.zeros((0, *nobody)), np.zeros((0, *nobody))
             self._run(self._bounds[0], quick, problems, np.zeros(0, int), np.zeros((0, config.horizon, 2)))
@@ -198,7 +198,7 @@ class RiccatiSolver:
         return part
 
 
-def addressed(p: Programme) -> Programme:
+def take_addresses(p: Programme) -> Programme:
     """Return the programme with raw addresses for the compiled kernels; keep the original alive meanwhile."""
     arrays = ("centres", "reach_x", "reach_y", "low", "high", "penalty")
     return p._replace(**{name: memory(getattr(p, name)) for name in arrays})
