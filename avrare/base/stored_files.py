@@ -28,22 +28,22 @@ Arrays: TypeAlias = "dict[str, NDArray[Any]]"
 _Content = TypeVar("_Content")
 CHECKSUM = "checksum"
 """Key of the checksum of a JSON object."""
-_MOST_JSON = 2**26
+_MAX_JSON_BYTES = 2**26
 """Bytes of a JSON file."""
 MOST_BYTES = 2**32
 """Bytes of any other file."""
-_MOST_DEPTH = 64
+_MAX_DEPTH = 64
 """Levels of lists and objects: what is deeper cannot be copied or written again."""
-_MOST_DIGITS = 20
+_MAX_DIGITS = 20
 """Characters of a whole number: those of 64 bits."""
-_MOST_EXPANDED = 2**30
+_MAX_EXPANDED_BYTES = 2**30
 """Bytes to which a small npz file may expand."""
 _KINDS = "biufU"
 
 
 def read_json(path: Path, hint: str) -> dict[str, Any]:
     """Read a file that holds a JSON object."""
-    return _explain_errors(path, hint, lambda: parse_json(read_regular(path, _MOST_JSON)))
+    return _explain_errors(path, hint, lambda: parse_json(read_regular(path, _MAX_JSON_BYTES)))
 
 
 def read_arrays(path: Path, hint: str) -> Arrays:
@@ -95,7 +95,7 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ValueError("this is not a JSON object")
     level: list[Any] = [data]
-    for _ in range(_MOST_DEPTH):
+    for _ in range(_MAX_DEPTH):
         level = [
             child
             for container in level
@@ -103,7 +103,7 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
             for child in (container.values() if isinstance(container, dict) else container)
         ]
     if level:
-        raise ValueError(f"it is nested more than {_MOST_DEPTH} levels deep")
+        raise ValueError(f"it is nested more than {_MAX_DEPTH} levels deep")
     if "\\u" in text:  # half of a surrogate pair cannot be written again
         json.dumps(data, ensure_ascii=False).encode()
     return data
@@ -139,7 +139,7 @@ def _without_seconds(value: object) -> object:
 
 
 def _parse_int(text: str) -> int:
-    if len(text) > _MOST_DIGITS:
+    if len(text) > _MAX_DIGITS:
         raise ValueError(f"it holds a whole number of {len(text)} digits")
     return int(text)
 
@@ -163,7 +163,7 @@ def parse_arrays(content: bytes) -> Arrays:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             expanded = sum(member.file_size for member in archive.infolist())
-        if expanded > max(_MOST_EXPANDED, 4 * len(content)):
+        if expanded > max(_MAX_EXPANDED_BYTES, 4 * len(content)):
             raise ValueError(f"it would expand to {expanded / 2**30:.1f} GiB")
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             arrays = {str(name): np.asarray(file[name]) for name in file.files}

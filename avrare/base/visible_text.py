@@ -16,7 +16,6 @@ _SPELT_LINE = _SPELT | {ord("\n"): "\\x0a", ord("\t"): "\\x09"}
 _MARKS = re.compile(r"([\\`*_{}\[\]()#|!~@])")
 _ENTITIES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_FORMULA_SIGNS = tuple("=+-@")
 
 
 def spell_controls(text: str) -> str:
@@ -42,4 +41,4 @@ def escape_xml(text: str) -> str:
 def escape_cell(text: str) -> str:
     """Return text for a cell of a CSV file that no spreadsheet takes for a formula."""
     line = spell_line(text)
-    return f"'{line}" if line.lstrip().startswith(_FORMULA_SIGNS) else line
+    return f"'{line}" if line.lstrip().startswith(tuple("=+-@")) else line

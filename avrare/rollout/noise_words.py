@@ -14,21 +14,21 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
-_MOST_DISTURBANCES = 8
+_MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
 """Errors are described above this multiple of the largest one without noise."""
 _USUAL_DRAW = 0.5
 """Normal score above which a drawn option is described."""
-_GAP = 0.03
+_MAX_GAP_SHARE = 0.03
 """Share of a rollout's steps between two stretches that are joined."""
 _SMALL_SHARE = 0.25
 """Share of its greatest error below which an error is left out."""
 _SMALL_SHARE_OF_NORM = 0.05
 """Share of a tape's norm below which a stretch of raw noise is only counted."""
 _WINDOWS = 8
-_TELLING = 4.0
+_MIN_STANDARD_ERRORS = 4.0
 """Standard errors from which on noise is set apart from chance."""
-_MOST_WINDOWS = 3
+_MAX_WINDOWS = 3
 
 
 def format_time(step: int, dt: float | None) -> str:
@@ -80,7 +80,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
     """Join disturbances to one sentence; of a long list the smallest ones are only counted."""
     if not disturbances:
         return "nothing is disturbed"
-    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:_MOST_DISTURBANCES]
+    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_DISTURBANCES]
     largest = [each for each in largest if each.magnitude] or largest[:1]
     largest.sort(key=lambda each: each.step)
     phrases, previous = [], ""
@@ -148,7 +148,7 @@ def find_common_noise(
                 magnitude = abs(shift) * math.sqrt(count)
                 each = words.tell_mean(channel, (first, last), shift, rollouts, shares, magnitude)
             disturbances.append(each)
-    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MOST_WINDOWS]
+    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_WINDOWS]
 
 
 def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[int, int, int]]:
@@ -161,9 +161,9 @@ def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[
             continue
         shift = float(mean[window].mean()) * math.sqrt(count)
         size = (float(square[window].mean()) - 1.0) * math.sqrt(count / 2.0)
-        if max(abs(shift), size) < _TELLING:
+        if max(abs(shift), size) < _MIN_STANDARD_ERRORS:
             continue
-        sign = int(np.sign(shift)) if abs(shift) >= _TELLING else 0
+        sign = int(np.sign(shift)) if abs(shift) >= _MIN_STANDARD_ERRORS else 0
         first, last = int(window[0]), int(window[-1])
         if stretches and stretches[-1][0] == sign and first - stretches[-1][2] - 1 <= len(window):
             first = stretches.pop()[1]
@@ -184,7 +184,7 @@ class _Words:
         self.names, self._perfect = find_noise_names(system), find_perfect_noise(system)
         self._loop = system if isinstance(system, ClosedLoop) else None
         self.drawn = 0 if self._loop is None or self._loop.start is None else self._loop.start.size
-        self._dt, self._gap = problem.dt, max(1, round(_GAP * problem.steps))
+        self._dt, self._gap = problem.dt, max(1, round(_MAX_GAP_SHARE * problem.steps))
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
         """Return the channels that neither drawn options nor errors of these names describe."""

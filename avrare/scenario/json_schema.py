@@ -9,8 +9,6 @@ from avrare.scenario.schema import PARTS, Document, Formula
 
 Schema = dict[str, Any]
 
-_OPTIONAL = ("perception", "tracker", "controller")
-
 
 def scenario_schema(registry: Registry) -> Schema:
     """Return the draft 2020-12 schema of a scenario; a component whose model fails to import is left out."""
@@ -19,7 +17,7 @@ def scenario_schema(registry: Registry) -> Schema:
     properties: Schema = schema["properties"]
     for kind in PARTS:
         choices = _choices(registry, kind, definitions)
-        if kind in _OPTIONAL:
+        if kind in ("perception", "tracker", "controller"):
             choices.append({"type": "null"})
         properties[kind] = {"description": properties[kind]["description"], "oneOf": choices}
     properties["suppress"]["items"]["enum"] = sorted(registry.warnings().keys() - {"errors"})

@@ -30,7 +30,6 @@ _CORE_KEYS = {"estimator": ("plugin", "specifications")}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
 _NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
-_NOT_OF_TWIN = ("cheap", *_NOT_OF_MEMBER)
 _FEWEST_MEMBERS = 3
 _STORED, _RESULT = "scenario.yaml", "result.json"
 """Files that mark a run folder: its scenario and its result."""
@@ -131,7 +130,7 @@ def _resolve_twin(tree: Node, path: str, registry: Registry) -> Scenario | None:
     if not cheap:
         return None
     parts = Node({key: node for key, node in cheap.items() if key in TWIN_PARTS}, tree.mark)
-    return _resolve(merge(tree.without(_NOT_OF_TWIN), parts), path, registry)
+    return _resolve(merge(tree.without(("cheap", *_NOT_OF_MEMBER)), parts), path, registry)
 
 
 def _resolve_members(tree: Node, document: Document, path: str, registry: Registry) -> tuple[Scenario, ...]:

@@ -32,15 +32,15 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals
 
 METHODS = ("kmeans", "hdbscan")
-_COMPONENTS = 5
+_PRINCIPAL_COMPONENTS = 5
 """Principal components of the features in which k-means makes clusters."""
-_FEW = 5
+_MIN_FAILURES_UNWARNED = 5
 """Fewer failures of a kind get a warning."""
-_STRAY = 4
+_MAX_STRAY_FAILURES = 4
 """So few failures do not make a kind, unless they begin with another violation."""
-_APART = 4.0
+_MIN_SEPARATION = 4.0
 """Least separation of two kinds; a uniform law cut in the middle has 3.5, a normal one 2.7."""
-_LEAST_SHARE = 0.05
+_MIN_KIND_SHARE = 0.05
 """Least share of failures for which HDBSCAN makes a kind."""
 
 
@@ -208,10 +208,10 @@ class _Failing:
 
 
 def _compute_components(features: Floats) -> Floats:
-    # (F, _COMPONENTS) coordinates along the largest principal components; zeros where there are fewer.
+    # (F, _PRINCIPAL_COMPONENTS) coordinates along the largest components; zeros where there are fewer.
     left, sizes, _ = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
-    components = (left * sizes)[:, :_COMPONENTS]
-    return np.pad(components, ((0, 0), (0, _COMPONENTS - components.shape[1])))
+    components = (left * sizes)[:, :_PRINCIPAL_COMPONENTS]
+    return np.pad(components, ((0, 0), (0, _PRINCIPAL_COMPONENTS - components.shape[1])))
 
 
 def _sort(
@@ -223,7 +223,7 @@ def _sort(
         from sklearn.cluster import HDBSCAN
     except ImportError:
         raise UsageError("hdbscan needs scikit-learn", "pip install 'avrare[kinds]'") from None
-    least = max(3, round(_LEAST_SHARE * len(features)))
+    least = max(3, round(_MIN_KIND_SHARE * len(features)))
     labels = np.asarray(HDBSCAN(min_cluster_size=least, copy=True).fit_predict(features))
     labels = np.where(labels < 0, labels.max() + 1, labels)  # those of no cluster are a kind of their own
     return np.unique(labels, return_inverse=True)[1].reshape(-1)
@@ -243,7 +243,7 @@ def _merge_alike(
         first = {k: counts.most_common(1)[0][0] for k, counts in keys.items()}
         pairs = [(j, k) for j, k in combinations(keys, 2) if first[j] == first[k]]
         gaps = [_measure_separation(features[labels == j], features[labels == k]) for j, k in pairs]
-        if not gaps or min(gaps) >= _APART:
+        if not gaps or min(gaps) >= _MIN_SEPARATION:
             return np.unique(labels, return_inverse=True)[1].reshape(-1)
         j, k = pairs[int(np.argmin(gaps))]
         labels[labels == k] = j
@@ -252,7 +252,7 @@ def _merge_alike(
 def _measure_separation(first: Floats, second: Floats) -> float:
     # Distance of the means in standard deviations along the line between them (Ashman, Bird and Zepf 1994);
     # 0 for a few outliers.
-    if min(len(first), len(second)) <= _STRAY:
+    if min(len(first), len(second)) <= _MAX_STRAY_FAILURES:
         return 0.0
     line = first.mean(axis=0) - second.mean(axis=0)
     distance = float(np.linalg.norm(line))
@@ -272,7 +272,7 @@ def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kin
     if ancestors == 1:
         first = "failure" if sample.failures.ancestors is None else "first rollout"
         warnings.append(f"it rests on one {first}: it may be much likelier, or rarer, than this")
-    elif ancestors < _FEW:
+    elif ancestors < _MIN_FAILURES_UNWARNED:
         warnings.append(f"it rests on {ancestors} independent failures")
     samples = [causes[row].sample for row in rows.tolist() if causes[row].sample >= 0]
     severities = [causes[row].severity for row in rows.tolist()]

@@ -13,7 +13,7 @@ from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
-_MOST_CHANNELS = 24
+_MAX_CHANNELS = 24
 """With more channels than this, none gets a row of its own unless it is named."""
 
 
@@ -102,7 +102,7 @@ def _parts(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
 
 
 def _single(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
-    return [(name, "channel", [name]) for name in names] if len(names) <= _MOST_CHANNELS else []
+    return [(name, "channel", [name]) for name in names] if len(names) <= _MAX_CHANNELS else []
 
 
 def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:

@@ -15,11 +15,11 @@ from avrare.base.chart import Chart, Scale, make_linear_scale
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats
 
-_HEIGHT = 96
+_CHART_HEIGHT = 96
 _MAX_VEHICLES = 3
-_LONGEST = 10.0
+_MAX_TIME_TO_COLLISION = 10.0
 """Time to collision above this is not drawn [s]."""
-_FEW = 0.25
+_SCALE_MARGIN = 0.25
 """Shown of a scale beyond the largest error: centimetres need another chart than metres [m]."""
 
 
@@ -62,7 +62,7 @@ class DriveCharts:
 
     def _start(self, caption: str, y: Scale, title: str = "", *legend: tuple[str, str]) -> Chart:
         return Chart(
-            self.x, y, title or caption, caption=caption, legend=legend, height=_HEIGHT, over_time=True
+            self.x, y, title or caption, caption=caption, legend=legend, height=_CHART_HEIGHT, over_time=True
         )
 
     def _finish(self, chart: Chart) -> Chart:
@@ -109,7 +109,7 @@ class DriveCharts:
         key += [("box missed", "missed")] if missed.any() else []
         chart = self._start(
             f"Error of {name} as seen [m]",
-            make_linear_scale([*finite.tolist(), -_FEW, _FEW], zero=True),
+            make_linear_scale([*finite.tolist(), -_SCALE_MARGIN, _SCALE_MARGIN], zero=True),
             f"Error of the observed position of {name}",
             *key,
         )
@@ -185,7 +185,7 @@ class DriveCharts:
             values = np.divide(distance, closing, out=np.full(len(distance), np.inf), where=closing > 0.0)
             caption = f"Distance over closing speed, {name} [s]"
         values = np.asarray(values, dtype=np.float64)
-        near = np.where(values <= _LONGEST, values, np.nan)
+        near = np.where(values <= _MAX_TIME_TO_COLLISION, values, np.nan)
         if not np.isfinite(near).any():
             return None
         chart = self._start(caption, make_linear_scale([*near.tolist(), 0.0], zero=True))

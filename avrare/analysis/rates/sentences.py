@@ -5,7 +5,7 @@ from __future__ import annotations
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
 from avrare.base.number_format import format_interval, format_percent, format_probability, format_ratio
 
-_MOST = 3
+_MAX_NAMED_SCENES = 3
 """Scenes that are named for each rule."""
 
 
@@ -45,7 +45,7 @@ def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
         return f"all from {names[0]}" if total.value else "no failure was seen"
     if not total.value:
         return f"no failure was seen; {doubt}"
-    largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:_MOST]
+    largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:_MAX_NAMED_SCENES]
     parts = [f"{name} {format_percent(round(share, 2))}" for share, name in largest if share]
     return f"mostly {', '.join(parts)}; {doubt}"
 

@@ -31,7 +31,6 @@ _FUNCTIONS = {
     "max": np.maximum,
     "pow": np.power,
 }
-_DUALS = ("always", "historically", "release", "trigger")
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class Evaluator:
 
 def get_join(op: str) -> np.ufunc:
     """Return the ufunc by which a temporal operator joins its samples."""
-    return np.minimum if op in _DUALS else np.maximum
+    return np.minimum if op in ("always", "historically", "release", "trigger") else np.maximum
 
 
 def connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> Array:

@@ -33,7 +33,6 @@ _NAMES = {
     "LPAR": "an opening parenthesis",
     "LSQB": "an opening bracket",
 }
-_BOUNDS_HINT = "bounds look like [0,3], [0:3s], [0:inf] or [0:3 samples]"
 _CHARACTER_HINTS = {
     "^": "power is pow(x, 2), exclusive or is xor", "∧": "write and", "∨": "write or", "¬": "write not",
     "⊕": "write xor", "→": "write ->", "⇒": "write ->", "↔": "write <->", "⇔": "write <->", "≤": "write <=",
@@ -41,7 +40,6 @@ _CHARACTER_HINTS = {
     "–": "write -", "×": "write *", "·": "write *", "÷": "write /", "∞": "write inf", "∀": "write forall",
     "∃": "write exists", "%": "comments start with # or //",
 }  # fmt: skip
-_OPERAND = {"NAME", "NUMBER", "LPAR"}
 _CONTEXT = 200
 """Characters around the place of an error that hints look at."""
 
@@ -92,7 +90,7 @@ def suggest(word: str, candidates: Iterable[str], cutoff: float = 0.7) -> str | 
 
 def _find_expected(error: UnexpectedToken) -> str:
     accepted = set(error.accepts or error.expected)
-    if accepted >= _OPERAND:
+    if accepted >= {"NAME", "NUMBER", "LPAR"}:
         return "an operand is missing"
     named = [name for kind, name in _NAMES.items() if kind in accepted]
     if "INFINITY" in accepted:
@@ -116,7 +114,7 @@ def _hint(before: str, rest: str, token: Token) -> str | None:
     if token == ">" and before.endswith("="):
         return "write >= to compare, -> for implies"
     if re.search(r"\[[^\]\n]*$", before):
-        return _BOUNDS_HINT
+        return "bounds look like [0,3], [0:3s], [0:inf] or [0:3 samples]"
     if token.type == "NAME" and re.search(r"(^|[^\w.])\d[\d.]*\s*$", before):
         return "numbers have no unit, only time bounds do, as in always[0:3s]; a product is written 3 * x"
     if token.type == "LSQB":

@@ -56,9 +56,6 @@ _STARTS_STATEMENT = {
     "NAME", "NUMBER", "LPAR", "TRUTH", "FUNCTION", "EDGE", "NOT", "WINDOW", "STEP", "QUANTIFIER", "COUNTED",
 }  # fmt: skip
 _NO_OPERAND = {"and", "or", "implies", "iff", "xor", "until", "since", "unless", "inf", *INFIX_LETTERS}
-_OPENING = {"LPAR", "LSQB", "LBRACE"}
-_CLOSING = {"RPAR", "RSQB", "RBRACE"}
-_BOUNDED = {"WINDOW", "UNTIL", "SINCE", "UNLESS"}
 
 
 class TokenError(FormulaError):
@@ -121,11 +118,11 @@ class _TokenPass:
         if token.type == "NAME":
             in_bounds = bool(self.open) and self.open[-1].type == "LSQB"
             token.type = _bound_kind(token) if in_bounds else _kind(self.all, i, complete, new_line)
-        elif token.type in _OPENING:
+        elif token.type in {"LPAR", "LSQB", "LBRACE"}:
             if token.type == "LBRACE":
                 token.type = "LSQB" if self._opens_bounds(i) else "LPAR"
             self.open.append(token)
-        elif token.type in _CLOSING:
+        elif token.type in {"RPAR", "RSQB", "RBRACE"}:
             self._close(token)
         elif token.type == "MINUS" and new_line and self.defining:
             hint = "end the line above with the minus, or put this line's formula in parentheses"
@@ -134,7 +131,7 @@ class _TokenPass:
 
     def _opens_bounds(self, i: int) -> bool:
         after = [token.type for token in self.all[i + 2 : i + 4]]
-        return self.before in _BOUNDED and bool({"COMMA", "COLON"} & set(after))
+        return self.before in {"WINDOW", "UNTIL", "SINCE", "UNLESS"} and bool({"COMMA", "COLON"} & set(after))
 
     def _close(self, token: Token) -> None:
         opening = self.open.pop() if self.open else None

@@ -25,11 +25,11 @@ from avrare.rollout.problem import Problem
 HALVING = math.sqrt(math.log(2.0))
 """Standard deviation of normal log weights at which half of the effective failures are left."""
 _SMALL = 1e-3
-_FEW = 8
+_MIN_FAILURES_FOR_SLOPE = 8
 """Kept failures below which a slope is not known at all."""
-_LEAST = 20
+_MIN_FAILURES_FOR_WEIGHTS = 20
 """Kept failures below which their weights tell too little,"""
-_SHARE = 0.25
+_MIN_EFFECTIVE_SHARE = 0.25
 """and share of them that must be left effectively."""
 
 
@@ -87,7 +87,7 @@ class Reweigher:
         The log weights of a nearby value are, to first order, the score times the distance.
         """
         step, count = _SMALL * abs(self.value), len(failures.noise)
-        if count < _FEW or step == 0.0:
+        if count < _MIN_FAILURES_FOR_SLOPE or step == 0.0:
             return None
         low, high = max(self.value - step, self.between[0]), min(self.value + step, self.between[1])
         ratios = self._ratios(failures, (high, low))
@@ -108,7 +108,7 @@ class Reweigher:
             values: The values.
             level: Level of the intervals.
         """
-        if len(result.failures.noise) < _LEAST or not len(values) or not result.trials:
+        if len(result.failures.noise) < _MIN_FAILURES_FOR_WEIGHTS or not len(values) or not result.trials:
             return ()
         ratios = self._ratios(result.failures, values)
         if ratios is None:
@@ -119,7 +119,7 @@ class Reweigher:
         return tuple(
             _estimate(float(value), column, result, level)
             for value, column, left in zip(values, weights.T, effective, strict=True)
-            if left >= _SHARE * len(column)
+            if left >= _MIN_EFFECTIVE_SHARE * len(column)
         )
 
     def _ratios(self, failures: Failures, values: Sequence[float]) -> Floats | None:

@@ -27,21 +27,21 @@ from avrare_design.reweighed_trial import Nearby
 
 SHARES = (1, 1, 1, 1, 2, 2, 4, 4)
 """Parts of the budget of the estimates: the first two at the ends, the last two decide, or one for both."""
-_SEARCHING = 6
+_SEARCH_ESTIMATES = 6
 """Estimates that only look for the root,"""
 _SEARCH_RISK = 0.15
 """and their part of the risk."""
-_GRID = 12
+_GRID_VALUES = 12
 """Values on each side that a run is reweighed for."""
-_PAYS = 1.5
+_MIN_REACH_HALF_WIDTHS = 1.5
 """Least distance in log p that reweighing must reach, in half widths of the interval there."""
-_MARGIN = 1.3
+_STEP_HALF_WIDTHS = 1.3
 """Distance from the root at which the next value is taken, in half widths of the interval there."""
-_NARROW = 0.02
+_MIN_RELATIVE_WIDTH = 0.02
 """Relative width of the answer from which on it is not narrowed any further."""
-_LEAST_SLOPE = 1e-3
+_MIN_SLOPE = 1e-3
 _BEND = 0.3
-_WIDTHS = 6.0
+_INTERVAL_STANDARD_ERRORS = 6.0
 """Standard errors in the width of an interval of the trials that search."""
 
 
@@ -107,8 +107,8 @@ class _Search:
 
     def look(self) -> bool:
         """Run the small trials; return whether there is something left to decide."""
-        level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCHING
-        for number in range(_SEARCHING):
+        level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES
+        for number in range(_SEARCH_ESTIMATES):
             value = self.between[number] if number < 2 else self._choose(number, level)
             if value is None:
                 return False
@@ -124,14 +124,14 @@ class _Search:
     def decide(self) -> None:
         """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
-        shares = SHARES[_SEARCHING:]
-        expected = self.limit * self.trials[-1].result.rollouts * sum(shares) / SHARES[_SEARCHING - 1]
+        shares = SHARES[_SEARCH_ESTIMATES:]
+        expected = self.limit * self.trials[-1].result.rollouts * sum(shares) / SHARES[_SEARCH_ESTIMATES - 1]
         half = normal_factor(1.0 - risk) / math.sqrt(expected)
-        if line is not None and self._reach() * abs(line[1]) >= _PAYS * half:
+        if line is not None and self._reach() * abs(line[1]) >= _MIN_REACH_HALF_WIDTHS * half:
             value = self._inside(line[0])
             self._run(value, sum(shares), 1.0 - risk, self._grid(value))
             return
-        for number, share in enumerate(shares, _SEARCHING):
+        for number, share in enumerate(shares, _SEARCH_ESTIMATES):
             level = 1.0 - risk / len(shares)
             chosen = self._choose(number, level)
             if chosen is not None:
@@ -179,7 +179,7 @@ class _Search:
         ends = sorted(_to(trial.value, self.scaled) for trial in self.trials[:2])
         if keeping is not None and broken is not None:
             ends = sorted((_to(keeping, self.scaled), _to(broken, self.scaled)))
-            if abs(keeping - broken) <= _NARROW * max(abs(keeping), abs(broken)):
+            if abs(keeping - broken) <= _MIN_RELATIVE_WIDTH * max(abs(keeping), abs(broken)):
                 return None
         middle = 0.5 * (ends[0] + ends[1])
         line = self._fit()
@@ -190,10 +190,10 @@ class _Search:
         last = self.trials[-1]
         width = math.log(last.interval[1] / max(last.result.probability, last.interval[1] / 100.0))
         width *= math.sqrt(SHARES[len(self.trials) - 1] / SHARES[number])
-        if number == _SEARCHING:
-            width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCHING)
+        if number == _SEARCH_ESTIMATES:
+            width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES)
         side = (-1.0 if number % 2 else 1.0) * (1.0 if slope > 0 else -1.0)
-        point = root + side * _MARGIN * width / max(abs(slope), _LEAST_SLOPE)
+        point = root + side * _STEP_HALF_WIDTHS * width / max(abs(slope), _MIN_SLOPE)
         inside = ends[0] < point < ends[1]
         return _from(point if inside else middle, self.scaled)
 
@@ -220,7 +220,7 @@ class _Search:
         centre, reach = _to(value, self.scaled), self._reach()
         if not reach:
             return []
-        steps, (low, high) = np.arange(-_GRID, _GRID + 1) / _GRID, self.between
+        steps, (low, high) = np.arange(-_GRID_VALUES, _GRID_VALUES + 1) / _GRID_VALUES, self.between
         values = (_from(centre + reach * step, self.scaled) for step in steps.tolist())
         return [point for point in values if low <= point <= high]  # others may not be valid
 
@@ -245,7 +245,7 @@ class _Search:
         slopes = [abs(f * trial.score.slope) for f, trial in zip(factors, rows, strict=True) if trial.score]
         for factor, trial, distance in zip(factors, rows, y.tolist(), strict=True):
             if trial.score is not None:
-                error = _WIDTHS * factor * trial.score.error
+                error = _INTERVAL_STANDARD_ERRORS * factor * trial.score.error
                 precision = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
                 matrix[1, 1] += precision
                 vector[1] += precision * factor * trial.score.slope

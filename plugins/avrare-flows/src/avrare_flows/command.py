@@ -12,15 +12,17 @@ from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, PluginError, UsageError
 from avrare.protocols import Floats
 
-_KINDS = ("affine_coupling", "spline_autoregressive")
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument("action", choices=("fit",), help="action")
     parser.add_argument("samples", metavar="SAMPLES", help=".npy file, or .csv with a line of names or none")
     parser.add_argument("--out", required=True, metavar="DIR", help="write SAMPLES.npz into this folder")
-    parser.add_argument("--kind", choices=_KINDS, help="kind of flow; affine_coupling needs two columns")
+    parser.add_argument(
+        "--kind",
+        choices=("affine_coupling", "spline_autoregressive"),
+        help="kind of flow; affine_coupling needs two columns",
+    )
     parser.add_argument("--steps", type=int, default=2000, metavar="N", help="training steps (2000)")
     parser.add_argument("--blocks", type=int, metavar="N", help="blocks of the flow (6 couplings, 2 splines)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the fit (0)")

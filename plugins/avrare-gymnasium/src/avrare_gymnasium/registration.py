@@ -12,7 +12,6 @@ from importlib.metadata import EntryPoint, entry_points
 from gymnasium.envs import registration
 
 GROUP = "gymnasium.envs"
-_ROOT = "__root__"
 
 
 @functools.cache
@@ -23,7 +22,7 @@ def register_installed() -> tuple[str, ...]:
 
 def _register(point: EntryPoint) -> str:
     try:
-        registration.current_namespace = None if point.name == _ROOT else point.name
+        registration.current_namespace = None if point.name == "__root__" else point.name
         register = point.load()  # importing a module may register its environments
         if callable(register):
             register()

@@ -18,7 +18,6 @@ _DATA = (
     "visibility, detected, error_right, error_forward, error_yaw, track, time, ghost [m, rad, s]; see "
     "docs/perception.md"
 )
-_MODELS = ("gp", "mlp", "student", "logistic", "literal")
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
 _MAX_DIGITS = 9
 _MOST_MEMBERS = 100
@@ -31,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_data(fit)
     fit.add_argument(
         "--model",
-        choices=_MODELS,
+        choices=("gp", "mlp", "student", "logistic", "literal"),
         default="mlp",
         help="Gaussian processes, networks (the default), linear with Student-t errors, a baseline, or the "
         "Gaussian processes of the STL-AMS paper to the letter",

@@ -15,7 +15,6 @@ from avrare_recordings.formats.csv_recording import open_csv
 from avrare_recordings.formats.drone_recording import is_drone_recording, open_drone_recording
 
 _SUFFIXES = (".xml", SUFFIX, ".csv")
-_META = ("_tracksMeta.csv", "_recordingMeta.csv")
 
 
 class Drives(Protocol):
@@ -53,7 +52,11 @@ def check_lanes(recording: Recording, road: Road | None) -> None:
 def list_recordings(folder: Path) -> Sequence[Path]:
     """Return the CommonRoad and CSV files of a folder and those below, but no files of metadata, in order."""
     paths = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
-    files = [path for path in paths if path.is_file() and not path.name.endswith(_META)]
+    files = [
+        path
+        for path in paths
+        if path.is_file() and not path.name.endswith(("_tracksMeta.csv", "_recordingMeta.csv"))
+    ]
     files = [path for path in files if not is_companion(path)]
     if not files:
         hint = "recordings end in .xml, .pb or .csv"

@@ -12,8 +12,6 @@ from avrare.results.recordings.recording import Recording
 from avrare.rollout.frames import Frame
 from avrare_recordings.formats.mcap_recording import SIGNALS, list_messages
 
-_TIMELINE = "rollout"
-
 
 def write_rerun(path: Path, recording: Recording, frames: Sequence[Frame]) -> None:
     """Write a rollout as ``.rrd``; ``frames`` is empty for a simulator without vehicles.
@@ -32,7 +30,7 @@ def write_rerun(path: Path, recording: Recording, frames: Sequence[Frame]) -> No
     stream.save(str(path))
     shown: dict[str, set[str]] = {}
     for step, topic, schema, content in list_messages(recording, frames):
-        stream.set_time(_TIMELINE, duration=step * recording.dt)
+        stream.set_time("rollout", duration=step * recording.dt)
         if schema == SIGNALS:
             for name, value in content.items():
                 if value is not None:

@@ -27,7 +27,6 @@ ASIDE = 30.0
 
 _ALONG = 0.8  # least advance of a lane along the line, as a share of its length: crossings turn away
 _WITH = 0.5  # least cosine between a vehicle and the lanelet that it drives on
-_BROAD = ("broad_dashed", "broad_solid")
 
 
 @dataclass(frozen=True)
@@ -292,4 +291,4 @@ def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[
 def is_broad(lanelet: Lanelet, side: str) -> bool:
     """Tell whether the marking of a lanelet's side is broad."""
     marking = getattr(lanelet, f"line_marking_{side}_vertices")
-    return str(marking.value) in _BROAD
+    return str(marking.value) in ("broad_dashed", "broad_solid")
