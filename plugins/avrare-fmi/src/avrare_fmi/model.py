@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import weakref
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -10,6 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import fmpy
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 
 from avrare.base.errors import UsageError, did_you_mean
 
@@ -56,11 +59,18 @@ class Model:
         self.can_serialise = bool(self.description.coSimulation.canSerializeFMUstate)
 
     @cached_property
-    def folder(self) -> TemporaryDirectory[str]:
-        """Folder of the unpacked FMU, which lives as long as the model."""
+    def _folder(self) -> TemporaryDirectory[str]:  # lives as long as the model
         folder = TemporaryDirectory(prefix="avrare-fmu-")
         fmpy.extract(self.file, unzipdir=folder.name)
         return folder
+
+    @cached_property
+    def _functions(self) -> Any:  # of the library, which all instances share
+        return (FMU2Slave if self.version == 2 else FMU3Slave)(
+            guid=self.description.guid,
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            unzipDirectory=self._folder.name,
+        )
 
     def find(self, names: Iterable[str]) -> Variables:
         """Return variables by name.
@@ -92,7 +102,8 @@ class Model:
                 "chunk: 1, and estimator: mc",
             )
         try:
-            fmu = fmpy.instantiate_fmu(self.folder.name, self.description, "CoSimulation")
+            fmu = copy.copy(self._functions)
+            fmu.instantiate()
         except Exception as error:  # fmpy raises plain ones
             raise UsageError(f"{self.file}: cannot be instantiated: {error}") from error
         instance = Instance(fmu, self.version)

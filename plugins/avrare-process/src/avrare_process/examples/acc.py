@@ -84,6 +84,7 @@ def serve(reader, writer):
 if __name__ == "__main__":
     if "AVRARE_PORT" in os.environ:
         connection = socket.create_connection(("127.0.0.1", int(os.environ["AVRARE_PORT"])))
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # else answers wait
         serve(connection.makefile("r"), connection.makefile("w"))
     else:
         serve(sys.stdin, sys.stdout)
