@@ -24,6 +24,7 @@ from avrare.base.stored_files import read_json
 from avrare.estimation.combine.power import LEAST_POWER, MISS, power_to_notice
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.estimate_scenario import estimate_scenario
+from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
 from avrare.estimation.result.result import Result, Results
@@ -33,12 +34,15 @@ from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
-from avrare_evidence.pack import Pack, find_pack_faults, find_version_changes, hash_file, read_pack
+from avrare_evidence.pack import Pack, PackedRun, find_pack_faults, find_version_changes, hash_file, read_pack
+from avrare_evidence.sources import list_models, redirect
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
 _SEED_STRIDE = 1_000_003
 """Distance of the seeds of a pack's runs."""
+Estimates = Mapping[str, Mapping[str, Result]]
+"""Results by folder of the pack and rule."""
 _AGAIN = "ask for the pack again"
 
 
@@ -128,18 +132,19 @@ def confirm(
     if changes and not accept_changes:
         hint = "install the versions of the pack, or accept changes: the sheet names them"
         raise UsageError("\n".join(f"{pack.folder}: {line}" for line in changes), hint)
-    runs = pack.manifest["runs"]
-    if any(entry["seed"] == seed + k * _SEED_STRIDE for k, entry in enumerate(runs)):
+    runs = pack.manifest.runs
+    if any(entry.seed == seed + k * _SEED_STRIDE for k, entry in enumerate(runs)):
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
 
     def estimate(number: int, settings: Sequence[str]) -> tuple[Scenario, list[Result]]:
         entry, settings = runs[number], [f"seed={seed + number * _SEED_STRIDE}", *settings]
         scenario = _load_scenario(pack, entry, settings)
-        amount = Budget.parse(budget if budget is not None else entry["budget"])
+        amount = Budget.parse(budget if budget is not None else entry.budget)
         execution = Execution(partial(build_executor, workers), watch)
         return scenario, estimate_scenario(LoadedScenario(scenario), scenario.estimated, amount, execution)
 
-    fresh = {entry["folder"]: Results(estimate(number, ())[1]) for number, entry in enumerate(runs)}
+    stored = {entry.folder: Run.read(pack.folder / entry.folder).results for entry in runs}
+    fresh = {entry.folder: Results(estimate(number, ())[1]) for number, entry in enumerate(runs)}
     varied = [estimate(number, vary) for number in range(len(runs)) if vary]
     variations = [
         {
@@ -153,47 +158,42 @@ def confirm(
         for scenario, results in varied
         for result in results
     ]
-    return Confirmation(seed, tuple(_compare_all(pack, fresh)), tuple(variations), tuple(changes))
+    return Confirmation(seed, tuple(_compare_all(pack, stored, fresh)), tuple(variations), tuple(changes))
 
 
-def _load_scenario(pack: Pack, entry: Mapping[str, Any], settings: Sequence[str]) -> Scenario:
-    named = {key: pack.folder / copies[0] for key, copies in entry["named_files"].items()}
-    files = [f"{key}={json.dumps(str(copy))}" for key, copy in named.items() if not key.endswith(" (model)")]
-    scenario = load(pack.folder / entry["folder"] / "scenario.yaml", [*files, *settings])
-    for key, block in scenario.blocks.items():
-        for option, model in block.config.used_models().items():
-            copy = named[f"{key}.{option} (model)"]
-            if not model.is_file() or hash_file(model) != hash_file(copy):
-                text = f"{key}.{option}: the model {model.name} is missing here, or not that of the pack"
-                raise UsageError(text, f"install the version of {block.distribution} that the pack names")
+def _load_scenario(pack: Pack, entry: PackedRun, settings: Sequence[str]) -> Scenario:
+    file = pack.folder / entry.folder / SCENARIO
+    copies = {option: str(pack.folder / copy) for option, copy in entry.files.items()}
+    scenario = load(file, [*redirect(load(file), copies), *settings])
+    for option, model in list_models(scenario).items():
+        if not model.is_file() or hash_file(model) != hash_file(pack.folder / entry.models[option]):
+            text = f"{option}: the model {model.name} is missing here, or not that of the pack"
+            raise UsageError(text, "install the versions that the pack names")
     return scenario
 
 
-def _compare_all(pack: Pack, fresh: Mapping[str, Mapping[str, Result]]) -> list[Comparison]:
-    runs = pack.manifest["runs"]
-    stored = {entry["folder"]: Run.read(pack.folder / entry["folder"]) for entry in runs}
-    places: dict[str, list[str]] = {}
-    for entry in runs:
-        places.setdefault(entry["source"], []).append(entry["folder"])
-    files = {source: pack.folder / "evidence" / source / "rate.json" for source in places}
-    rates = {source: read_json(file, _AGAIN) for source, file in files.items() if file.is_file()}
-    count = sum(
-        len(rates[source]["rules"]) if source in rates else sum(len(stored[place]) for place in folders)
-        for source, folders in places.items()
-    )
-    comparisons: list[Comparison] = []
-    for source, folders in places.items():
-        if source in rates:
-            sides = [{place: results[place] for place in folders} for results in (stored, fresh)]
-            comparisons += _compare_rates(rates[source], sides, LEVEL / count)
-        else:
-            pairs = [
-                (place, old, fresh[place][name]) for place in folders for name, old in stored[place].items()
+def _compare_all(pack: Pack, stored: Estimates, fresh: Estimates) -> list[Comparison]:
+    """Compare the rates of catalogues, of the reference driver's, too; else each probability."""
+    rows: list[partial[Comparison]] = []
+    for source in dict.fromkeys(run.source for run in pack.manifest.runs):
+        home = f"evidence/{source}/"
+        places = [run.folder for run in pack.manifest.runs if run.source == source]
+        if f"{home}rate.json" not in pack.manifest.files:
+            rows += [
+                partial(_compare, place.removeprefix("evidence/"), stored[place][rule], fresh[place][rule])
+                for place in places
+                for rule in stored[place]
             ]
-            comparisons += [
-                _compare(stored[place].name, old, new, LEVEL / count) for place, old, new in pairs
+            continue
+        summary = read_json(pack.folder / home / "rate.json", _AGAIN)
+        driven = [place for place in places if place.startswith(f"{home}reference/")]
+        for name, group in (("", [place for place in places if place not in driven]), ("reference/", driven)):
+            sides = [{place: results[place] for place in group} for results in (stored, fresh)]
+            rows += [
+                partial(_compare_rates, f"{source}/{name}", rule["rule"], summary, sides)
+                for rule in summary["rules"] * bool(group)
             ]
-    return comparisons
+    return [compare(level=LEVEL / len(rows)) for compare in rows]
 
 
 def _compare(name: str, old: Result, new: Result, level: float) -> Comparison:
@@ -218,37 +218,34 @@ def _derive_law(result: Result) -> Binomial | LogNormal:
 
 
 def _compare_rates(
-    summary: Mapping[str, Any], sides: Sequence[Mapping[str, Mapping[str, Result]]], level: float
-) -> list[Comparison]:
-    """Compare the rates of each rule; the exposures are those of the pack, and count as known."""
-    speed, confidence, comparisons = summary["speed"] or 1.0, summary["confidence"], []
+    name: str, rule: str, summary: Mapping[str, Any], sides: Sequence[Estimates], level: float
+) -> Comparison:
+    """Compare the rates of a rule; the exposures are those of the pack, and count as known."""
+    speed, confidence = summary["speed"] or 1.0, summary["confidence"]
     scale = {"hour": 1.0, "km": speed, "cell": 1.0}
     exposures = {x["name"]: x["exposure"]["value"] * scale[x["unit"]] for x in summary["scenes"]}
-    for rule in (entry["rule"] for entry in summary["rules"]):
-        totals = []
-        for results in sides:
-            estimates = {
-                place: SceneEstimate(results[place][rule], "/own/" in place)
-                for place in results
-                if rule in results[place]
-            }
-            few = sum(x.result.failures.count for x in estimates.values() if x.follows_counts) < FEW
-            met = [Quantity(*[exposures[place.split("/")[-2]]] * 3) for place in estimates]
-            total = combine(met, [x.quantity(confidence, few) for x in estimates.values()])
-            totals.append(Quantity(total.value, *total.interval))
-        factor = NormalDist().inv_cdf(0.5 + confidence / 2.0)
-        errors = [math.log(x.high / x.low) / (2.0 * factor) if x.low > 0.0 else math.inf for x in totals]
-        distance = math.log(totals[1].value / totals[0].value) if math.isfinite(sum(errors)) else 0.0
-        p_value = 2.0 * NormalDist().cdf(-abs(distance) / math.hypot(*errors))
-        relative = [math.sqrt(math.expm1(error**2)) if error < 5.0 else math.inf for error in errors]
-        power = _find_power((relative[0], relative[1]), level)
-        comparisons.append(Comparison(summary["catalogue"], rule, totals[0], totals[1], p_value, power))
-    return comparisons
+    totals = []
+    for side in sides:
+        scenes = {
+            place: SceneEstimate(results[rule], "/own/" in place)
+            for place, results in side.items()
+            if rule in results
+        }
+        few = sum(scene.result.failures.count for scene in scenes.values() if scene.follows_counts) < FEW
+        met = [Quantity(*[exposures[place.split("/")[-2]]] * 3) for place in scenes]
+        total = combine(met, [scene.quantity(confidence, few) for scene in scenes.values()])
+        totals.append(Quantity(total.value, *total.interval))
+    factor = NormalDist().inv_cdf(0.5 + confidence / 2.0)
+    errors = [math.log(x.high / x.low) / (2.0 * factor) if x.low > 0.0 else math.inf for x in totals]
+    distance = math.log(totals[1].value / totals[0].value) if math.isfinite(sum(errors)) else 0.0
+    p_value = 2.0 * NormalDist().cdf(-abs(distance) / math.hypot(*errors))
+    power = _find_power([math.sqrt(math.expm1(x**2)) if x < 5.0 else math.inf for x in errors], level)
+    return Comparison(name, rule, totals[0], totals[1], p_value, power)
 
 
-def _find_power(errors: tuple[float, float], level: float) -> float:
+def _find_power(errors: Sequence[float], level: float) -> float:
     spread = math.sqrt(sum(math.log1p(error**2) for error in errors))
     if not math.isfinite(spread):
         return 0.0
     threshold = math.exp(NormalDist().inv_cdf(1.0 - level / 2.0) * spread)
-    return round(power_to_notice(threshold, errors), 3)
+    return round(power_to_notice(threshold, (errors[0], errors[1])), 3)

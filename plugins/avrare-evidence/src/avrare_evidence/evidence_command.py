@@ -50,7 +50,7 @@ def _check(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"faults": faults, "version_changes": changes}))
     else:
-        count = len(pack.manifest["files"])
+        count = len(pack.manifest.files)
         say(*faults, *(f"note: {line}" for line in changes))
         say(f"faults: {len(faults)}" if faults else f"{count} files and the argument are as written")
     return int(ExitCode.FAIL if faults else ExitCode.PASS)

@@ -7,29 +7,43 @@ from typing import Any
 
 from avrare.results.run import Run
 from avrare_evidence.claims import Claim
-from avrare_evidence.sources import Source, list_laws
+from avrare_evidence.sources import Source, list_files, list_laws, list_models
+
+Sheet = dict[str, Any]
 
 
-def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Claim]) -> dict[str, Any]:
+def name_sheet(source: Source, place: str) -> str:
+    """Return the path of a run's sheet in the pack."""
+    return f"test-cases/{source.name}/{place}".rstrip("/") + ".yaml"
+
+
+def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Claim]) -> Sheet:
     """Return the sheet of a scenario or scene; ``claims`` are those of the source."""
-    scenario, origin, laws = run.definition, run.provenance, {}
+    scenario, origin = run.definition, run.provenance
     assert scenario is not None
-    laws = list_laws(scenario)
-    scenes = {
-        scene["name"]: {**scene["exposure"], "unit": scene["unit"]}
-        for scene in source.summary.get("scenes", ())
-    }
+    laws, exposure, resolved = list_laws(scenario), scenario.exposure, scenario.resolved
+    files = (f"{source.home}{place}result.json", source.home + source.file)
+    claimed = [claim.measure for claim in claims if claim.file in files and claim.measure["rule"] in run]
     return {
+        "source": source.name,
         "id": f"{run.name}@{run.fingerprint}",
         "objective": scenario.objective or scenario.description,
         "requirements": list(scenario.requirements),
         "odd": list(scenario.odd),
         "scenario": {
+            "name": run.name,
             "file": f"{source.home}{place}scenario.yaml",
-            "frequency": scenes.get(run.name),
-            "complexity": {"drawn_options": len(laws), "parts": len(scenario.blocks)},
+            "exposure": exposure.model_dump(mode="json", exclude_none=True) if exposure else None,
+            "complexity": {"drawn_options": len(laws), "components": len(scenario.blocks)},
         },
-        "inputs": {"laws": laws, "seed": run.seed, "estimator": scenario.estimator.plugin},
+        "inputs": {
+            "stack": {key: block.plugin for key, block in scenario.blocks.items() if "." not in key},
+            "rules": resolved["specifications"],
+            "laws": laws,
+            "files": {option: path.name for option, path in list_files(scenario).items()},
+            "models": {option: path.name for option, path in list_models(scenario).items()},
+            "seed": run.seed,
+        },
         "steps": {
             "number": scenario.steps,
             "dt_seconds": scenario.simulator.config.model_dump().get("dt"),
@@ -38,12 +52,22 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
         "platform": {
             "versions": dict(run.versions),
             "python": origin.python,
+            "date": origin.date.isoformat() if origin.date else None,
             "commit": origin.commit or None,
             "uncommitted_changes": origin.uncommitted_changes,
         },
-        "expected": {claim.measure["rule"]: claim.measure["bound"] for claim in claims},
+        "expected": [f"{measure['rule']} {measure['bound']}" for measure in claimed if measure["bound"]],
         "actual": {
-            "estimates": {name: [result.probability, *result.interval] for name, result in run.items()},
-            "verdicts": {claim.measure["rule"]: claim.measure["verdict"] for claim in claims},
+            "estimates": {
+                name: {
+                    "value": result.probability,
+                    "interval": list(result.interval),
+                    "failures": result.failures.count,
+                    "rollouts": result.rollouts,
+                    "errors": result.errors,
+                }
+                for name, result in run.items()
+            },
+            "verdicts": {f"{x['rule']} {x['bound']}": x["verdict"] for x in claimed if x["bound"]},
         },
     }

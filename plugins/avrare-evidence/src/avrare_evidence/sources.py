@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
+from avrare.plugin.options import Options
 from avrare.results.run import PROVENANCE, RESULT, Run
-from avrare.scenario.fingerprint import named_files
+from avrare.scenario.fingerprint import fingerprint, named_files
 from avrare.scenario.schema import Scenario
 
-_SUMMARIES = {"rate": ("rate.json", "catalogue"), "check": ("check.json", "")}
-"""Kind -> file with the verdicts, and its key with a name."""
+SUMMARIES = ("rate.json", "check.json")
+"""Files with the verdicts of a catalogue, or of a check."""
 _HINT = "give a folder that avrare run, check or rate has written"
+_AGAIN = "run it again; relative paths in its options are those of the folder from which it was called"
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,17 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
 
 
 def _read_source(folder: Path) -> Source:
+    if (folder / "manifest.json").is_file():
+        raise UsageError(f"{folder}: is a pack itself", _HINT)
     results = [path.parent for path in sorted(folder.rglob(RESULT)) if "pilot" not in path.parts]
     if not results:
         raise UsageError(f"{folder}: no result in it", _HINT)
     runs = {f"{path.relative_to(folder).as_posix()}/".removeprefix("./"): _read_run(path) for path in results}
     name = "-".join(dict.fromkeys(run.name for run in runs.values()))
-    for file, key in _SUMMARIES.values():
+    for file in SUMMARIES:
         if (folder / file).is_file():
             summary = read_json(folder / file, _HINT)
-            return Source(str(summary.get(key, name)), folder, runs, file, summary)
+            return Source(str(summary.get("catalogue", name)), folder, runs, file, summary)
     if len(runs) > 1:
         raise UsageError(f"{folder}: holds {len(runs)} runs", f"give one of them: {', '.join(runs)}")
     return Source(name, folder, runs)
@@ -78,6 +82,9 @@ def _read_run(folder: Path) -> Run:
         raise UsageError("; ".join(run.changes), "evidence is of files as they were written: run it again")
     if run.definition is None:
         raise UsageError(f"{folder}: its scenario cannot be loaded", *run.build_errors[:1])
+    if fingerprint(run.definition) != run.fingerprint:
+        text = f"{folder}: versions or files that its options name are missing, or have changed since the run"
+        raise UsageError(text, _AGAIN)
     return run
 
 
@@ -88,17 +95,43 @@ def list_run_files(run: Run) -> dict[str, Path]:
     return {name: run.folder / name for name in names if (run.folder / name).is_file()}
 
 
-def list_named_files(scenario: Scenario) -> dict[str, list[Path]]:
-    """Return the files that a scenario's options name, with their cards (``NAME.md``), by option.
+def list_files(scenario: Scenario | None) -> dict[str, Path]:
+    """Return the files that a scenario's options name, by dotted path."""
+    return {
+        f"{key}.{option}": path
+        for key, config in _list_options(scenario)
+        for option, path in named_files(config)
+    }
 
-    Shipped models stand under ``OPTION (model)``.
+
+def list_models(scenario: Scenario | None) -> dict[str, Path]:
+    """Return the shipped models that a scenario's options name, by dotted path."""
+    options = _list_options(scenario)
+    return {
+        f"{key}.{option}": path for key, config in options for option, path in config.used_models().items()
+    }
+
+
+def _list_options(scenario: Scenario | None, prefix: str = "") -> Iterator[tuple[str, Options]]:
+    if scenario is None:
+        return
+    yield from ((f"{prefix}{key}", block.config) for key, block in scenario.blocks.items())
+    yield from _list_options(scenario.cheap, "cheap.")
+    for number, member in enumerate(scenario.members):
+        yield from _list_options(member, f"ensemble.{number}.")
+
+
+def redirect(scenario: Scenario | None, copies: Mapping[str, str]) -> Iterator[str]:
+    """Yield the settings by which a scenario reads copies of the files that its options name.
+
+    Files that merely lie beside a named one have no option, and need none.
     """
-    files: dict[str, Path] = {}
-    for key, block in scenario.blocks.items():
-        files |= {f"{key}.{option}": path for option, path in named_files(block.config)}
-        files |= {f"{key}.{option} (model)": path for option, path in block.config.used_models().items()}
-    cards = {option: path.with_suffix(".md") for option, path in files.items()}
-    return {option: [path, *([cards[option]] * cards[option].is_file())] for option, path in files.items()}
+    for option, copy in copies.items():
+        value: object = scenario and scenario.resolved
+        for name in option.split("."):
+            value = value.get(name) if isinstance(value, dict) else None
+        if isinstance(value, str) and Path(value).name == Path(copy).name:
+            yield f"{option}={json.dumps(copy, ensure_ascii=False)}"
 
 
 def list_laws(scenario: Scenario) -> dict[str, Any]:
