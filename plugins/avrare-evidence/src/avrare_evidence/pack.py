@@ -113,7 +113,8 @@ def _list_commands(sources: Sequence[Source], packed: Sequence[PackedRun]) -> It
     for run, entry in zip(runs, packed, strict=True):
         budget = ["--budget", entry.budget] if entry.budget else []
         settings = [word for text in redirect(run.definition, entry.files) for word in ("--set", text)]
-        yield shlex.join(["avrare", "run", f"{entry.folder}{SCENARIO}", *budget, *settings])
+        out = f"../repeated/{entry.folder.removeprefix('evidence/').rstrip('/')}"
+        yield shlex.join(["avrare", "run", f"{entry.folder}{SCENARIO}", *budget, *settings, "--out", out])
 
 
 def dump_yaml(content: Mapping[str, Any]) -> str:

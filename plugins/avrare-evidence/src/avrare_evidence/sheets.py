@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from avrare.results.run import Run
+from avrare.scenario.schema import Block, Scenario
 from avrare_evidence.claims import Claim
 from avrare_evidence.sources import Source, list_files, list_laws, list_models
 
@@ -21,7 +22,7 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
     """Return the sheet of a scenario or scene; ``claims`` are those of the source."""
     scenario, origin = run.definition, run.provenance
     assert scenario is not None
-    laws, exposure, resolved = list_laws(scenario), scenario.exposure, scenario.resolved
+    laws, exposure = list_laws(scenario), scenario.exposure
     files = (f"{source.home}{place}result.json", source.home + source.file)
     claimed = [claim.measure for claim in claims if claim.file in files and claim.measure["rule"] in run]
     return {
@@ -38,7 +39,7 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
         },
         "inputs": {
             "stack": {key: block.plugin for key, block in scenario.blocks.items() if "." not in key},
-            "rules": resolved["specifications"],
+            "rules": {name: _describe_rule(scenario, name) for name in run},
             "laws": laws,
             "files": {option: path.name for option, path in list_files(scenario).items()},
             "models": {option: path.name for option, path in list_models(scenario).items()},
@@ -52,7 +53,7 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
         "platform": {
             "versions": dict(run.versions),
             "python": origin.python,
-            "date": origin.date.isoformat() if origin.date else None,
+            "date": origin.date.date().isoformat() if origin.date else None,
             "commit": origin.commit or None,
             "uncommitted_changes": origin.uncommitted_changes,
         },
@@ -71,3 +72,11 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
             "verdicts": {f"{x['rule']} {x['bound']}": x["verdict"] for x in claimed if x["bound"]},
         },
     }
+
+
+def _describe_rule(scenario: Scenario, name: str) -> Any:
+    """Return the formula of a rule, or its plugin with the options that differ from their defaults."""
+    rule = scenario.specifications[name]
+    if isinstance(rule, Block):
+        return {"plugin": rule.plugin, **rule.config.model_dump(mode="json", exclude_defaults=True)}
+    return scenario.resolved["specifications"][name]["stl"]
