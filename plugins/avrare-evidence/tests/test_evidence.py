@@ -1,7 +1,9 @@
 """Packs of evidence: claims, challenges, digests, and confirmation with other random numbers."""
 
 import json
+import shlex
 import shutil
+from pathlib import Path
 
 import pytest
 import yaml
@@ -12,6 +14,7 @@ from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare_evidence.gsn import find_faults
 from avrare_evidence.pack import find_pack_faults, hash_files, read_pack, write_pack
+from avrare_evidence.sources import redirect
 
 SCENARIO = """\
 name: point
@@ -196,11 +199,101 @@ def test_a_file_of_an_option_travels_and_a_shipped_model_must_be_the_same(point,
         confirmation.confirm(pack.folder, 3)
 
 
+def test_a_pack_is_repeated_from_its_own_folder(point, monkeypatch):
+    pack = make_pack(point)
+    monkeypatch.chdir(pack.folder)
+    [command] = [line for line in Path("case.md").read_text().splitlines() if line.startswith("avrare run")]
+    assert main(shlex.split(command)[1:]) == 0
+    again, stored = avrare.Run.read("../repeated/point")["below"], avrare.Run.read("evidence/point")["below"]
+    assert (again.probability, again.interval) == (stored.probability, stored.interval)
+    assert main(["evidence", "--check", "."]) == 0
+
+
+def test_files_of_options_keep_their_places_and_are_read_from_the_pack(point, monkeypatch):
+    from avrare_linear.config import LinearConfig
+
+    for name in ("maps/road.xml", "catalogs/cars.xml"):
+        (point / name).parent.mkdir()
+        (point / name).write_text(name)
+    files = {"file": point / "maps/road.xml", "file.0": point / "catalogs/cars.xml"}
+    monkeypatch.setattr(LinearConfig, "used_files", lambda self: files)
+    pack = make_pack(point)
+    copies = {
+        f"simulator.{option}": f"evidence/files/{path.parent.name}/{path.name}"
+        for option, path in files.items()
+    }
+    assert pack.manifest.runs[0].files == copies
+    text = "simulator: {file: old/maps/road.xml}"
+    assert list(redirect(text, copies)) == ['simulator.file="evidence/files/maps/road.xml"']
+    (point / "catalogs/cars.xml").write_text("edited")
+    with pytest.raises(UsageError, match="are missing, or have changed since the run"):
+        write_pack([point / "run-pack"], point / "late")
+
+
+def test_each_bound_of_a_rule_has_a_verdict_of_its_own(point):
+    bounds = ", ".join(f"{{specification: below, probability: '< {bound}'}}" for bound in (0.04, 0.01))
+    assert [claim.state for claim in make_pack(point, f"thresholds=[{bounds}]").claims] == [
+        "holds",
+        "refuted",
+    ]
+
+
+def test_a_reference_driver_and_scattered_exposures_are_argued(point):
+    counts = "{counts: [0, 9, 1, 12], hours: 1.0}"
+    (point / "points.yaml").write_text(CATALOGUE.replace("{count: 5, hours: 1.0}", counts))
+    avrare.rate(point / "points.yaml", out=point / "rates")
+    summary = json.loads((point / "rates" / "rate.json").read_text())
+    balance = {"rule": "below", "ratio": 0.5, "interval": [0.2, None], "verdict": "not known"}
+    summary["reference"] = {
+        "driver": "reference_driver=fsm",
+        "balances": [balance],
+        "scenes": [],
+        "rules": [],
+    }
+    (point / "rates" / "rate.json").write_text(json.dumps(summary))
+    pack = write_pack([point / "rates"], point / "pack")
+    assert pack.claims[-1].text == "points: the stack breaks below less often than reference_driver=fsm"
+    assert (pack.claims[-1].state, pack.claims[-1].is_defeated) == ("not shown", True)
+    doubts = [element["text"] for element in pack.case.values() if element.get("challenges") == "A2"]
+    assert "Scene far: its counts scatter 6.3 times as much as Poisson's" in doubts[1]
+    assert "Scene near: its exposure is stated without an interval" in doubts[0]
+    assert find_pack_faults(read_pack(pack.folder)) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (lambda f: (f / "manifest.json").unlink(), "it is no pack, or its writing was interrupted"),
+        (lambda f: replace(f, '"seed": 0', '"seed": "0"'), "manifest.json: runs.0.seed: Input should be"),
+        (lambda f: replace(f, '"evidence/point/"', '"../run-pack/"'), "no digest of ../run-pack/result.json"),
+        (lambda f: replace(f, '"files": {}', '"files": {"a": "/etc/x"}'), "no digest of /etc/x"),
+        (
+            lambda f: (f / "case.md").unlink() or (f / "case.md").symlink_to("/etc/hosts"),
+            "case.md: is a link",
+        ),
+        (lambda f: (f / "case.gsn.yaml").write_text("a: ["), "case.gsn.yaml: cannot be read"),
+    ],
+)
+def test_a_pack_that_leads_elsewhere_or_is_damaged_is_refused(point, spoil, fault, capsys):
+    pack = make_pack(point)
+    spoil(pack.folder)
+    assert main(["confirm", str(pack.folder), "--seed", "3"]) == 4
+    assert fault in capsys.readouterr().err
+
+
+def replace(folder, old, new):
+    text = (folder / "manifest.json").read_text()
+    assert old in text
+    (folder / "manifest.json").write_text(text.replace(old, new, 1))
+
+
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
         (lambda p: shutil.rmtree(p / "run-pack"), "no result in it"),
         (lambda p: (p / "run-pack/scenario.yaml").open("a").write("#"), "changed after the run"),
+        (lambda p: (p / "run-pack/manifest.json").write_text("{}"), "is a pack itself"),
+        (lambda p: (p / "run-pack/check.json").write_text('{"rows": [{}]}'), "check.json: it is damaged"),
         (lambda p: (p / "other").mkdir() or (p / "other/file").touch(), "is not an empty folder"),
     ],
 )

@@ -164,7 +164,7 @@ def confirm(
 def _load_scenario(pack: Pack, entry: PackedRun, settings: Sequence[str]) -> Scenario:
     file = pack.folder / entry.folder / SCENARIO
     copies = {option: str(pack.folder / copy) for option, copy in entry.files.items()}
-    scenario = load(file, [*redirect(load(file), copies), *settings])
+    scenario = load(file, [*redirect(file.read_text(encoding="utf-8"), copies), *settings])
     for option, model in list_models(scenario).items():
         if not model.is_file() or hash_file(model) != hash_file(pack.folder / entry.models[option]):
             text = f"{option}: the model {model.name} is missing here, or not that of the pack"

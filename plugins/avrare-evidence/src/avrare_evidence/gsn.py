@@ -106,7 +106,9 @@ def _add_contexts(
     }
     context = _add(case, "C", text=f"Scenarios: {', '.join(dict.fromkeys(names))}", scenarios=scenarios)
     yield context
-    _add_doubts(case, context, (doubt for run in source.runs.values() for doubt in _list_run_doubts(run)))
+    doubts = [doubt for run in source.runs.values() for doubt in _list_run_doubts(run)]
+    rows = source.summary.get("rows", ())
+    _add_doubts(case, context, [*doubts, *(x["reason"] for x in rows if x["question"] == "baseline")])
     if laws := {path: sheet["inputs"]["laws"] for path, sheet in sheets.items() if sheet["inputs"]["laws"]}:
         yield _add(case, "A", text=f"{source.name}: starts follow the laws of the drawn options", laws=laws)
     if scenes := source.summary.get("scenes"):

@@ -112,7 +112,7 @@ def _list_commands(sources: Sequence[Source], packed: Sequence[PackedRun]) -> It
     runs = [run for source in sources for run in source.runs.values()]
     for run, entry in zip(runs, packed, strict=True):
         budget = ["--budget", entry.budget] if entry.budget else []
-        settings = [word for text in redirect(run.definition, entry.files) for word in ("--set", text)]
+        settings = [word for text in redirect(run.scenario_text, entry.files) for word in ("--set", text)]
         out = f"../repeated/{entry.folder.removeprefix('evidence/').rstrip('/')}"
         yield shlex.join(["avrare", "run", f"{entry.folder}{SCENARIO}", *budget, *settings, "--out", out])
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.plugin.options import Options
@@ -121,13 +123,14 @@ def _list_options(scenario: Scenario | None, prefix: str = "") -> Iterator[tuple
         yield from _list_options(member, f"ensemble.{number}.")
 
 
-def redirect(scenario: Scenario | None, copies: Mapping[str, str]) -> Iterator[str]:
-    """Yield the settings by which a scenario reads copies of the files that its options name.
+def redirect(text: str, copies: Mapping[str, str]) -> Iterator[str]:
+    """Yield the settings by which a resolved scenario reads copies of the files that its options name.
 
     Files that merely lie beside a named one have no option, and need none.
     """
+    tree = yaml.safe_load(text)
     for option, copy in copies.items():
-        value: object = scenario and scenario.resolved
+        value = tree
         for name in option.split("."):
             value = value.get(name) if isinstance(value, dict) else None
         if isinstance(value, str) and Path(value).name == Path(copy).name:
