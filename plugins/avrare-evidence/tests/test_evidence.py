@@ -254,9 +254,9 @@ def test_a_reference_driver_and_scattered_exposures_are_argued(point):
     pack = write_pack([point / "rates"], point / "pack")
     assert pack.claims[-1].text == "points: the stack breaks below less often than reference_driver=fsm"
     assert (pack.claims[-1].state, pack.claims[-1].is_defeated) == ("not shown", True)
-    doubts = [element["text"] for element in pack.case.values() if element.get("challenges") == "A2"]
-    assert "Scene far: its counts scatter 6.3 times as much as Poisson's" in doubts[1]
-    assert "Scene near: its exposure is stated without an interval" in doubts[0]
+    doubts = [element["text"] for element in pack.case.values() if element.get("challenges") == "A1"]
+    assert "Scene far: its counts scatter 6.4 times as much as Poisson's" in doubts[0]
+    assert "Scene near: its exposure is stated without an interval" in doubts[1]
     assert find_pack_faults(read_pack(pack.folder)) == []
 
 
