@@ -63,7 +63,7 @@ clean:  ## remove .venv and what the tools left
 	@echo "installing what the tests need (torch among it: this takes a few minutes) ..."
 	$(PIP) 'torch==2.13.0'
 	$(PIP) --no-build-isolation --editable '.[plot,test,lint,docs]' --editable './plugins/avrare-pem-training[train]' \
-		--editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]' \
+		--editable './plugins/avrare-fmi[test]' --editable './plugins/avrare-imm[test]' --editable './plugins/avrare-gymnasium[box2d]' \
 		--editable './plugins/avrare-highway-env[render]' --editable './plugins/avrare-policy[onnx]' \
 		--editable './plugins/avrare-ray[ray]' --editable './plugins/avrare-recordings[commonroad,mcap]'
 	@touch $@

@@ -17,7 +17,7 @@ MAY_BE_SKIPPED = {
     r"'rerun(\.chunk)?'": "rerun-sdk takes 170 MB",
     r"'mlflow'": "mlflow brings some twenty packages",
     r"'commonroad_clcs\.pycrccosy'": "commonroad-clcs is a second opinion, compiled, and used by one test",
-    r"'pythonfmu3?'|FMPy is not installed": "FMPy brings some fifteen packages",
+    r"pythonfmu3?|FMPy is not installed": "FMPy brings some fifteen packages",
     r"no C\+\+ compiler": "the same messages are tested in Python",
     r"MetaDrive is not installed": "MetaDrive needs an environment of its own (its plugin's README.md)",
     r"a matter of (Linux|Unix)|on Linux alone|where a folder should be": "a matter of the platform",

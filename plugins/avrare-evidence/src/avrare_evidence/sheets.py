@@ -74,9 +74,9 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
     }
 
 
-def _describe_rule(scenario: Scenario, name: str) -> Any:
+def _describe_rule(scenario: Scenario, name: str) -> object:
     """Return the formula of a rule, or its plugin with the options that differ from their defaults."""
     rule = scenario.specifications[name]
     if isinstance(rule, Block):
         return {"plugin": rule.plugin, **rule.config.model_dump(mode="json", exclude_defaults=True)}
-    return scenario.resolved["specifications"][name]["stl"]
+    return rule.stl
