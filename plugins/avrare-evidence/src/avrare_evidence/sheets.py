@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from avrare.results.run import Run
-from avrare.scenario.schema import Block, Scenario
+from avrare.scenario.schema import Block, Formula
 from avrare_evidence.claims import Claim
 from avrare_evidence.sources import Source, list_files, list_laws, list_models
 
@@ -39,7 +39,7 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
         },
         "inputs": {
             "stack": {key: block.plugin for key, block in scenario.blocks.items() if "." not in key},
-            "rules": {name: _describe_rule(scenario, name) for name in run},
+            "rules": {name: _describe_rule(scenario.specifications[name]) for name in run},
             "laws": laws,
             "files": {option: path.name for option, path in list_files(scenario).items()},
             "models": {option: path.name for option, path in list_models(scenario).items()},
@@ -74,9 +74,8 @@ def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Cl
     }
 
 
-def _describe_rule(scenario: Scenario, name: str) -> object:
+def _describe_rule(rule: Block | Formula) -> object:
     """Return the formula of a rule, or its plugin with the options that differ from their defaults."""
-    rule = scenario.specifications[name]
     if isinstance(rule, Block):
         return {"plugin": rule.plugin, **rule.config.model_dump(mode="json", exclude_defaults=True)}
     return rule.stl
