@@ -103,6 +103,8 @@ def test_max_error_rate_is_a_setting():
     (tolerant,) = monte_carlo(task, Settings(max_error_rate=0.5))
     assert tolerant.errors > 0
     assert not tolerant.health
+    (note,) = (note.text for note in tolerant.notes if note.kind == "errors")
+    assert note.startswith(f"{tolerant.errors} of {tolerant.rollouts:,} rollouts ended in an error")
 
 
 def bound(sign, limit, confidence=0.95):

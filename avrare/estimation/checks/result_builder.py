@@ -16,7 +16,7 @@ from avrare.estimation.checks.pair_probe import pair_probe_cost, probe_pairs
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import health
 from avrare.estimation.result.doubts import FAR_OFF, open_interval
-from avrare.estimation.result.note import describe_blind_bound, describe_counts
+from avrare.estimation.result.note import describe_blind_bound, describe_counts, describe_errors
 from avrare.estimation.result.result import Result, Worst
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, System, overrides
@@ -38,6 +38,9 @@ def build_result(
     plan: Plan, estimator: str, total: Info, run_probabilities: Floats, column: int = 0, **fields: Any
 ) -> Result:
     """Build the result of specification number ``column``; ``fields`` are further ones of ``Result``."""
+    notes = fields.pop("notes", ())
+    if "errors" not in fields.get("health", {}):
+        notes = (*notes, *describe_errors(total.errors, total.rollouts, total.messages))
     return Result(
         specification=plan.names[column],
         estimator=estimator,
@@ -49,6 +52,7 @@ def build_result(
         simulated_steps=total.steps,
         errors=total.errors,
         counts=dict(total.counts),
+        notes=notes,
         **fields,
     )
 

@@ -144,7 +144,7 @@ class MonteCarlo(Estimator):
         elif trials < state.counts.trials:
             notes = (describe_stop(trials, failures),)
         diagnostics = {"used_rollouts": trials, "goal_reached": bool(stop)}
-        return replace(result, diagnostics=diagnostics, notes=notes)
+        return replace(result, diagnostics=diagnostics, notes=(*result.notes, *notes))
 
     def _result(
         self,

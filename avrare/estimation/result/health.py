@@ -16,6 +16,5 @@ def check_errors(errors: int, rollouts: int, allowed: float, messages: Sequence[
     """Return a warning when more than the allowed share of rollouts ended in an error."""
     if errors <= allowed * rollouts:
         return {}
-    return warn(
-        "errors", errors=errors, rollouts=rollouts, allowed=allowed, message="; ".join(messages[:2]) or "?"
-    )
+    causes = "; ".join(list(dict.fromkeys(messages))[:2]) or "?"
+    return warn("errors", errors=errors, rollouts=rollouts, allowed=allowed, message=causes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pydantic import ConfigDict, with_config
@@ -57,6 +57,18 @@ def describe_blind_bound(bound: float | None) -> tuple[Note, ...]:
         return ()
     text = f"Failures that the score does not lead to could be as likely as {format_narrow(bound)}."
     return (Note("blind", text),)
+
+
+def describe_errors(errors: int, rollouts: int, messages: Sequence[str]) -> tuple[Note, ...]:
+    """Return the note on rollouts that ended in an error; none where none did."""
+    if not errors:
+        return ()
+    text = (
+        f"{errors:,} of {rollouts:,} rollouts ended in an error, and count as failures in the upper end; "
+        f"the first: {messages[0] if messages else 'no reason given'} "
+        "(`avrare replay --run DIR --error 0` repeats it)."
+    )
+    return (Note("errors", text),)
 
 
 def describe_counts(counts: Mapping[str, int]) -> tuple[Note, ...]:
