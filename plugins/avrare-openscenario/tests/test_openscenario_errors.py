@@ -19,6 +19,7 @@ from openscenario_files import (
     GAP,
     LANE,
     SCENARIOS,
+    STEP,
     change_lane,
     document,
     drive,
@@ -34,6 +35,14 @@ def test_what_the_ego_is_told_to_do_is_refused_or_passed_over(build):
     with pytest.raises(UsageError, match="driven by the controller") as caught:
         build(text)
     assert "ignore_ego_events" in caught.value.hint
+    assert (drive(build(text, ignore_ego_events=True), 3.0)["speed"] == 20.0).all()
+
+
+def test_what_the_ego_is_to_begin_with_is_refused_or_passed_over(build):
+    slow_start = STEP.replace('"step"', '"linear"').replace('value="0"', 'value="2"')
+    text = document().replace(STEP, slow_start, 1)
+    with pytest.raises(UsageError, match="driven by the controller"):
+        build(text)
     assert (drive(build(text, ignore_ego_events=True), 3.0)["speed"] == 20.0).all()
 
 

@@ -15,10 +15,14 @@ from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_entity
 from avrare_openscenario.starts import Starts
-from avrare_openscenario.story import Action, Condition, Event, Group, Route, Storyboard, Trigger
+from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
 from avrare_openscenario.xml_tree import Element
 
 _COUNT_MAX = 1_000_000_000
+_EGO_DRIVEN = (
+    "the ego is driven by the controller under test, not by the storyboard",
+    "take it out, or set `ignore_ego_events: true`",
+)
 
 
 @dataclass(frozen=True)
@@ -78,10 +82,15 @@ class StoryReader:
     def read(self, board: Element, starts: Starts) -> Storyboard:
         """Read the element ``Storyboard`` after its ``Init``."""
         board.skip_children("StopTrigger")  # the scenario's ``steps`` end a rollout
-        if starts.actions:
+        actions = [
+            action for action in starts.actions if isinstance(action, Assignment) or action.actor != self.ego
+        ]
+        if len(actions) < len(starts.actions) and not self.ignore_ego:
+            raise board.error(*_EGO_DRIVEN)
+        if actions:
             self.acts.append(())
             self.stops.append(None)
-            self.actions += starts.actions
+            self.actions += actions
             self.events.append(Event("Init", 0, -1, (), tuple(range(len(self.actions))), False))
         for story in board.list("Story"):
             declarations = story.find("ParameterDeclarations")
@@ -145,8 +154,7 @@ class StoryReader:
     def _read_maneuver(self, maneuver: Element, act: int, actors: list[int]) -> None:
         if self.ego in actors:
             if not self.ignore_ego:
-                text = "the ego is driven by the controller under test, not by the storyboard"
-                raise maneuver.error(text, "take it out, or set `ignore_ego_events: true`")
+                raise maneuver.error(*_EGO_DRIVEN)
             actors = [actor for actor in actors if actor != self.ego]
         for event in maneuver.list("Event"):
             with self._named(event, "event"):

@@ -20,6 +20,8 @@ _AHEAD = 1.0
 """Way before the end of its line at which a vehicle looks further [m]."""
 _BEYOND = 100.0
 """Way beyond that end from which on it looks no more [m]."""
+_EDGE = 1e-3
+"""Way before the end of a road at which a vehicle stands for a step before it is at the end [m]."""
 
 
 class Ways:
@@ -77,9 +79,10 @@ class Ways:
             leg = self.maps[k].find_leg(was[k]) if self.maps[k].legs else None
             stops[k] = leg is None or not self.network.find_ways(leg.roads, leg.direction)
         stood = stops & ((was <= 0.0) | (was >= ends))
+        edge = np.where((was > 2.0 * _EDGE) & (was < ends - 2.0 * _EDGE), _EDGE, 0.0)
         return replace(
             points,
-            x=np.where(stops, np.clip(x, 0.0, ends), points.x),
+            x=np.where(stops, np.clip(x, edge, ends - edge), points.x),
             speed=np.where(stood, 0.0, points.speed),
         )
 
