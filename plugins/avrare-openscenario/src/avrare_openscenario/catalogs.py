@@ -154,8 +154,7 @@ def _values(entry: Element, reference: Element) -> dict[str, str]:
     for one in block.list("ParameterDeclaration") if block is not None else ():
         one.get("parameterType")
         values[one.attribute("name")] = one.attribute("value")
-        for group in one.list("ConstraintGroup"):
-            group.skip()
+        one.skip_children("ConstraintGroup")
     if block is not None:
         block.refuse_unread()
     assigned_names: set[str] = set()

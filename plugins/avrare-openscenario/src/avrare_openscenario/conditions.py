@@ -58,7 +58,18 @@ def holds(
     ended: NDArray[np.int64],
     complete: Bools,
 ) -> Bools:
-    """Tell (N,) where a condition holds, edges and delays aside."""
+    """Tell (N,) where a condition holds, edges and delays aside.
+
+    Args:
+        condition: The condition.
+        traffic: The vehicles.
+        maps: The road of each vehicle.
+        table: (N, K) numbers of the file.
+        acts: (N, A) which acts have begun.
+        begun: (N, E) step at which each event began, -1 before.
+        ended: (N, E) step at which it ended, -1 before.
+        complete: (N, E) which events have begun as often as they may, and ended.
+    """
     value = table[:, condition.value]
     if condition.kind == "time":
         return compare(condition.rule, traffic.time, value)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.story import Transition
 
@@ -16,6 +18,7 @@ _PEAKS = {"step": 0.0, "linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * np.pi}
 """Highest rate of a transition over its mean rate."""
 _BENDS = {"step": 0.0, "linear": 0.0, "cubic": 6.0, "sinusoidal": 0.5 * np.pi**2}
 """Highest second derivative of a transition over change and square of the time."""
+Record = TypeVar("Record", Vehicles, "Course")
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,7 @@ class Course:
 
     def begin(self, action: int, vehicle: int, rows: Bools, **values: Floats | int | bool) -> Course:
         """Return the courses with a new one of one vehicle in some rows."""
-        fields = {name: np.array(part) for name, part in vars(self).items()}
-        for name, value in {"action": action, "clock": 0.0, **values}.items():
-            fields[name][:, vehicle] = np.where(rows, value, fields[name][:, vehicle])
-        return Course(**fields)
+        return put(self, vehicle, rows, action=action, clock=0.0, **values)
 
     def stop(self, actions: Sequence[int], rows: Bools) -> Course:
         """Return the courses without some actions in some rows."""
@@ -61,17 +61,20 @@ class Course:
         return replace(self, action=np.where(stopped, -1, self.action))
 
     def carry_over(self, vehicle: int, before: float, after: float, side: float) -> Course:
-        """Return the courses of which one vehicle's values are counted along another line."""
-        start, target = np.array(self.start), np.array(self.target)
-        for values in (start, target):
-            values[:, vehicle] = after + side * (values[:, vehicle] - before)
-        return replace(self, start=start, target=target)
+        """Return the courses of which one vehicle's values are counted along another line.
+
+        Args:
+            vehicle: Its index.
+            before: One of its values.
+            after: The same along the new line.
+            side: 1 where the new line has the direction of the old one, -1 where it is opposite.
+        """
+        start, target = self.start[:, vehicle] - before, self.target[:, vehicle] - before
+        return put(self, vehicle, True, start=after + side * start, target=after + side * target)
 
     def finish(self, vehicle: int, rows: Bools) -> Course:
         """Return the courses without those of one vehicle in some rows."""
-        action = np.array(self.action)
-        action[:, vehicle] = np.where(rows, -1, action[:, vehicle])
-        return replace(self, action=action)
+        return put(self, vehicle, rows, action=-1)
 
     def advance(self, dt: float, way: Floats) -> tuple[Course, Floats, Floats]:
         """Return the courses a step later, the values there, and their change by second or metre."""
@@ -83,6 +86,14 @@ class Course:
         slope = np.where(lasting & (share < 1.0 - 1e-9), (self.target - self.start) * rate, 0.0)
         action = np.where(share >= 1.0 - 1e-9, -1, self.action)
         return replace(self, clock=clock, action=action), value, slope / np.where(lasting, self.span, 1.0)
+
+
+def put(record: Record, vehicle: int, rows: Bools | bool, **values: Floats | float) -> Record:
+    """Return vehicles or courses (N, V) of which one vehicle has other values in some rows."""
+    changed = {name: np.array(getattr(record, name)) for name in values}
+    for name, value in values.items():
+        changed[name][:, vehicle] = np.where(rows, value, changed[name][:, vehicle])
+    return replace(record, **changed)
 
 
 def transition_span(transition: Transition, change: Floats, value: Floats) -> Floats:

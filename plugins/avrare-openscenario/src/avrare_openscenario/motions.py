@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.courses import Course, Integers, transition_span
+from avrare_openscenario.courses import Course, Integers, put, transition_span
 from avrare_openscenario.gaps import close_gap, place_gap
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.profiles import follow_profile
@@ -85,26 +85,22 @@ class Motions:
             case SpeedChange():
                 speed = self._begin_speed(drive.speed, number, action, rows, table, every)
                 if action.transition.form == "step":
-                    now = np.array(every.speed)
-                    now[rows, actor] = speed.target[rows, actor]
-                    every = replace(every, speed=now)
+                    every = put(every, actor, rows, speed=speed.target[:, actor])
                 return replace(drive, speed=speed), every
             case LaneChange():
                 across = self._begin_across(drive.across, number, action, rows, table, every)
                 return replace(drive, across=across), every
             case Teleport():
-                moved = self._teleport(action, table, every)
+                every = self._teleport(action, table, every, rows)
                 heading = np.array(drive.heading)
-                heading[:, actor] = np.where(rows, moved.heading[:, actor], heading[:, actor])
-                across = drive.across.finish(actor, rows)
-                return replace(drive, heading=heading, across=across), _choose(rows, actor, moved, every)
+                heading[rows, actor] = every.heading[rows, actor]
+                return replace(drive, heading=heading, across=drive.across.finish(actor, rows)), every
             case Removal():
-                parts = {name: np.array(part) for name, part in vars(every).items()}
-                parts["x"][rows, actor], parts["speed"][rows, actor] = GONE, 0.0
                 speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
-                return replace(drive, speed=speed, across=across), Vehicles(**parts)
+                gone = put(every, actor, rows, x=GONE, speed=0.0)
+                return replace(drive, speed=speed, across=across), gone
             case Gap() if action.acceleration is None and not action.continuous:
-                return drive, _choose(rows, actor, self.set_gap(action, table, every), every)
+                return drive, self._set_gap(action, table, every, rows)
             case Trajectory():
                 anchors, poses = np.array(drive.anchors), np.stack([every.x, every.y, every.heading], axis=2)
                 anchors[rows, self.trajectories.index(number)] = poses[rows]
@@ -114,8 +110,7 @@ class Motions:
                 turns = action.may_reverse & (every.speed[:, actor] < 0.0)  # it drives the line backwards
                 gear = np.where(turns, -1.0, gear)
                 across = self._begin_endless(drive.across, number, rows, gear, not action.times)
-                across.target[:, actor] = np.where(rows & turns, np.pi, across.target[:, actor])
-                across.target[:, actor] = np.where(rows & ~turns, 0.0, across.target[:, actor])
+                across = put(across, actor, rows, target=np.where(turns, np.pi, 0.0))
                 speed = drive.speed.finish(actor, rows) if action.times else drive.speed
                 return replace(drive, speed=speed, across=across), every
             case Gap(across=True):
@@ -141,19 +136,15 @@ class Motions:
     def put(self, action: Gap | Teleport, table: Floats, every: Vehicles) -> Vehicles:
         """Put a vehicle to its place, or its distance, in all rows."""
         if isinstance(action, Gap):
-            return self.set_gap(action, table, every)
-        return self._teleport(action, table, every)
+            return self._set_gap(action, table, every, True)
+        return self._teleport(action, table, every, True)
 
-    def set_gap(self, gap: Gap, table: Floats, every: Vehicles) -> Vehicles:
-        """Put a vehicle at its distance to another one, with the other's speed."""
-        parts = {name: np.array(part) for name, part in vars(every).items()}
+    def _set_gap(self, gap: Gap, table: Floats, every: Vehicles, rows: Bools | bool) -> Vehicles:
+        # A vehicle at its distance to another one, with the other's speed.
         place = place_gap(gap, self.bodies, table, every)
         if gap.across:
-            parts["y"][:, gap.actor] = place
-        else:
-            parts["x"][:, gap.actor] = place
-            parts["speed"][:, gap.actor] = every.speed[:, gap.other]
-        return Vehicles(**parts)
+            return put(every, gap.actor, rows, y=place)
+        return put(every, gap.actor, rows, x=place, speed=every.speed[:, gap.other])
 
     def move(self, table: Floats, drive: Drive, step: Integers, every: Vehicles) -> tuple[Drive, Vehicles]:
         """Return what is done, and the points of reference (N, V) without the ego's, one step later.
@@ -247,16 +238,13 @@ class Motions:
             by_way=action.transition.dimension == "distance",
         )
 
-    def _teleport(self, action: Teleport, table: Floats, every: Vehicles) -> Vehicles:
+    def _teleport(self, action: Teleport, table: Floats, every: Vehicles, rows: Bools | bool) -> Vehicles:
         references = self._references(action.place, every)
         if self.ways is not None:
             self.ways.jump(action.actor, action.place, table, references)
         roads = self.maps[action.actor]
-        pose = place_point(action.place, roads, self.maps, table, references)
-        parts = {name: np.array(part) for name, part in vars(every).items()}
-        for name, value in zip(("x", "y", "heading"), pose, strict=True):
-            parts[name][:, action.actor] = value
-        return Vehicles(**parts)
+        s, d, heading = place_point(action.place, roads, self.maps, table, references)
+        return put(every, action.actor, rows, x=s, y=d, heading=heading)
 
     def _steer(
         self, table: Floats, begun: Course, course: Course, drive: Drive, velocity: Floats, every: Vehicles
@@ -278,11 +266,7 @@ class Motions:
                 case SpeedChange():
                     wanted = resolve_speed(action.target, table, every.speed)
                     value = np.where(course.action[:, actor] == number, velocity[:, actor], wanted)
-                    keep = np.array(course.action)
-                    keep[:, actor] = np.where(rows, number, keep[:, actor])
-                    target = np.array(course.target)
-                    target[:, actor] = np.where(rows, wanted, target[:, actor])
-                    course = replace(course, action=keep, target=target)
+                    course = put(course, actor, rows, action=number, target=wanted)
                 case SpeedProfile():
                     begin = begun.start[:, actor], begun.target[:, actor]
                     value, over = follow_profile(action, table, *begin, clock)
@@ -340,9 +324,7 @@ class Motions:
                 continue
             actor = action.actor
             if isinstance(action, Gap):
-                y = np.array(found.y)
-                y[:, actor] = np.where(rows, place_gap(action, self.bodies, table, every), y[:, actor])
-                found = replace(found, y=y)
+                found = put(found, actor, rows, y=place_gap(action, self.bodies, table, every))
                 continue
             path = self._path(number, table, drive)
             clock, velocity = across.clock[:, actor], found.speed[:, actor]
@@ -360,13 +342,10 @@ class Motions:
             turn = turn + across.target[:, actor]
             roads = self.maps[actor]
             s, d = roads.line.to_road(x, y)
-            pose = s, d, turn - roads.line.heading(s)
-            parts = {name: np.array(part) for name, part in vars(found).items()}
-            for name, value in zip(("x", "y", "heading", "speed"), (*pose, velocity), strict=True):
-                parts[name][:, actor] = np.where(rows, value, parts[name][:, actor])
-            snapped = pose[2] if self.free[actor] else np.where(np.cos(pose[2]) < 0.0, np.pi, 0.0)
+            turn = turn - roads.line.heading(s)
+            found = put(found, actor, rows, x=s, y=d, heading=turn, speed=velocity)
+            snapped = turn if self.free[actor] else np.where(np.cos(turn) < 0.0, np.pi, 0.0)
             heading[:, actor] = np.where(rows, snapped, heading[:, actor])
-            found = Vehicles(**parts)
             across = across.finish(actor, rows & over)
         return replace(drive, across=across, heading=heading), found
 
@@ -383,11 +362,3 @@ class Motions:
 
 def _pose(vehicles: Vehicles, k: int) -> Pose:
     return vehicles.x[:, k], vehicles.y[:, k], vehicles.heading[:, k]
-
-
-def _choose(rows: Bools, vehicle: int, moved: Vehicles, every: Vehicles) -> Vehicles:
-    # All vehicles, of which one is moved in some rows.
-    parts = {name: np.array(part) for name, part in vars(every).items()}
-    for name, part in parts.items():
-        part[:, vehicle] = np.where(rows, getattr(moved, name)[:, vehicle], part[:, vehicle])
-    return Vehicles(**parts)

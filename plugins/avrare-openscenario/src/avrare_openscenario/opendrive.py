@@ -74,8 +74,6 @@ def _list_connections(
             if (junction := junctions.get(name)) is None:
                 continue
             signs = _list_signs(road)
-            if junction is None:
-                continue
             for way in junction.list("connection"):
                 connecting = way.attributes.get("connectingRoad", "")
                 other = network.find(connecting)

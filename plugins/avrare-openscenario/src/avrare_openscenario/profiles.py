@@ -15,6 +15,13 @@ def follow_profile(
 
     Each speed is approached linearly, in its time or as fast as is allowed. Around each change of the
     acceleration the jerk is constant; the first one begins at the start, so that the line comes later.
+
+    Args:
+        profile: The action.
+        table: (N, K) numbers of the file.
+        start: (N,) speed at the begin [m/s].
+        slope: (N,) acceleration there [m/s^2].
+        clock: (N,) time since then [s].
     """
     change = np.diff(np.column_stack([start, table[:, list(profile.speeds)]]), axis=1)
     limits, sign = table[:, list(profile.limits)], np.where(change >= 0.0, 1.0, -1.0)

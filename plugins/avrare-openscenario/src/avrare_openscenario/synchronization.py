@@ -19,7 +19,17 @@ def synchronize_speed(
     steady: Floats,
     dt: float,
 ) -> Floats:
-    """Return the speed (N,) of the next step."""
+    """Return the speed (N,) of the next step.
+
+    Args:
+        now: Own speed [m/s].
+        pace: Speed of the other [m/s].
+        way: Own way left [m].
+        master_way: The other's way left [m].
+        final: Own speed at the target; None: any.
+        steady: Way before the target on which that speed is held [m].
+        dt: Step [s].
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         left = master_way / pace
         if final is None:

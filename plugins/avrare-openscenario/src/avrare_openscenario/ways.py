@@ -9,7 +9,7 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
-from avrare_openscenario.courses import Course
+from avrare_openscenario.courses import Course, put
 from avrare_openscenario.network import Leg, Network, RoadMap
 from avrare_openscenario.routes import follow_lane
 from avrare_openscenario.starts import lane_middle, nearest_lane, place_point
@@ -56,7 +56,13 @@ class Ways:
         self.changed.add(vehicle)
 
     def renew(self, points: Vehicles, course: Course, follows: Sequence[bool]) -> tuple[Vehicles, Course]:
-        """Return points of reference (1, V) and lane changes along the lines that vehicles take from here."""
+        """Return points of reference (1, V) and lane changes along the lines that vehicles take from here.
+
+        Args:
+            points: States (1, V).
+            course: Lane changes under way.
+            follows: Whether each vehicle follows a trajectory, and so keeps its line.
+        """
         for k, roads in enumerate(self.maps):
             station = float(points.x[0, k])
             if roads.legs and not follows[k] and self._leaves(k, roads, station, points):
@@ -70,7 +76,13 @@ class Ways:
         return points, course
 
     def stop(self, before: Vehicles, points: Vehicles, follows: Sequence[bool]) -> Vehicles:
-        """Return points of reference (1, V) of which those that came to the end of a road stand there."""
+        """Return points of reference (1, V) of which those that came to the end of a road stand there.
+
+        Args:
+            before: States (1, V) one step ago.
+            points: States now.
+            follows: Whether each vehicle follows a trajectory, and so keeps no road.
+        """
         ends = np.array([roads.line.length for roads in self.maps])
         free = [follows[k] or roads.closed or not roads.lanes for k, roads in enumerate(self.maps)]
         x, was = points.x[0], before.x[0]
@@ -110,10 +122,7 @@ class Ways:
         if not np.isfinite(s[0]):
             return points
         self.maps[k] = line
-        parts = {name: np.array(part) for name, part in vars(points).items()}
-        for name, value in (("x", s), ("y", d), ("heading", turned - line.line.heading(s))):
-            parts[name][:, k] = value
-        return Vehicles(**parts)
+        return put(points, k, True, x=s, y=d, heading=turned - line.line.heading(s))
 
     def find_target(self, action: LaneChange, points: Vehicles, offset: Floats) -> Floats:
         """Return the offset (1,) at which a lane change ends, on the vehicle's own line."""
