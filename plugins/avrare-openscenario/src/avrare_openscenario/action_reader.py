@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from avrare.base.errors import did_you_mean
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.place_reader import find_entity, find_lane, read_place
+from avrare_openscenario.place_reader import find_lane, read_place
 from avrare_openscenario.route_reader import read_route
 from avrare_openscenario.story import (
     DIMENSIONS,
@@ -80,7 +81,7 @@ class ActionReader:
         if action.tag in ("ParameterAction", "VariableAction"):
             return self._read_assignment(action)
         if action.tag == "EntityAction":
-            actor, change = self._find_entity(action), action.choice()
+            actor, change = self.find_entity(action), action.choice()
             if change.tag == "AddEntityAction":
                 return Teleport(actor, self.read_place(change.child("Position")))
             return Removal(actor)
@@ -131,33 +132,42 @@ class ActionReader:
 
     def read_place(self, position: Element) -> Place:
         """Read a ``Position``."""
-        return read_place(position, self.parameters, self.roads, self.names, self)
+        return read_place(self, position)
 
-    def _find_entity(self, element: Element, name: str = "entityRef") -> int:
-        return find_entity(element, name, self.parameters, self.names)
+    def find_entity(self, element: Element, name: str = "entityRef") -> int:
+        """Return the index of the entity that an attribute names."""
+        text = self.parameters.text(element, name)
+        if text not in self.names:
+            raise element.error(f"there is no entity {text!r}", did_you_mean(text, self.names))
+        return list(self.names).index(text)
+
+    def find_entities(self, element: Element) -> tuple[int, ...]:
+        """Return the indices of the entities that the elements ``EntityRef`` name."""
+        return tuple(map(self.find_entity, element.list("EntityRef")))
+
+    def find_variable(self, element: Element, name: str) -> int:
+        """Return the index of a variable or parameter."""
+        if name not in self.variables:
+            raise element.error(f"there is no variable {name!r}")
+        return list(self.variables).index(name)
 
     def _read_assignment(self, action: Element) -> Assignment:
-        names = {name: index for index, name in enumerate(self.variables)}
-        name = action.get("variableRef") or action.attribute("parameterRef")
-        if name not in names:
-            raise action.error(f"there is no variable {name!r}")
+        name = self.find_variable(action, action.get("variableRef") or action.attribute("parameterRef"))
         change = action.choice()
         if change.tag == "SetAction":
-            return Assignment(names[name], self.parameters.value(change, "value"), "set")
+            return Assignment(name, self.parameters.value(change, "value"), "set")
         rule = change.child("Rule").choice()
         if rule.tag == "AddValue":
-            return Assignment(names[name], self._number(rule, "value"), "add")
+            return Assignment(name, self._number(rule, "value"), "add")
         if rule.tag != "MultiplyByValue":
             raise rule.unknown("AddValue, MultiplyByValue")
-        return Assignment(names[name], self._number(rule, "value"), "multiply")
+        return Assignment(name, self._number(rule, "value"), "multiply")
 
     def _read_transition(self, element: Element) -> Transition:
         form = self.parameters.text(element, "dynamicsShape")
         dimension = self.parameters.text(element, "dynamicsDimension")
-        for name, found, known in (
-            ("dynamicsShape", form, FORMS),
-            ("dynamicsDimension", dimension, DIMENSIONS),
-        ):
+        choices = ("dynamicsShape", form, FORMS), ("dynamicsDimension", dimension, DIMENSIONS)
+        for name, found, known in choices:
             if found not in known:
                 raise element.error(f"{name} should be one of {', '.join(known)}, found {found!r}")
         check_following(element)
@@ -182,7 +192,7 @@ class ActionReader:
         kind = self.parameters.text(target, "speedTargetValueType")
         if kind not in ("delta", "factor"):
             raise target.error(f"speedTargetValueType should be delta or factor, found {kind!r}")
-        return TargetSpeed(value, self._find_entity(target), kind == "factor")
+        return TargetSpeed(value, self.find_entity(target), kind == "factor")
 
     def _read_profile(self, action: Element, actor: int) -> SpeedProfile:
         follows, limits = action.get("followingMode") == "follow", action.find("DynamicConstraints")
@@ -223,7 +233,7 @@ class ActionReader:
                 limits.get(name)
         return Gap(
             actor,
-            self._find_entity(action),
+            self.find_entity(action),
             value,
             timed,
             self.parameters.boolean(action, "freespace"),
@@ -239,11 +249,11 @@ class ActionReader:
         offset = self._number(action, "targetLaneOffset", 0.0)
         target = action.child("LaneChangeTarget").choice()
         if target.tag == "AbsoluteTargetLane":
-            lane = find_lane(target, "value", self.parameters, self.roads)
+            lane = find_lane(self, target, "value")
             return LaneChange(actor, transition, lane, offset)
         if target.tag != "RelativeTargetLane":
             raise target.unknown("AbsoluteTargetLane, RelativeTargetLane")
-        other = self._find_entity(target)
+        other = self.find_entity(target)
         return LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
 
     def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
@@ -262,7 +272,7 @@ class ActionReader:
             return LaneChange(actor, transition, 0, offset, actor)
         if target.tag != "RelativeTargetLaneOffset":
             raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
-        return LaneChange(actor, transition, 0, offset, self._find_entity(target), exact=True)
+        return LaneChange(actor, transition, 0, offset, self.find_entity(target), exact=True)
 
     def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
         holder = action.find("TrajectoryRef") or action
@@ -370,7 +380,7 @@ class ActionReader:
             kind = final.choice()
             if kind.tag == "RelativeSpeedToMaster":
                 factor = self.parameters.text(kind, "speedTargetValueType") == "factor"
-                master = self._find_entity(action, "masterEntityRef")
+                master = self.find_entity(action, "masterEntityRef")
                 speed = TargetSpeed(self._number(kind, "value"), master, factor)
             else:
                 speed = self.read_speed(kind)
@@ -380,7 +390,7 @@ class ActionReader:
                     steady, steady_timed = self._number(element, name), timed
         return Synchronize(
             actor,
-            self._find_entity(action, "masterEntityRef"),
+            self.find_entity(action, "masterEntityRef"),
             self.read_place(action.child("TargetPosition")),
             self.read_place(action.child("TargetPositionMaster")),
             speed,

@@ -7,9 +7,7 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 from avrare_openscenario.action_reader import ActionReader
-from avrare_openscenario.network import Network
-from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.place_reader import find_entity, read_place
+from avrare_openscenario.parameters import Number
 from avrare_openscenario.story import Condition, Edge, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
@@ -22,27 +20,13 @@ class ConditionReader:
     """Reader of the conditions of one file.
 
     Args:
-        parameters: Its parameters.
-        roads: Its roads.
-        names: Names of the entities.
-        kinds: What each of them is.
+        actions: Reader of its actions, and of what they refer to.
+        kinds: What each entity is.
         dt: Step [s].
-        curves: Reader of trajectories.
-        variables: Names of its variables, by index.
     """
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        roads: Network,
-        names: Sequence[str],
-        kinds: Sequence[str],
-        dt: float,
-        curves: ActionReader,
-        variables: Sequence[str],
-    ) -> None:
-        self.parameters, self.roads, self.names, self.kinds = parameters, roads, names, kinds
-        self.dt, self.curves, self.variables = dt, curves, variables
+    def __init__(self, actions: ActionReader, kinds: Sequence[str], dt: float) -> None:
+        self.actions, self.parameters, self.kinds, self.dt = actions, actions.parameters, kinds, dt
 
     def read(self, condition: Element) -> Condition:
         """Read a ``Condition``."""
@@ -71,10 +55,8 @@ class ConditionReader:
                 return Condition("state", "equalTo", self.parameters.constant(0.0))
             case "ParameterCondition" | "VariableCondition":
                 name = one.attribute(f"{one.tag.removesuffix('Condition').lower()}Ref")
-                if name not in self.variables:
-                    raise one.error(f"there is no variable {name!r}")
-                value = self.parameters.value(one, "value")
-                return Condition("variable", self._read_rule(one), value, variable=self.variables.index(name))
+                variable, value = self.actions.find_variable(one, name), self.parameters.value(one, "value")
+                return Condition("variable", self._read_rule(one), value, variable=variable)
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
         raise one.unknown(f"{known}, VariableCondition")
 
@@ -89,9 +71,7 @@ class ConditionReader:
 
     def _read_by_entity(self, condition: Element) -> Condition:
         triggering = condition.child("TriggeringEntities")
-        entities = tuple(
-            find_entity(one, "entityRef", self.parameters, self.names) for one in triggering.list("EntityRef")
-        )
+        entities = self.actions.find_entities(triggering)
         amount = triggering.attribute("triggeringEntitiesRule")
         if amount not in ("any", "all") or not entities:
             raise triggering.error("should name entities, any or all of them")
@@ -112,9 +92,12 @@ class ConditionReader:
         if one.tag in simple:
             rule, value = self._read_comparison(one)
             direction = self._read_direction(one)
-            other = -1
-            if one.tag in ("RelativeSpeedCondition", "TimeHeadwayCondition", "RelativeDistanceCondition"):
-                other = find_entity(one, "entityRef", self.parameters, self.names)
+            relative = one.tag in (
+                "RelativeSpeedCondition",
+                "TimeHeadwayCondition",
+                "RelativeDistanceCondition",
+            )
+            other = self.actions.find_entity(one) if relative else -1
             along, free = (
                 self._read_distance(one) if simple[one.tag] in ("headway", "distance") else (True, False)
             )
@@ -163,11 +146,11 @@ class ConditionReader:
         one.note("is taken along the road, also to vehicles in other lanes")
         target = one.child("TimeToCollisionConditionTarget").choice()
         if target.tag == "Position":
-            place = read_place(target, self.parameters, self.roads, self.names, self.curves)
+            place = self.actions.read_place(target)
             return Condition("collision_time", rule, value, free=free, place=place)
         if target.tag != "EntityRef":
             raise target.unknown("EntityRef, Position")
-        other = find_entity(target, "entityRef", self.parameters, self.names)
+        other = self.actions.find_entity(target)
         return Condition("collision_time", rule, value, other=other, free=free)
 
     def _read_clearance(self, one: Element) -> Condition:
@@ -184,21 +167,18 @@ class ConditionReader:
                 for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
             )
             lanes.append((low, high))
-        against = tuple(
-            find_entity(other, "entityRef", self.parameters, self.names) for other in one.list("EntityRef")
-        )
         return Condition(
             "clearance",
             "equalTo",
             self.parameters.constant(1.0),
             free=self.parameters.boolean(one, "freeSpace"),
-            against=against or tuple(range(len(self.names))),
+            against=self.actions.find_entities(one) or tuple(range(len(self.kinds))),
             reach=reach,
             lanes=tuple(lanes),
         )
 
     def _place(self, one: Element) -> Place:
-        return read_place(one.child("Position"), self.parameters, self.roads, self.names, self.curves)
+        return self.actions.read_place(one.child("Position"))
 
     def _read_direction(self, one: Element) -> Literal["", "longitudinal", "lateral"]:
         match one.get("direction"):
@@ -214,7 +194,7 @@ class ConditionReader:
         # Entities that a collision is with.
         target = one.choice()
         if target.tag == "EntityRef":
-            return (find_entity(target, "entityRef", self.parameters, self.names),)
+            return (self.actions.find_entity(target),)
         if target.tag != "ByType":
             raise target.unknown("EntityRef, ByType")
         kinds = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}

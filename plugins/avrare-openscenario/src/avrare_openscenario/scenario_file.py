@@ -16,7 +16,6 @@ from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
 from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.place_reader import find_entity
 from avrare_openscenario.routes import follow_lane
 from avrare_openscenario.starts import Starts, nearest_lane, place_all
 from avrare_openscenario.story import (
@@ -277,7 +276,7 @@ def _read_starts(init: Element, reader: ActionReader, acting: set[str]) -> Start
         for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
             later += [action for action in [reader.read_global(kind)] if action is not None]
         for private in actions.list("Private"):
-            actor = find_entity(private, "entityRef", reader.parameters, reader.names)
+            actor = reader.find_entity(private)
             for one in private.list("PrivateAction"):
                 match reader.read_private(one, actor):
                     case Route(roads=wanted):

@@ -13,7 +13,6 @@ from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.condition_reader import ConditionReader
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.place_reader import find_entity
 from avrare_openscenario.starts import Starts
 from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
 from avrare_openscenario.xml_tree import Element
@@ -66,7 +65,7 @@ class StoryReader:
         self.parameters, self.names = parameters, names
         self.ego, self.ignore_ego, self.catalogs, self.variables = ego, ignore_ego, catalogs, variables
         self.reading = ActionReader(parameters, roads, names, catalogs, tuple(variables))
-        self.asking = ConditionReader(parameters, roads, names, kinds, dt, self.reading, tuple(variables))
+        self.asking = ConditionReader(self.reading, kinds, dt)
         self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
@@ -139,9 +138,7 @@ class StoryReader:
         count, first = self._count(group), len(self.events)
         actors = group.child("Actors")
         self.selects = self.parameters.boolean(actors, "selectTriggeringEntities")
-        chosen = [
-            find_entity(one, "entityRef", self.parameters, self.names) for one in actors.list("EntityRef")
-        ]
+        chosen = list(self.reading.find_entities(actors))
         referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
         for maneuver in [*referred, *group.list("Maneuver")]:
             entry = any(maneuver is one for one in referred)
