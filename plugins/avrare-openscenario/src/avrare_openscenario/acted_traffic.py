@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,8 @@ from avrare_openscenario.courses import Course
 from avrare_openscenario.motions import GONE, Drive, Motions
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import move_all, move_along_body, move_over, place_all, speed_all
-from avrare_openscenario.story import Assignment, Edge, Route, Trigger
+from avrare_openscenario.starts import move_all, move_along_body, move_over, pick, place_all, speed_all
+from avrare_openscenario.story import EDGES, Assignment, Route, Trigger
 from avrare_openscenario.ways import Ways
 
 Integers = NDArray[np.int64]
@@ -83,7 +82,7 @@ class ActedTraffic:
         self.count = len(file.bodies) - file.ego
         self.motions = Motions(file, dt)
         self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
-        self.edges = np.array([get_args(Edge).index(one.edge) for one in self.story.conditions], np.int64)
+        self.edges = np.array([EDGES.index(one.edge) for one in self.story.conditions], np.int64)
         self.owners = self._find_owners()
         self.acts = np.array([event.act for event in self.story.events], np.int64)
         counts = [event.count if event.whole < 0 else 0 for event in self.story.events]
@@ -113,9 +112,7 @@ class ActedTraffic:
             points, _ = self.ways.renew(points, Course.idle(1, vehicles), [False] * len(self.maps))
         heading, speed = points.heading, points.speed
         every = move_all(self.maps, points, self.ahead)
-        own, others = (
-            Vehicles(*(values[:, :vehicles] for values in vars(part).values())) for part in (points, every)
-        )
+        own, others = (pick(part, slice(vehicles)) for part in (points, every))
         acts, conditions, events = len(story.acts), len(story.conditions), len(story.events)
         memory = StoryMemory(
             table,
@@ -139,13 +136,13 @@ class ActedTraffic:
             own,
             others,
         )
-        return Vehicles(*(values[:, -1] for values in vars(every).values())), memory
+        return pick(every, -1), memory
 
     def show(self, memory: StoryMemory) -> Vehicles:
         """Return the middles (N, V) along the road of the ego, far away where that has no place for them."""
         columns = []
         for k, roads in enumerate(self.maps[: self.count]):
-            body = Vehicles(*(values[:, k] for values in vars(memory.bodies).values()))
+            body = pick(memory.bodies, k)
             seen = move_over(body, roads, self.maps[-1])
             lost = np.isnan(seen.x) & np.isfinite(body.x)
             away = {name: np.where(lost, 0.0, values) for name, values in vars(seen).items()}

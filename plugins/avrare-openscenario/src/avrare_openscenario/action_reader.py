@@ -164,16 +164,12 @@ class ActionReader:
         return Assignment(name, self._number(rule, "value"), "multiply")
 
     def _read_transition(self, element: Element) -> Transition:
-        form = self.parameters.text(element, "dynamicsShape")
-        dimension = self.parameters.text(element, "dynamicsDimension")
-        choices = ("dynamicsShape", form, FORMS), ("dynamicsDimension", dimension, DIMENSIONS)
-        for name, found, known in choices:
-            if found not in known:
-                raise element.error(f"{name} should be one of {', '.join(known)}, found {found!r}")
+        form = self.parameters.choose(element, "dynamicsShape", FORMS)
+        dimension = self.parameters.choose(element, "dynamicsDimension", DIMENSIONS)
         check_following(element)
         low = 0.0 if dimension != "rate" else None  # of a rate, the size counts
         value = self.parameters.number(element, "value", 0.0 if form == "step" else None, low)
-        return Transition(form, dimension, value)  # type: ignore[arg-type]  # checked above
+        return Transition(form, dimension, value)
 
     def read_speed_change(self, action: Element, actor: int) -> SpeedChange:
         """Read a ``SpeedAction``."""
@@ -189,9 +185,7 @@ class ActionReader:
             return TargetSpeed(value)
         if target.tag != "RelativeTargetSpeed":
             raise target.unknown("AbsoluteTargetSpeed, RelativeTargetSpeed")
-        kind = self.parameters.text(target, "speedTargetValueType")
-        if kind not in ("delta", "factor"):
-            raise target.error(f"speedTargetValueType should be delta or factor, found {kind!r}")
+        kind = self.parameters.choose(target, "speedTargetValueType", ("delta", "factor"))
         return TargetSpeed(value, self.find_entity(target), kind == "factor")
 
     def _read_profile(self, action: Element, actor: int) -> SpeedProfile:
@@ -205,9 +199,8 @@ class ActionReader:
         if not entries:
             raise action.error("has no SpeedProfileEntry")
         names = [f"max{kind}{rate}" for rate in ("", "Rate") for kind in ("Acceleration", "Deceleration")]
-        most = [
-            endless if limit is None else limit for limit in (self._limit(limits, name) for name in names)
-        ]
+        found = [self._limit(limits, name) for name in names]
+        most = [endless if limit is None else limit for limit in found]
         most = most if follows else [*most[:2], endless, endless]
         if limits is not None:
             limits.get("maxSpeed")
@@ -223,9 +216,7 @@ class ActionReader:
         value = self._number(action, "timeGap" if timed else "distance", 0.0)
         sides = {"leadingReferencedEntity": 1, "trailingReferencedEntity": -1, "any": 0}
         sides |= {"leftToReferencedEntity": 1, "rightToReferencedEntity": -1}
-        side = action.get("displacement") or "any"
-        if side not in sides:
-            raise action.error(f"displacement should be one of {', '.join(sides)}, found {side!r}")
+        side = self.parameters.choose(action, "displacement", tuple(sides), "any")
         action.get("coordinateSystem")
         limits = action.find("DynamicConstraints")
         if limits is not None:
@@ -259,9 +250,7 @@ class ActionReader:
     def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
         self.parameters.boolean(action, "continuous")  # an offset is kept until another action in any case
         dynamics = action.child("LaneOffsetActionDynamics")
-        form = self.parameters.text(dynamics, "dynamicsShape")
-        if form not in FORMS:
-            raise dynamics.error(f"dynamicsShape should be one of {', '.join(FORMS)}, found {form!r}")
+        form = self.parameters.choose(dynamics, "dynamicsShape", FORMS)
         highest = self._limit(dynamics, "maxLateralAcc")
         transition = Transition("step", "time", self.parameters.constant(0.0))
         if form != "step" and highest is not None:
@@ -293,11 +282,7 @@ class ActionReader:
         self, holder: Element, actor: int, timed: bool, scale: float = 1.0, offset: float = 0.0
     ) -> Trajectory:
         """Read the trajectory in an element, or in the catalog that it refers to."""
-        reference = holder.find("CatalogReference")
-        trajectory = holder.child("Trajectory") if reference is None else None
-        if reference is not None:
-            trajectory = self.catalogs.resolve(reference, ("Trajectory",))
-        assert trajectory is not None
+        trajectory = self.catalogs.find(holder, "Trajectory")
         trajectory.get("name")
         trajectory.skip_children("ParameterDeclarations")
         if self.parameters.boolean(trajectory, "closed"):

@@ -62,6 +62,11 @@ class Catalogs:
         if locations is not None:
             locations.skip()
 
+    def find(self, holder: Element, tag: str) -> Element:
+        """Return the only child with this name, or the entry that the holder refers to instead."""
+        reference = holder.find("CatalogReference")
+        return holder.child(tag) if reference is None else self.resolve(reference, (tag,))
+
     def resolve(self, reference: Element, kinds: Sequence[str]) -> Element:
         """Return the entry that an element ``CatalogReference`` names, which must be one of these kinds.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.parameters import Number
-from avrare_openscenario.story import Condition, Edge, Place, Rule
+from avrare_openscenario.story import EDGES, RULES, Condition, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
 _LONGEST_DELAY = 100_000
@@ -31,9 +31,7 @@ class ConditionReader:
     def read(self, condition: Element) -> Condition:
         """Read a ``Condition``."""
         condition.get("name")
-        edge = condition.get("conditionEdge") or "none"
-        if edge not in get_args(Edge):
-            raise condition.error(f"conditionEdge should be one of {', '.join(get_args(Edge))}")
+        edge = self.parameters.choose(condition, "conditionEdge", EDGES, "none")
         seconds = 0.0 if condition.get("delay") is None else self.parameters.fixed(condition, "delay")
         if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
             text = f"delay should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
@@ -45,7 +43,7 @@ class ConditionReader:
             found = self._read_by_entity(kind)
         else:
             raise kind.unknown("ByValueCondition, ByEntityCondition")
-        return replace(found, edge=edge, delay=found.delay + round(seconds / self.dt))  # type: ignore[arg-type]
+        return replace(found, edge=edge, delay=found.delay + round(seconds / self.dt))
 
     def _read_by_value(self, one: Element) -> Condition:
         match one.tag:
@@ -64,10 +62,7 @@ class ConditionReader:
         return self._read_rule(one), self.parameters.number(one, "value")
 
     def _read_rule(self, one: Element) -> Rule:
-        rule = self.parameters.text(one, "rule")
-        if rule not in get_args(Rule):
-            raise one.error(f"rule should be one of {', '.join(get_args(Rule))}, found {rule!r}")
-        return rule  # type: ignore[return-value]  # checked above
+        return self.parameters.choose(one, "rule", RULES)
 
     def _read_by_entity(self, condition: Element) -> Condition:
         triggering = condition.child("TriggeringEntities")
@@ -198,9 +193,7 @@ class ConditionReader:
         if target.tag != "ByType":
             raise target.unknown("EntityRef, ByType")
         kinds = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
-        kind = target.attribute("type")
-        if kind not in kinds:
-            raise target.error(f"type should be one of {', '.join(kinds)}, found {kind!r}")
+        kind = self.parameters.choose(target, "type", tuple(kinds))
         return tuple(index for index, found in enumerate(self.kinds) if found == kinds[kind])
 
     def _read_distance(self, one: Element) -> tuple[bool, bool]:

@@ -13,7 +13,7 @@ from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.network import RoadMap
-from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, place_point
+from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, pick, place_point
 from avrare_openscenario.story import Condition
 from avrare_openscenario.trajectories import list_places
 
@@ -90,18 +90,15 @@ def holds(
 def compare(rule: str, left: Floats, right: Floats) -> Bools:
     """Tell where a comparison of OpenSCENARIO holds."""
     slack = _TOLERANCE * (1.0 + np.abs(right))
-    match rule:
-        case "lessThan":
-            return np.asarray(left < right - slack)
-        case "lessOrEqual":
-            return np.asarray(left <= right + slack)
-        case "greaterThan":
-            return np.asarray(left > right + slack)
-        case "greaterOrEqual":
-            return np.asarray(left >= right - slack)
-        case "equalTo":
-            return np.asarray(np.abs(left - right) <= slack)
-    return np.asarray(np.abs(left - right) > slack)
+    verdicts = {
+        "lessThan": left < right - slack,
+        "lessOrEqual": left <= right + slack,
+        "greaterThan": left > right + slack,
+        "greaterOrEqual": left >= right - slack,
+        "equalTo": np.abs(left - right) <= slack,
+        "notEqualTo": np.abs(left - right) > slack,
+    }
+    return np.asarray(verdicts[rule])
 
 
 def _state_holds(condition: Condition, acts: Bools, begun: NDArray[np.int64], over: Bools) -> Bools:
@@ -148,11 +145,11 @@ def _measure(
         case "clearance":
             return _is_clear(condition, entity, traffic, maps, table)
         case "road_end":
-            station = _reference(roads, _pick(traffic.vehicles, entity), traffic.ahead[entity]).x
+            station = _reference(roads, pick(traffic.vehicles, entity), traffic.ahead[entity]).x
             slack = _TOLERANCE * (1.0 + roads.line.length)
             return np.asarray((station <= slack) | (station >= roads.line.length - slack), dtype=np.float64)
         case "off_road":
-            return _off_road(_pick(traffic.vehicles, entity), roads)
+            return _off_road(pick(traffic.vehicles, entity), roads)
     if condition.place is not None:
         distance = _distance_to_place(condition, entity, traffic, maps, table)
     else:
@@ -171,7 +168,7 @@ def _measure(
 def _distance(
     condition: Condition, one: int, other: int, traffic: Traffic, maps: Sequence[RoadMap]
 ) -> Floats:
-    here, there = _pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
+    here, there = pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
     roads = maps[one]
     if condition.direction == "lateral":
         reach = 0.5 * (traffic.widths[one] + traffic.widths[other]) if condition.free else 0.0
@@ -188,7 +185,7 @@ def _distance(
 
 def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
     # Another vehicle along a road, which may not be its own.
-    return move_over(_pick(traffic.vehicles, other), maps[other], roads)
+    return move_over(pick(traffic.vehicles, other), maps[other], roads)
 
 
 def _distance_to_place(
@@ -198,11 +195,11 @@ def _distance_to_place(
     roads = maps[entity]
     references = {}
     for k in list_places(condition.place):
-        seen = _reference(maps[k], _pick(traffic.vehicles, k), traffic.ahead[k])
+        seen = _reference(maps[k], pick(traffic.vehicles, k), traffic.ahead[k])
         references[k] = seen.x, seen.y, seen.heading
     s, d, heading = place_point(condition.place, roads, maps, table, references)
     goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
-    here = _pick(traffic.vehicles, entity)
+    here = pick(traffic.vehicles, entity)
     if condition.direction == "lateral":
         reach = 0.5 * traffic.widths[entity] if condition.free else 0.0
         return np.asarray(np.maximum(np.abs(here.y - d) - reach, 0.0))
@@ -222,7 +219,7 @@ def _distance_to_place(
 
 def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap]) -> Floats:
     touches = np.zeros(len(traffic.time), np.bool_)
-    mine = _box(maps[one], _pick(traffic.vehicles, one), traffic, one)
+    mine = _box(maps[one], pick(traffic.vehicles, one), traffic, one)
     for other in condition.against:
         if other != one:
             theirs = _box(maps[one], _see(traffic, other, maps[one], maps), traffic, other)
@@ -233,7 +230,7 @@ def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[Ro
 def _is_clear(
     condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
 ) -> Floats:
-    roads, here = maps[one], _pick(traffic.vehicles, one)
+    roads, here = maps[one], pick(traffic.vehicles, one)
     ahead, behind = (table[:, number] for number in condition.reach)
     along = np.sign(np.cos(here.heading))
     lane, taken = nearest_lane(roads, here.y, here.x), np.zeros(len(here.x), np.bool_)
@@ -273,7 +270,3 @@ def _reference(roads: RoadMap, vehicles: Vehicles, ahead: Floats) -> Vehicles:
     # The point that a file speaks of: the middle of the rear axle.
     s, d, heading = move_along_body(roads, vehicles.x, vehicles.y, vehicles.heading, -ahead)
     return Vehicles(s, d, heading, vehicles.speed, vehicles.acceleration)
-
-
-def _pick(vehicles: Vehicles, k: int) -> Vehicles:
-    return Vehicles(*(part[:, k] for part in vars(vehicles).values()))

@@ -109,12 +109,10 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]
 
 def _read_law(one: Element) -> dict[str, object]:
     match one.tag:
-        case "NormalDistribution":
+        case "NormalDistribution" | "LogNormalDistribution":
             mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
-            return _cut(one, {"law": "normal", "mean": mean, "sd": sd})
-        case "LogNormalDistribution":
-            mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
-            return _cut(one, {"law": "lognormal", "mean": mean, "sd": sd})
+            law = one.tag.removesuffix("Distribution").lower()
+            return _cut(one, {"law": law, "mean": mean, "sd": sd})
         case "UniformDistribution":
             return {"law": "uniform", **_range(one.child("Range"))}
         case "Histogram":

@@ -14,7 +14,7 @@ from avrare_openscenario.gaps import close_gap, place_gap
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.profiles import follow_profile
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.starts import build_path, lane_middle, nearest_lane, place_point, resolve_speed
+from avrare_openscenario.starts import build_path, lane_middle, nearest_lane, pick, place_point, resolve_speed
 from avrare_openscenario.story import (
     FORMS,
     Assignment,
@@ -152,7 +152,7 @@ class Motions:
         A speed is that of the point in any direction: who changes lanes gains less along the road.
         """
         heading, speed, across = drive.heading, drive.speed, drive.across
-        others = Vehicles(*(part[:, : heading.shape[1]] for part in vars(every).values()))
+        others = pick(every, slice(heading.shape[1]))
         active = speed.action >= 0
         begun = speed
         speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))

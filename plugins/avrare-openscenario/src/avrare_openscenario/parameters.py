@@ -7,10 +7,10 @@ import functools
 import math
 import operator
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.protocols import Floats
 from avrare_openscenario.xml_tree import Element
 
+Choice = TypeVar("Choice", bound=str)
 Number: TypeAlias = int
 """Number of a file, as its column in the table of all of them."""
 _REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
@@ -186,12 +187,21 @@ class Parameters:
         self.decisive.add(reference[1])
         return str(self._value(element, name, reference[1]))
 
+    def choose(
+        self, element: Element, name: str, choices: Sequence[Choice], default: Choice | None = None
+    ) -> Choice:
+        """Return an attribute that must be one of some words."""
+        if default is not None and element.get(name) is None:
+            return default
+        text = self.text(element, name)
+        for choice in choices:
+            if choice == text:
+                return choice
+        raise element.error(f"{name} should be one of {', '.join(choices)}, found {text!r}")
+
     def boolean(self, element: Element, name: str) -> bool:
         """Return an attribute that is true or false, False where it is not there."""
-        text = "false" if element.get(name) is None else self.text(element, name)
-        if text not in ("true", "false", "1", "0"):
-            raise element.error(f"{name} should be true or false, found {text[:40]!r}")
-        return text in ("true", "1")
+        return self.choose(element, name, ("true", "false", "1", "0"), "false") in ("true", "1")
 
     def number(
         self, element: Element, name: str, default: float | None = None, low: float | None = None

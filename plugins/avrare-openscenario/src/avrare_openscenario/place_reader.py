@@ -108,7 +108,5 @@ def read_orientation(position: Element, parameters: Parameters) -> tuple[Number,
         return parameters.constant(0.0), False
     for name in ("p", "r"):
         found.get(name)
-    kind = found.get("type") or "absolute"
-    if kind not in ("absolute", "relative"):
-        raise found.error(f"type should be absolute or relative, found {kind!r}")
+    kind = parameters.choose(found, "type", ("absolute", "relative"), "absolute")
     return parameters.number(found, "h", 0.0), kind == "absolute"

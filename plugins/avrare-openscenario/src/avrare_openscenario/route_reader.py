@@ -48,11 +48,7 @@ def read_route_place(reader: ActionReader, position: Element) -> Place:
 
 
 def _read_waypoints(reader: ActionReader, action: Element) -> list[Place]:
-    reference = action.find("CatalogReference")
-    route = action.child("Route") if reference is None else None
-    if reference is not None:
-        route = reader.catalogs.resolve(reference, ("Route",))
-    assert route is not None
+    route = reader.catalogs.find(action, "Route")
     route.skip_children("ParameterDeclarations")
     route.get("name")
     if reader.parameters.boolean(route, "closed"):

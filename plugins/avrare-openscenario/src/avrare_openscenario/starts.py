@@ -134,6 +134,11 @@ def move_all(maps: Sequence[RoadMap], vehicles: Vehicles, ahead: Floats) -> Vehi
     return replace(vehicles, x=s, y=d, heading=heading)
 
 
+def pick(vehicles: Vehicles, columns: int | slice) -> Vehicles:
+    """Return one of all vehicles (N, V), or some of them."""
+    return Vehicles(*(part[:, columns] for part in vars(vehicles).values()))
+
+
 def move_over(vehicles: Vehicles, old: RoadMap, new: RoadMap) -> Vehicles:
     """Return vehicles, given along a road, along another one; NaN where they have no foot on it."""
     if old is new:

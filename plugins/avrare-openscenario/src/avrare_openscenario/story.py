@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.parameters import Number
 
 Form: TypeAlias = Literal["step", "linear", "cubic", "sinusoidal"]
-FORMS: tuple[Form, ...] = ("step", "linear", "cubic", "sinusoidal")
+FORMS: tuple[Form, ...] = get_args(Form)
 """Shapes of a transition."""
 Dimension: TypeAlias = Literal["time", "distance", "rate", "curvature"]
 DIMENSIONS: tuple[Dimension, ...] = ("time", "distance", "rate")
@@ -18,7 +18,9 @@ DIMENSIONS: tuple[Dimension, ...] = ("time", "distance", "rate")
 ``curvature`` stands for the highest second derivative, which an action gives by an acceleration.
 """
 Rule: TypeAlias = Literal["lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual", "equalTo", "notEqualTo"]
+RULES: tuple[Rule, ...] = get_args(Rule)
 Edge: TypeAlias = Literal["none", "rising", "falling", "risingOrFalling"]
+EDGES: tuple[Edge, ...] = get_args(Edge)
 
 
 @dataclass(frozen=True)
