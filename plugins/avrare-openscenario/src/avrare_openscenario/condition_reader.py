@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.parameters import Number
-from avrare_openscenario.story import EDGES, RULES, Condition, Place, Rule
+from avrare_openscenario.story import EDGES, RULES, Condition, Direction, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
 _LONGEST_DELAY = 100_000
@@ -54,15 +53,14 @@ class ConditionReader:
             case "ParameterCondition" | "VariableCondition":
                 name = one.attribute(f"{one.tag.removesuffix('Condition').lower()}Ref")
                 variable, value = self.actions.find_variable(one, name), self.parameters.value(one, "value")
-                return Condition("variable", self._read_rule(one), value, variable=variable)
+                return Condition(
+                    "variable", self.parameters.choose(one, "rule", RULES), value, variable=variable
+                )
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
         raise one.unknown(f"{known}, VariableCondition")
 
     def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
-        return self._read_rule(one), self.parameters.number(one, "value")
-
-    def _read_rule(self, one: Element) -> Rule:
-        return self.parameters.choose(one, "rule", RULES)
+        return self.parameters.choose(one, "rule", RULES), self.parameters.number(one, "value")
 
     def _read_by_entity(self, condition: Element) -> Condition:
         triggering = condition.child("TriggeringEntities")
@@ -86,21 +84,13 @@ class ConditionReader:
             return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
         if one.tag in simple:
             rule, value = self._read_comparison(one)
-            direction = self._read_direction(one)
-            relative = one.tag in (
-                "RelativeSpeedCondition",
-                "TimeHeadwayCondition",
-                "RelativeDistanceCondition",
-            )
-            other = self.actions.find_entity(one) if relative else -1
-            along, free = (
-                self._read_distance(one) if simple[one.tag] in ("headway", "distance") else (True, False)
-            )
-            if one.get("relativeDistanceType") == "lateral":
-                direction = "lateral"
-            return Condition(
-                simple[one.tag], rule, value, other=other, along=along, free=free, direction=direction
-            )
+            kind, along, free = simple[one.tag], True, False
+            other = self.actions.find_entity(one) if kind in ("relative_speed", "headway", "distance") else -1
+            if kind in ("headway", "distance"):
+                direction, along, free = self._read_distance(one)
+            else:
+                direction = self._read_direction(one)
+            return Condition(kind, rule, value, other=other, along=along, free=free, direction=direction)
         match one.tag:
             case "CollisionCondition":
                 one_value = self.parameters.constant(1.0)
@@ -117,14 +107,9 @@ class ConditionReader:
                 return self._read_collision_time(one)
             case "DistanceCondition":
                 rule, value = self._read_comparison(one)
-                along, free = self._read_distance(one)
-                aside: Literal["", "lateral"] = (
-                    "lateral" if one.get("relativeDistanceType") == "lateral" else ""
-                )
+                side, along, free = self._read_distance(one)
                 place = self._place(one)
-                return Condition(
-                    "distance", rule, value, along=along, free=free, place=place, direction=aside
-                )
+                return Condition("distance", rule, value, along=along, free=free, place=place, direction=side)
             case "ReachPositionCondition":
                 tolerance = self.parameters.number(one, "tolerance")
                 return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
@@ -133,8 +118,8 @@ class ConditionReader:
 
     def _read_collision_time(self, one: Element) -> Condition:
         rule, value = self._read_comparison(one)
-        along, free = self._read_distance(one)
-        if not along or one.get("relativeDistanceType") == "lateral":
+        _, along, free = self._read_distance(one)
+        if not along:
             raise one.error(
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
@@ -175,15 +160,10 @@ class ConditionReader:
     def _place(self, one: Element) -> Place:
         return self.actions.read_place(one.child("Position"))
 
-    def _read_direction(self, one: Element) -> Literal["", "longitudinal", "lateral"]:
-        match one.get("direction"):
-            case None:
-                return ""
-            case "longitudinal":
-                return "longitudinal"
-            case "lateral" if one.tag == "RelativeSpeedCondition":
-                return "lateral"
-        raise one.error("direction should be longitudinal")
+    def _read_direction(self, one: Element) -> Direction:
+        choices: tuple[Direction, ...] = ("longitudinal", "lateral")
+        count = 2 if one.tag == "RelativeSpeedCondition" else 1
+        return self.parameters.choose(one, "direction", choices[:count], "")
 
     def _read_against(self, one: Element) -> tuple[int, ...]:
         # Entities that a collision is with.
@@ -196,8 +176,8 @@ class ConditionReader:
         kind = self.parameters.choose(target, "type", tuple(kinds))
         return tuple(index for index, found in enumerate(self.kinds) if found == kinds[kind])
 
-    def _read_distance(self, one: Element) -> tuple[bool, bool]:
-        # Whether a distance is along the road, and whether between the boxes.
+    def _read_distance(self, one: Element) -> tuple[Direction, bool, bool]:
+        # Direction of a distance, whether it is along the road, and whether between the boxes.
         kind = one.get("relativeDistanceType")
         if kind is None:
             along = self.parameters.boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
@@ -209,4 +189,5 @@ class ConditionReader:
             raise one.error("coordinateSystem should be entity, lane or road")
         one.get("routingAlgorithm")
         one.attribute("freespace")
-        return kind == "longitudinal", self.parameters.boolean(one, "freespace")
+        side: Direction = "lateral" if kind == "lateral" else ""
+        return side, kind == "longitudinal", self.parameters.boolean(one, "freespace")

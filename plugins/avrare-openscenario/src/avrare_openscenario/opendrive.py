@@ -180,10 +180,7 @@ def _sample_line(piece: CurvedLine) -> Floats:
 
 
 def _sample_polynomial(geometry: Element, x: float, y: float, heading: float) -> Floats:
-    geometry.get("s")
-    shape, length = geometry.choice(), geometry.number("length")
-    if length <= 0.0:
-        raise geometry.error("the length should be above 0")
+    shape, length = _read_shape(geometry)
     stations = np.linspace(0.0, length, max(2, 1 + int(np.ceil(length / _STEP))))
     if shape.tag == "poly3":
         along, across = stations, polynomial([shape.number(name) for name in "abcd"], stations)
@@ -245,11 +242,16 @@ def _joins(road: Element, after: Element) -> bool:
     return _same_lanes(*lanes)
 
 
-def _read_piece(geometry: Element) -> Piece:
+def _read_shape(geometry: Element) -> tuple[Element, float]:
     geometry.get("s")
     shape, length = geometry.choice(), geometry.number("length")
     if length <= 0.0:
         raise geometry.error("the length should be above 0")
+    return shape, length
+
+
+def _read_piece(geometry: Element) -> Piece:
+    shape, length = _read_shape(geometry)
     match shape.tag:
         case "line":
             return Piece(length)

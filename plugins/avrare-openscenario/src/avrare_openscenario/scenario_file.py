@@ -150,9 +150,10 @@ def read_scenario(
     kinds = [body.kind for body in bodies]
     driven = None if ego is None else len(names) - 1
     variables = _read_variables(top, parameters)
-    reader = StoryReader(parameters, roads, names, kinds, dt, driven, ignore_ego, entries, variables)
-    starts = _read_starts(board.child("Init"), reader.reading, board.list_names("Actors", "entityRef"))
-    story = reader.read(board, starts)
+    reader = ActionReader(parameters, roads, names, entries, tuple(variables))
+    starts = _read_starts(board.child("Init"), reader, board.list_names("Actors", "entityRef"))
+    storyboard = StoryReader(reader, kinds, dt, driven, ignore_ego)
+    story = storyboard.read(board, starts, tuple(variables.values()))
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Scene, World
@@ -18,6 +17,7 @@ from avrare_openscenario.scenario_file import Body, ScenarioFile, read_scenario
 from avrare_openscenario.starts import speed_all
 from avrare_openscenario.story import Assignment
 from avrare_single_track.config import EgoConfig, SingleTrackConfig
+from avrare_single_track.file_config import check_ego
 from avrare_single_track.simulator import SingleTrack, TrackWorld
 
 PREFIX = "parameters."
@@ -49,7 +49,15 @@ class OpenScenario(SingleTrack):
 
     def __init__(self, config: OpenScenarioConfig) -> None:
         self.options = config
-        self.file = file = read_file(config)
+        self.file = file = read_scenario(
+            str(config.file),
+            config.entity,
+            config.dt,
+            config.parameters,
+            None if config.road is None else str(config.road),
+            config.ignore_ego_events,
+            [str(path) for path in config.catalogs],
+        )
         *others, ego = file.bodies
         own = _build_ego(config, file, ego)
         super().__init__(SingleTrackConfig(dt=config.dt, ego=own, after_impact=config.after_impact))
@@ -114,20 +122,6 @@ class OpenScenario(SingleTrack):
         return super().faults(world) | lost.any(axis=1) | wrong
 
 
-def read_file(config: OpenScenarioConfig, **limits: Any) -> ScenarioFile:
-    """Read the file of a configuration."""
-    return read_scenario(
-        str(config.file),
-        config.entity,
-        config.dt,
-        config.parameters,
-        None if config.road is None else str(config.road),
-        config.ignore_ego_events,
-        [str(path) for path in config.catalogs],
-        **limits,
-    )
-
-
 def _build_ego(config: OpenScenarioConfig, file: ScenarioFile, body: Body) -> EgoConfig:
     options: dict[str, Any] = {"length": body.length, "width": body.width}
     options |= {} if body.wheelbase is None else {"wheelbase": body.wheelbase}
@@ -138,13 +132,3 @@ def _build_ego(config: OpenScenarioConfig, file: ScenarioFile, body: Body) -> Eg
         hint = "set a parameter of the file in `parameters`, or change the file"
         raise UsageError(f"ego.{wrong[0]}: that of the ego is given by {file.path}", hint)
     return check_ego(file.path, {**options, **config.ego})
-
-
-def check_ego(path: str, options: Mapping[str, Any]) -> EgoConfig:
-    """Return the ego's options, those that a file gives among them."""
-    try:
-        return EgoConfig(**options)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, ("ego", *first["loc"])))
-        raise UsageError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None

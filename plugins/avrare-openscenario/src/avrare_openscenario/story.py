@@ -21,6 +21,7 @@ Rule: TypeAlias = Literal["lessThan", "lessOrEqual", "greaterThan", "greaterOrEq
 RULES: tuple[Rule, ...] = get_args(Rule)
 Edge: TypeAlias = Literal["none", "rising", "falling", "risingOrFalling"]
 EDGES: tuple[Edge, ...] = get_args(Edge)
+Direction: TypeAlias = Literal["", "longitudinal", "lateral"]
 
 
 @dataclass(frozen=True)
@@ -318,7 +319,7 @@ class Condition:
     state: str = ""
     begin: Literal["event", "act", "story"] = "event"
     act: int = -1
-    direction: Literal["", "longitudinal", "lateral"] = ""
+    direction: Direction = ""
     variable: int = -1
     against: tuple[int, ...] = ()
     reach: tuple[Number, ...] = ()

@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from avrare_openscenario.action_reader import ActionReader
-from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.condition_reader import ConditionReader
-from avrare_openscenario.network import Network
-from avrare_openscenario.parameters import Number, Parameters
+from avrare_openscenario.parameters import Number
 from avrare_openscenario.starts import Starts
 from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
 from avrare_openscenario.xml_tree import Element
@@ -39,33 +37,23 @@ class StoryReader:
     """Reader of one file's storyboard.
 
     Args:
-        parameters: Its parameters.
-        roads: Its roads.
-        names: Names of the entities, the ego last.
+        reading: Reader of its actions; names of entities end with that of the ego.
         kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         dt: Step [s].
         ego: Index of the entity that a stack drives; None: all obey the storyboard.
         ignore_ego: Whether actions of the ego are passed over.
-        catalogs: Catalogs of maneuvers.
-        variables: Value of each variable and parameter at the start.
     """
 
     def __init__(
-        self,
-        parameters: Parameters,
-        roads: Network,
-        names: Sequence[str],
-        kinds: Sequence[str],
-        dt: float,
-        ego: int | None,
-        ignore_ego: bool,
-        catalogs: Catalogs,
-        variables: dict[str, Number],
+        self, reading: ActionReader, kinds: Sequence[str], dt: float, ego: int | None, ignore_ego: bool
     ) -> None:
-        self.parameters, self.names = parameters, names
-        self.ego, self.ignore_ego, self.catalogs, self.variables = ego, ignore_ego, catalogs, variables
-        self.reading = ActionReader(parameters, roads, names, catalogs, tuple(variables))
-        self.asking = ConditionReader(self.reading, kinds, dt)
+        self.reading, self.parameters, self.ego, self.ignore_ego = (
+            reading,
+            reading.parameters,
+            ego,
+            ignore_ego,
+        )
+        self.asking = ConditionReader(reading, kinds, dt)
         self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
@@ -78,8 +66,8 @@ class StoryReader:
         self._path: list[str] = []
         self._waiting: list[tuple[int, Element]] = []
 
-    def read(self, board: Element, starts: Starts) -> Storyboard:
-        """Read the element ``Storyboard`` after its ``Init``."""
+    def read(self, board: Element, starts: Starts, variables: tuple[Number, ...]) -> Storyboard:
+        """Read the element ``Storyboard`` after its ``Init``; variables are those at the start."""
         board.skip_children("StopTrigger")  # the scenario's ``steps`` end a rollout
         actions = [
             action for action in starts.actions if isinstance(action, Assignment) or action.actor != self.ego
@@ -107,7 +95,7 @@ class StoryReader:
             tuple(self.events),
             tuple(self.actions),
             tuple(self.conditions),
-            tuple(self.variables.values()),
+            variables,
             tuple(self.groups),
         )
 
@@ -139,7 +127,9 @@ class StoryReader:
         actors = group.child("Actors")
         self.selects = self.parameters.boolean(actors, "selectTriggeringEntities")
         chosen = list(self.reading.find_entities(actors))
-        referred = [self.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")]
+        referred = [
+            self.reading.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")
+        ]
         for maneuver in [*referred, *group.list("Maneuver")]:
             entry = any(maneuver is one for one in referred)
             declarations = None if entry else maneuver.find("ParameterDeclarations")
@@ -187,7 +177,7 @@ class StoryReader:
         named = event.list_names("TriggeringEntities", "entityRef")
         if not named:
             raise event.error("selectTriggeringEntities needs a trigger of the event that names entities")
-        return [index for index, name in enumerate(self.names) if name in named and index != self.ego]
+        return [index for index, name in enumerate(self.reading.names) if name in named and index != self.ego]
 
     def _count(self, event: Element) -> int:
         # How often an event or a maneuver group may begin.

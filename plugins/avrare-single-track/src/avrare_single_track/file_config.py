@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from avrare.base.errors import did_you_mean
+from avrare.base.errors import UsageError, did_you_mean
 from avrare.plugin import Options
 from avrare.scenario.fingerprint import is_file
 from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig
@@ -44,10 +45,26 @@ def check_body(ego: dict[str, float], source: str) -> dict[str, float]:
     try:
         EgoConfig(x=0.0, y=0.0, speed=0.0, **ego)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, ("ego", *first["loc"])))
-        raise ValueError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from None
+        raise ValueError(_describe(error)) from None
     return ego
+
+
+def check_ego(path: str, options: Mapping[str, Any]) -> EgoConfig:
+    """Return the ego's options, those that a file gives among them.
+
+    Raises:
+        UsageError: A start or a size is beyond what the options allow.
+    """
+    try:
+        return EgoConfig(**options)
+    except ValidationError as error:
+        raise UsageError(f"{path}: {_describe(error)}") from None
+
+
+def _describe(error: ValidationError) -> str:
+    first = error.errors()[0]
+    where = ".".join(map(str, ("ego", *first["loc"])))
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def _list_companions(file: Path) -> list[Path]:

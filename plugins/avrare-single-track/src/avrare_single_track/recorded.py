@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
 from avrare.driving.lanes import ENDLESS, lane_overlap
 from avrare.protocols import Bools, Floats, Signals
 from avrare.results.recordings.recording import VehicleTrack
-from avrare_single_track.config import DriverConfig, EgoConfig, SingleTrackConfig, VehicleConfig
-from avrare_single_track.file_config import HandedOverConfig, RecordedConfig
+from avrare_single_track.config import DriverConfig, SingleTrackConfig, VehicleConfig
+from avrare_single_track.file_config import HandedOverConfig, RecordedConfig, check_ego
 from avrare_single_track.recorded_files import read_scene
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
@@ -45,7 +43,7 @@ class RecordedScene(SingleTrack):
     def __init__(self, config: RecordedConfig) -> None:
         self._path = path = str(config.file)
         scene = read_scene(config)
-        ego = _check_ego(path, {**scene.body, **config.ego})
+        ego = check_ego(path, {**scene.body, **config.ego})
         super().__init__(SingleTrackConfig(dt=scene.dt, ego=ego, after_impact=config.after_impact))
         self.last, self.lights = scene.last, scene.lights
         self.traffic = ReplayedTraffic([track.fill_gaps(scene.dt) for track in scene.others], scene.last + 1)
@@ -139,15 +137,6 @@ def continue_lanes(road: Road) -> Road:
 def _is_along_a_lane(road: Road, x: float, y: float, heading: float) -> bool:
     place = np.array(x), np.array(y), np.array(0.0), np.array(0.0)
     return abs(np.cos(heading)) > np.cos(_ALIGNED) and bool((lane_overlap(road, *place) > 0.0).any())
-
-
-def _check_ego(path: str, body: dict[str, Any]) -> EgoConfig:
-    try:  # a start may be beyond what the options allow
-        return EgoConfig(**body)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, ("ego", *first["loc"])))
-        raise UsageError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
 
 
 class ReplayedTraffic(ScriptedTraffic):
