@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.conditions import Traffic, holds
-from avrare_openscenario.courses import Course
+from avrare_openscenario.courses import Course, put
 from avrare_openscenario.motions import GONE, Drive, Motions
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
@@ -140,16 +140,14 @@ class ActedTraffic:
 
     def show(self, memory: StoryMemory) -> Vehicles:
         """Return the middles (N, V) along the road of the ego, far away where that has no place for them."""
-        columns = []
+        every = memory.bodies
         for k, roads in enumerate(self.maps[: self.count]):
             body = pick(memory.bodies, k)
             seen = move_over(body, roads, self.maps[-1])
             lost = np.isnan(seen.x) & np.isfinite(body.x)
             away = {name: np.where(lost, 0.0, values) for name, values in vars(seen).items()}
-            columns.append({**away, "x": np.where(lost, GONE, seen.x)})
-        if not columns:
-            return memory.bodies
-        return Vehicles(*(np.stack([each[name] for each in columns], axis=1) for name in columns[0]))
+            every = put(every, k, True, **{**away, "x": np.where(lost, GONE, seen.x)})
+        return every
 
     def check_start(self) -> None:
         """Raise an error where a vehicle starts off the road of the ego, or the ego against it.
@@ -316,11 +314,9 @@ class ActedTraffic:
             over = ((memory.runs[:, events] >= counts) & (memory.ended[:, events] >= 0)).all(axis=1)
             over &= memory.rounds[:, index] < group.count - 1
             if over.any():
-                begun, ended, runs, rounds = map(
-                    np.array, (memory.begun, memory.ended, memory.runs, memory.rounds)
-                )
-                for part, value in ((begun, -1), (ended, -1), (runs, 0)):
-                    part[over[:, None] & np.isin(np.arange(part.shape[1]), events)] = value
+                again = over[:, None] & np.isin(np.arange(len(self.story.events)), events)
+                begun, ended = (np.where(again, -1, part) for part in (memory.begun, memory.ended))
+                rounds, runs = np.array(memory.rounds), np.where(again, 0, memory.runs)
                 rounds[over, index] += 1
                 memory = replace(memory, begun=begun, ended=ended, runs=runs, rounds=rounds)
         return memory

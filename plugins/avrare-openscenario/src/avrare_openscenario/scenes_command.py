@@ -179,7 +179,5 @@ def _print_table(findings: Sequence[Finding]) -> None:
         place = finding.file if finding.line is None else f"{finding.file}:{finding.line}"
         print(f"{finding.status:<8} {place}" + (f": {finding.reason}" if finding.reason else ""))
     counts = Counter(finding.status for finding in findings)
-    print(
-        f"{len(findings)} scenes: "
-        + ", ".join(f"{counts[name]} {name}" for name in ("read", "notes", "refused"))
-    )
+    totals = ", ".join(f"{counts[name]} {name}" for name in ("read", "notes", "refused"))
+    print(f"{len(findings)} scenes: {totals}")

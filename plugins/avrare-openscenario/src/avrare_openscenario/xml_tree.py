@@ -94,7 +94,14 @@ class Element:
 
     def number(self, name: str) -> float:
         """Return an attribute that must be a finite number."""
-        return parse_number(self, name, self.attribute(name))
+        text = self.attribute(name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.error(f"{name} should be a number, found {text[:40]!r}")
+        return value
 
     def skip(self) -> None:
         """Count the element and all within it as understood: it changes nothing."""
@@ -149,17 +156,6 @@ class Element:
         yield self
         for child in self.children:
             yield from child._walk()
-
-
-def parse_number(element: Element, name: str, text: str) -> float:
-    """Return the finite number that an attribute stands for."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise element.error(f"{name} should be a number, found {text[:40]!r}")
-    return value
 
 
 def read_xml(path: str, root: str) -> Element:
