@@ -17,6 +17,7 @@ SHARED = next(
 METRES, RADIANS, SPEED = 0.3, 0.02, 0.3
 CONTROLLER = "a controller of the player's own drives it"
 EDITION = "recorded with another edition of the file, whose arms are 150 m long"
+ORIENTATION = "the player leaves the orientation of a route position out"
 REFUSED = "swarms, other simulators and coupled trailers are refused"
 TILTED = "the road climbs or is banked; headings and ways are those of a flat one"
 LATERAL = "the player steers to a lateral distance by a law of its own, and waits two steps more for its end"
@@ -29,7 +30,7 @@ EXPLAINED = {
     ("test_multi_controller", ""): CONTROLLER,
     ("test_ALKS", "Ego"): CONTROLLER,
     ("test_AEB_C2C_2023_NCAP_AEB_C2C_CCFtap", ""): EDITION,
-    ("test_AEB_VRU_2023_NCAP_AEB_VRU_CB", ""): EDITION,
+    ("test_AEB_VRU_2023_NCAP_AEB_VRU_CBFA", ""): ORIENTATION,
     ("test_AEB_VRU_2023_NCAP_AEB_VRU_CPTA", ""): EDITION,
     ("test_star", ""): TILTED,
     ("test_velodrome", ""): TILTED,
@@ -57,10 +58,12 @@ TENTHS = (
     "test_velodrome",
 )
 """Tests that the player runs with steps of 0.1 s."""
-LEAST = 970
+MOVED = {"test_AEB_VRU_2023_NCAP_AEB_VRU_CBFA": 100.0, "test_AEB_VRU_2023_NCAP_AEB_VRU_CBNA": 100.0}
+"""How much further east the crossing is than in the edition that was recorded: arms of 250, not 150 m [m]."""
+LEAST = 990
 """States of 1,138 in acted scenes that agree at least."""
 LEAST_SHARE = 0.9
-"""The same as a share of those that no controller drives, on roads of the same edition."""
+"""The same as a share of those that no controller of the player's drives."""
 
 
 def explain(test, entity):
@@ -92,6 +95,8 @@ def test_states_are_those_of_the_player():
         names = [body.name for body in file.bodies]
         for row in rows:
             at = np.abs(times - row["time"]).argmin()
+            moved = next((moved for name, moved in MOVED.items() if case["test"].startswith(name)), 0.0)
+            row |= {"x": row["x"] + moved}
             agrees = row["entity"] in names and not differ(states[at, names.index(row["entity"])], row)
             why = explain(case["test"], row["entity"]) or f"no reason known: {case['test']}"
             counts += agrees, 1
@@ -101,7 +106,7 @@ def test_states_are_those_of_the_player():
         print(f"{sum(agreeing):>5} of {len(agreeing)} {why}")
     unexplained = {why: agreeing for why, agreeing in reasons.items() if why.startswith("no reason")}
     assert all(map(all, unexplained.values())), unexplained
-    compared = [each for why in reasons.keys() - {CONTROLLER, EDITION, REFUSED} for each in reasons[why]]
-    print(f"{sum(compared)} of {len(compared)} that obey the same file")
+    compared = [each for why in reasons.keys() - {CONTROLLER, REFUSED} for each in reasons[why]]
+    print(f"{sum(compared)} of {len(compared)} that no controller drives")
     assert counts[0] >= LEAST
     assert np.mean(compared) >= LEAST_SHARE
