@@ -154,7 +154,7 @@ def test_a_pipe_in_place_of_a_file_does_not_hang(tmp_path, name):
 
 
 def test_a_file_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_files, "_MOST_EXPANDED", 2**20)
+    monkeypatch.setattr(stored_files, "_MAX_EXPANDED_BYTES", 2**20)
     np.savez_compressed(tmp_path / "bomb.npz", a=np.zeros(2**20))
     with pytest.raises(UsageError, match="would expand to"):
         read_arrays(tmp_path / "bomb.npz", "remove it")

@@ -101,16 +101,20 @@ def _early_end(text: str, tree: Tree[Token]) -> list[_Placed]:
 def _closed_until(text: str, tree: Tree[Token]) -> list[_Placed]:
     # Where both sides are about one signal, the left one seldom holds where the right one does.
     op = get_token(tree, 1)
-    sides = [
-        {str(part.children[0]) for part in get_subtree(tree, at).iter_subtrees() if part.data == "signal"}
-        for at in (0, -1)
-    ]
-    if not sides[0] & sides[1] or op.type == "UNLESS":
+    if not _list_signals(get_subtree(tree, 0)) & _list_signals(get_subtree(tree, -1)) or op.type == "UNLESS":
         return []
     message = f"the left side of {op!s} must hold where the right one does, too, as they are read here"
     hint = f"write (left or right) {op!s} right; or choose the half-open reading, that of rtamt"
     place, warning = _warn(text, op, message, hint)
     return [(place, replace(warning, of_closed=True))]
+
+
+def _list_signals(tree: Tree[Token]) -> set[str]:
+    # A relation counts with its vehicles, which are no signals themselves.
+    relations = [part for part in tree.iter_subtrees() if part.data == "relation"]
+    inside = {id(part) for relation in relations for part in relation.iter_subtrees()}
+    signals = [part for part in tree.iter_subtrees() if part.data == "signal" and id(part) not in inside]
+    return {" ".join(map(str, part.scan_values(bool))) for part in (*relations, *signals)}
 
 
 def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:

@@ -152,8 +152,8 @@ def test_fmi_3(reference, cruise, tmp_path):
 
 def test_conformance(road, cruise):
     subjects = (
-        Subject.installed("simulator", "fmi", file=road, **{**ROAD, "inputs": ()}),
-        Subject.installed("controller", "fmi", file=cruise, **CRUISE),
+        Subject.find_installed("simulator", "fmi", file=road, **{**ROAD, "inputs": ()}),
+        Subject.find_installed("controller", "fmi", file=cruise, **CRUISE),
     )
     for subject in subjects:
         for check in checks_of(subject.kind):

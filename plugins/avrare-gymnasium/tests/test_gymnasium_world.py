@@ -226,7 +226,7 @@ def test_environments_that_cannot_be_built(options, message):
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [("stillborn", "start raised OSError: no display"), ("longer", "observation has 1 number.s., .* 2")],
+    [("stillborn", "start raised OSError: no display"), ("longer", "observation has the size 1, .* 2")],
 )
 def test_a_failing_reset_is_reported_before_anything_runs(kind, message, tmp_path):
     path = tmp_path / "odd.yaml"

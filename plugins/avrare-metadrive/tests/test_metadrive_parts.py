@@ -46,7 +46,7 @@ def test_describing_and_validating_import_nothing_heavy():
 
 
 def test_another_version_is_a_row_with_the_reason(monkeypatch):
-    monkeypatch.setattr(version, "installed", lambda: "0.4.2")
+    monkeypatch.setattr(version, "find_version", lambda: "0.4.2")
     registry = Registry()
     registry.register(avrare_metadrive, "metadrive", "avrare-metadrive", "0.1.0")
     (row,) = [row for row in registry.rows() if row.distribution == "avrare-metadrive"]
@@ -58,7 +58,7 @@ def test_another_version_is_a_row_with_the_reason(monkeypatch):
 
 
 def test_without_metadrive_there_is_a_row_and_no_simulator(monkeypatch):
-    monkeypatch.setattr(version, "installed", lambda: None)
+    monkeypatch.setattr(version, "find_version", lambda: None)
     assert [part.needs for part in avrare_metadrive.avrare_components()] == [
         ("metadrive", "scipy"),
         ("metadrive",),

@@ -185,7 +185,7 @@ def test_the_program_ends_with_its_simulator():
 @pytest.mark.parametrize("kind", ["simulator", "controller"])
 def test_conformance(kind):
     for check in checks_of(kind):
-        outcome = check.run(Subject.installed(kind, "process"))
+        outcome = check.run(Subject.find_installed(kind, "process"))
         assert outcome.status != "failed", f"{check.name}: {outcome.reason}"
 
 

@@ -101,7 +101,7 @@ class FmuWorld(World):
         """Return the outputs, then what the controller sees."""
         return self._outputs.get(self._running())
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Split numbers (N, K) into signals and observations."""
         names = self.config.outputs
         seen = table[:, len(names) :] if table.shape[1] > len(names) else table

@@ -120,7 +120,7 @@ class RemoteWorld(World):
         """Return the newest outputs."""
         return self.outputs
 
-    def named(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
+    def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Split outputs (N, K) into signals and observations."""
         names = self.client.hello.outputs
         seen = table[:, len(names) :] if self.client.hello.seen else table
