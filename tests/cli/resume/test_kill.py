@@ -11,7 +11,7 @@ import pytest
 SLOW = {"AVRARE_TOY_PAUSE": "0.004"}
 
 
-def wait_for(condition, seconds=30.0):
+def wait_for(condition, seconds=120.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it never came to that"

@@ -40,6 +40,10 @@ class ProcessConfig(Options):
         60.0, gt=0.0, le=86400.0, description="limit of an answer [s]; a later one is an error of the rollout"
     )
 
+    start_timeout: float = Field(
+        60.0, gt=0.0, le=86400.0, description="limit of its start, the answer to `hello` included [s]"
+    )
+
     @field_validator("command")
     @classmethod
     def _trusted(cls, command: tuple[str, ...]) -> tuple[str, ...]:

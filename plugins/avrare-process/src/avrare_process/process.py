@@ -35,7 +35,7 @@ class Process:
     """
 
     def __init__(self, config: ProcessConfig) -> None:
-        self._name, self._timeout = config.command[0], config.timeout
+        self._name = config.command[0]
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 (it lives as long as the program)
         try:
             self._socket, child = (_start if config.connect == "stdio" else _listen)(config, self._log)
@@ -43,8 +43,12 @@ class Process:
             hint = "`command` is a list: the program, then its arguments"
             raise UsageError(f"{self._name} cannot be started: {error}", hint) from None
         self.end = weakref.finalize(self, _end, self._socket, child)
-        self._socket.settimeout(config.timeout)
+        self._socket.settimeout(config.start_timeout)
         self._lines = self._socket.makefile("rb")
+
+    def limit_answers(self, seconds: float) -> None:
+        """Give the program at most so long for each answer from now on."""
+        self._socket.settimeout(seconds)
 
     def ask(self, message: dict[str, object]) -> dict[str, Any]:
         """Return the answer to a message.
@@ -58,8 +62,8 @@ class Process:
             self._socket.sendall(json.dumps(message).encode() + b"\n")
             line = self._lines.readline()
         except TimeoutError:
+            text = f"{self._name} did not answer to {message['do']} within {self._socket.gettimeout():g} s"
             self.end()
-            text = f"{self._name} did not answer to {message['do']} within {self._timeout:g} s"
             raise TimeoutError(text) from None
         except OSError:
             line = b""
@@ -117,7 +121,7 @@ def _listen(config: ProcessConfig, log: Any) -> tuple[socket.socket, subprocess.
             start_new_session=True,
         )
         server.settimeout(0.1)
-        end = time.monotonic() + config.timeout
+        end = time.monotonic() + config.start_timeout
         while time.monotonic() < end and child.poll() is None:
             with contextlib.suppress(TimeoutError):
                 connection, _ = server.accept()

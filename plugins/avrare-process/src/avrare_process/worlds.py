@@ -48,6 +48,7 @@ class Client:
         process = Process(self._config)
         message = {"do": "hello", "protocol": PROTOCOL, "role": self._role, "options": self._config.options}
         answer = process.ask(message)
+        process.limit_answers(self._config.timeout)
         try:
             return process, Hello(**answer)
         except ValidationError as error:
