@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+_MAX_DIGITS = 17  # of a float
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def format_probability(value: float, digits: int = 3) -> str:
-    """Return ``0``, ``0.0123`` or ``3.4e-05``."""
+    """Return ``0``, ``0.0123`` or ``3.4e-05``; below 1 as many digits as tell it from 1."""
     if value == 0.0 or value == 1.0:
         return f"{value:.0f}"
+    while value < 1.0 and digits < _MAX_DIGITS and float(f"{value:.{digits}g}") == 1.0:
+        digits += 1
     return f"{value:.{digits}g}" if value >= 1e-3 else f"{value:.1e}"
 
 

@@ -70,12 +70,11 @@ class Parser(argparse.ArgumentParser):
     """Parser that raises ``UsageError`` instead of printing and exiting."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise what argparse would print; the hint is the most similar option, or the usage."""
+        """Raise what argparse would print; the hint is the most similar option, or --help."""
         message = re.sub(r"^argument (--[\w-]+): must", r"\1 must", message)
         unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
         similar = did_you_mean(unknown[1], self._option_string_actions) if unknown else None
-        usage = " ".join(self.format_usage().split())
-        hint = similar if similar and similar.startswith("did") else usage
+        hint = similar if similar and similar.startswith("did") else f"see {self.prog} --help"
         raise UsageError(f"{self.prog}: {message}", hint)
 
 

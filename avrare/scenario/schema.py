@@ -212,6 +212,17 @@ class Cheap(_Model):
     controller: dict[str, Any] | None = Field(None, description="differences of the controller")
 
 
+def _refuse_bare_name(value: object) -> object:
+    if isinstance(value, str):
+        message = f"should be a mapping, found the string {value!r}"
+        raise error_with_hint(message, f"write {{plugin: {value}}}")
+    return value
+
+
+Part = Annotated[dict[str, Any], BeforeValidator(_refuse_bare_name)]
+"""Block of a part: its plugin's name, and the options that the plugin checks."""
+
+
 class Document(_Model):
     """Scenario file after ``extends`` and overrides; component blocks are checked by their plugins."""
 
@@ -221,10 +232,10 @@ class Document(_Model):
     odd: tuple[str, ...] = Field((), description=ODD)
     objective: str | None = Field(None, description=OBJECTIVE)
     steps: int = Field(ge=0, le=10_000_000, description="steps per rollout; 0 for a static problem")
-    simulator: dict[str, Any] = Field(description="simulator of the world")
-    perception: dict[str, Any] | None = Field(None, description="perception error model")
-    tracker: dict[str, Any] | None = Field(None, description="tracker and predictor")
-    controller: dict[str, Any] | None = Field(None, description="controller (planner) under test")
+    simulator: Part = Field(description="simulator of the world")
+    perception: Part | None = Field(None, description="perception error model")
+    tracker: Part | None = Field(None, description="tracker and predictor")
+    controller: Part | None = Field(None, description="controller (planner) under test")
     aeb: Aeb | None = Field(None, description="automatic emergency braking beside the controller")
     timing: Timing | None = Field(None, description="latencies, periods and losses of the stack")
     actuators: Actuators | None = Field(None, description="lag and limits between controller and plant")
@@ -233,7 +244,7 @@ class Document(_Model):
         max_length=1000,
         description="name -> {stl: formula} or {plugin: name, ...}; more need a scenario of their own",
     )
-    estimator: dict[str, Any] = Field({"plugin": "auto"}, description="estimator of the failure probability")
+    estimator: Part = Field({"plugin": "auto"}, description="estimator of the failure probability")
     cheap: Cheap | None = Field(
         None, description="cheap twin of the stack, which estimator mfmc runs on many tapes"
     )

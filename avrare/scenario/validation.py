@@ -299,7 +299,9 @@ def _describe_error(
             return "required, but missing", did_you_mean("", tags)
         case "extra_forbidden":
             names = [name for model in above.models for name, _ in _fields(model)]
-            return UNKNOWN_KEY, did_you_mean(str(path[-1]), [*names, *(other_keys if len(path) == 1 else ())])
+            hint = did_you_mean(str(path[-1]), [*names, *(other_keys if len(path) == 1 else ())])
+            same_key = [join_path(at) for at in places if at != path and at[-1:] == path[-1:]]
+            return UNKNOWN_KEY, hint or (did_you_mean("", same_key) if same_key else None)
         case "literal_error" | "enum":
             text = f"should be {context['expected']}, found {describe(place.node)}"
             near = _suggest(str(place.node.value), context["expected"])
@@ -316,6 +318,9 @@ def _describe_error(
         return "this option cannot be drawn: it should be a number", hint
     yes_no = types[0] == "true or false" and str(place.node.value).lower() in ("yes", "no", "on", "off")
     text = f"should be {' or '.join(types)}, found {describe(place.node)}"
+    if types == ["a mapping"] and len(place.models) == 1:
+        keys = ", ".join(name for name, _ in _fields(place.models[0]))
+        help_text = f"{help_text or path[-1]}, with the keys {keys}"
     return text, "write true or false" if yes_no else help_text
 
 

@@ -66,7 +66,7 @@ def write_scenario(
         "specifications:",
         f"  # signals: {', '.join(signals)}",
         f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
-        "estimator: {plugin: mc, rollouts: 1000}",
+        "estimator: {plugin: mc, rollouts: 1000}   # a first look; auto finds rare failures",
         "# thresholds:",
         '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
     ]
@@ -135,7 +135,8 @@ def _choose_simulator(registry: Registry) -> str:
     if not names:
         hint = "pip install 'avrare[driving]', or write your own: avrare new plugin NAME --kind simulator"
         raise UsageError("no simulator is installed", hint)
-    raise UsageError("choose a simulator", f"--simulator {' | '.join(names)}")
+    hint = f"--simulator {' | '.join(names)}; --python writes a simulator and a controller of your own"
+    raise UsageError("choose a simulator", hint)
 
 
 def _list_options(fields: Mapping[str, FieldInfo], options: Mapping[str, object]) -> list[str]:

@@ -48,6 +48,14 @@ def test_a_number_with_a_unit_is_no_number_of_a_formula(text):
         (("--until", "threshold=7"), "--until threshold: should be less"),
         (("--learned", "learned.json"), "--learned: the scenario's estimator has no such option"),
         (("--set", "seed=-1"), "--set seed: should be greater"),
+        (
+            ("--workers", "x"),
+            "avrare run: --workers must be a whole number, not 'x'\nhint: see avrare run --help\n",
+        ),
+        (
+            ("--budget", "500"),
+            "budget '500' is not understood\nhint: write steps=1e6, rollouts=1000 or seconds=60",
+        ),
     ],
 )
 def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):

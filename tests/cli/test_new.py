@@ -206,7 +206,8 @@ def test_a_new_scenario_says_that_it_needs_a_controller(words, obstacle, tmp_pat
     ("words", "message"),
     [
         (["--simulator", "tankk"], "did you mean 'tank'"),
-        ([], "--simulator "),
+        ([], "--python writes a simulator and a controller"),
+        (["--simulator", "single_track"], "such as {x: 0, y: 0, speed: 30}"),
         (["--simulator", "tank", "--set", "rimm=3"], "did you mean 'rim'"),
         (["--simulator", "tank", "--kind", "tracker"], "are for plugins"),
     ],

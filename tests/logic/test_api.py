@@ -108,6 +108,7 @@ GOOD = np.zeros((2, 3))
         ("p", {"p": np.zeros((2, 0))}, "no samples"),
         ("p", {"p": np.array([1.0, np.nan])}, "NaN at index"),
         ("p", {"p": np.zeros((2, 3, 4))}, "trailing axis"),
+        ("p", {"p": np.zeros((2, 3, 1))}, r"has the shape \(N,\), not \(N, 1\)"),
         ("forall o in others: p", {"p": GOOD}, "depends on o"),
         ("log(p - 1) > 0", {"p": GOOD}, "no value"),
         (

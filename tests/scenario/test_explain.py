@@ -43,6 +43,8 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
         ("simulator.lanes", "should be KEY=VALUE", "for example"),
         ("simulator.gap=[", "not YAML", None),
         ("extends=a.yaml", "extends cannot be set here", "edit"),
+        ("gap=3", "unknown key", "known: simulator.gap"),
+        ("estimator=toy", "should be a mapping, found the string 'toy'", "write {plugin: toy}"),
     ],
 )
 def test_overrides_are_placed_at_their_key(fails, good, setting, message, hint):
@@ -131,6 +133,7 @@ class _Points(BaseModel):
 
 class _Method(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+    start: _Grid = Field(_Grid(name="grid", points=1, bias=0.0), description="where it begins")
     kernel: Annotated[_Grid | _Points, Field(discriminator="name")] | None = None
     kernels: tuple[Annotated[_Grid | _Points, Field(discriminator="name")], ...] = ()
 
@@ -142,6 +145,8 @@ class _Method(BaseModel):
          "did you mean 'grid'?"),
         ("kernel: {points: 3}", "1:1: kernel.name: required, but missing", "known: grid, points"),
         ("kernel: grid", "1:9: kernel: should be a mapping, found the string 'grid'", None),
+        ("start: [3]", "1:8: start: should be a mapping, found a list",
+         "start: where it begins, with the keys name, points, bias"),
         ("kernel: {name: grid, points: 3}", "1:1: kernel.bias: required, but missing",
          "bias: shift of the grid"),
         ("kernel: {name: grid, points: x, bias: 1}",

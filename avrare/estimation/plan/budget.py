@@ -41,8 +41,8 @@ class Budget:
         if value is None or isinstance(value, Budget):
             return value
         if isinstance(value, str):
-            kind, _, text = value.partition("=")
-            pairs: Mapping[str, object] = {kind.strip(): text.strip().replace("_", "")}
+            kind, equals, text = value.partition("=")
+            pairs: Mapping[str, object] = {kind.strip(): text.strip().replace("_", "")} if equals else {}
         else:
             pairs = dict(value) if isinstance(value, Mapping) else {}
         if len(pairs) != 1:

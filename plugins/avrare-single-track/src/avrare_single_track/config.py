@@ -254,7 +254,7 @@ class SingleTrackConfig(Options):
         default=1, ge=1, le=100, description="integration steps of the ego and of drivers within a step"
     )
     road: RoadConfig = Field(default_factory=RoadConfig, description="lanes")
-    ego: EgoConfig = Field(description="the vehicle under test")
+    ego: EgoConfig = Field(description="the vehicle under test, such as {x: 0, y: 0, speed: 30}")
     vehicles: tuple[VehicleConfig, ...] = Field(
         default=(), max_length=1000, description="the other vehicles; leave out those that stay far away"
     )
