@@ -168,8 +168,8 @@ def require_scalar(trailing: int) -> None:
     if trailing > 0:
         raise FormulaError(
             f"the formula has {trailing} trailing {'axes' if trailing > 1 else 'axis'} left at every sample",
-            "put 'forall o in others:' or 'exists o in others:' before the part with array-valued signals; a signal "
-            "of one number has the shape (N,), not (N, 1)",
+            "put 'forall o in others:' or 'exists o in others:' before the part with array-valued signals; a "
+            "signal of one number has the shape (N,), not (N, 1)",
         )
 
 

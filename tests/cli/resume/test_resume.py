@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import avrare
+
 from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
 
@@ -128,7 +130,7 @@ def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     monkeypatch.setattr("avrare.base.version.__version__", "0.2.0")
     assert run("--out", "torn", "--resume") == 4
-    assert 'scenarios.walk.versions.avrare "0.1.0" -> "0.2.0"' in capsys.readouterr().err
+    assert f'scenarios.walk.versions.avrare "{avrare.__version__}" -> "0.2.0"' in capsys.readouterr().err
 
 
 def test_changed_code_is_found_by_replaying_a_rollout(night, interrupted, capsys, monkeypatch):

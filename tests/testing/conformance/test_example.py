@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import avrare
+
 EXAMPLE = Path(__file__).parents[3] / "plugins" / "avrare-example"
 ROOT = Path(__file__).parents[3]
 
@@ -48,7 +50,7 @@ def test_the_scenario_of_its_readme_runs(installed, tmp_path):
     (tmp_path / "tank.yaml").write_text(text)
     result = json.loads(run(python, "-m", "avrare", "run", tmp_path / "tank.yaml", "--json", **environment))
     dry, low = result["estimates"]
-    assert result["versions"]["avrare-example"] == "0.1.0"
+    assert result["versions"]["avrare-example"] == avrare.__version__
     assert 0.0 < dry["probability"] < low["probability"] < 0.2
 
 
