@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import avrare
-
 from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
 
