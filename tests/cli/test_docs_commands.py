@@ -20,7 +20,7 @@ PAGES = sorted(
     if path.name != "CHANGELOG.md"
 )
 FENCE = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", flags=re.DOTALL | re.MULTILINE)
-PROGRAMS = ("avrare", "make", "pip", "python", "pytest", "git", "rerun", "nox")
+PROGRAMS = ("avrare", "make", "pip", "python", "pytest", "git", "rerun")
 
 CONFORMANCE = "tests/testing/conformance/test_docs.py"
 ELSEWHERE = {

@@ -1,6 +1,6 @@
 """Tasks of a new user's first hour, from installed wheels, in the current folder; seconds of each task.
 
-`nox` runs it in a fresh environment of each Python.
+`check_wheels.py --first-hour` runs it in a fresh environment of each Python.
 """
 
 import os
