@@ -36,6 +36,7 @@ ELSEWHERE = {
 NOT_RUN = {
     r"make .*": "sets up or uses the checkout's environment; continuous integration runs the targets",
     r"pip install .*": "installs; tests/packaging/test_wheels.py installs the wheels",
+    r"avrare report runs/first_light/.* --open": "of `make run`",
     r"python (benchmarks/|-m benchmarks\.).*": "a study of minutes to hours, whose results the page shows",
     r"avrare compare scenarios/.* --against .* --budget rollouts=5000": "a study, shown on the page",
     r"export .*": "sets a variable of the reader's shell",
@@ -116,7 +117,7 @@ def runs_elsewhere(page, command):
 
 def avrare_words(command):
     words = [word for word in shlex.split(command) if not re.fullmatch(r"AVRARE_\w+=\w+", word)]
-    return words[words.index("avrare") + 1 :] if "avrare" in words else None
+    return words[words.index("avrare") + 1 :] if "avrare" in words and words[0] != "pip" else None
 
 
 EVERY = [(page, command) for page in PAGES for command in commands(page)]
