@@ -11,6 +11,8 @@ from avrare.protocols import Floats
 
 _STEP = 0.25
 """Distance of points [m]."""
+_LEAST_AHEAD = 0.25
+"""Way from the end of a piece to the next point [m]."""
 _POINTS = 400
 """Points of a spline."""
 
@@ -46,3 +48,16 @@ def polynomial(coefficients: Sequence[float], u: Floats) -> Floats:
     """Return a + b u + c u^2 + d u^3."""
     a, b, c, d = coefficients
     return a + u * (b + u * (c + u * d))
+
+
+def go_on(pieces: Sequence[Floats], points: Floats, most: int = 6, apart: float = 0.0) -> Floats:
+    """Return the points of a piece that are ahead of the last one, without ``most`` at most of them.
+
+    Pieces may not quite meet; over a gap aside, ``apart`` wide, the line goes in 20 times its width.
+    """
+    if not pieces or len(points) < 2:
+        return points
+    last = np.concatenate(pieces[-2:])[-2:]
+    along = (last[1] - last[0]) / np.hypot(*(last[1] - last[0]))
+    ahead = (points - last[1]) @ along > _LEAST_AHEAD + 20.0 * apart
+    return points[int(ahead.argmax()) if ahead[:most].any() else 0 :]

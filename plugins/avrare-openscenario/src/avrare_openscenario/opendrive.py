@@ -14,15 +14,17 @@ from avrare.driving import Road
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, ReferenceLine
 from avrare.driving.values import Lane
 from avrare.protocols import Floats
-from avrare_openscenario.curves import polynomial
+from avrare_openscenario.curves import go_on, polynomial
 from avrare_openscenario.network import Connection, Network, RoadMap
 from avrare_openscenario.road_lanes import KINDS, LaneStrip, read_lanes
 from avrare_openscenario.xml_tree import Element, read_xml
 
-_APART = 0.01
-"""Most distance of a piece from the end of the one before it [m]."""
-_TURNED = 1e-3
-"""Most angle between them [rad]."""
+_APART, _TURNED = 0.01, 1e-3
+"""Most distance [m] and angle [rad] of a piece from the end of the one before it in an exact line."""
+_MOST_APART, _MOST_BENT = 0.5, 0.2
+"""The same of one that is read at all."""
+_LONGEST = 1e6
+"""Longest line of roads [m]."""
 _MOST_TURNED = 100.0
 """Most angle that a spiral may turn by [rad]: more would be computed for hours."""
 _STEP = 0.2
@@ -39,7 +41,7 @@ def read_opendrive(path: str) -> Network:
         UsageError: The file is no OpenDRIVE, or has curves that are not read.
     """
     top = read_xml(path, "OpenDRIVE")
-    top.skip_children("header", "controller", "junction", "junctionGroup")
+    top.skip_children("header", "controller", "junction", "junctionGroup", "station")
     top.skip_everywhere("userData", "dataQuality")
     roads = top.list("road")
     if not roads:
@@ -123,7 +125,7 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
     Raises:
         UsageError: They do not join smoothly, or their lanes differ.
     """
-    begins, pieces, at = {}, [], 0.0
+    begins, pieces, at, smooth = {}, [], 0.0, True
     points: list[Floats] = []
     start: tuple[float, float, float] | None = None
     before: CurvedLine | None = None
@@ -131,22 +133,28 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
         begins[road.attribute("id")] = at
         for geometry in road.child("planView").list("geometry"):
             x, y, heading = (geometry.number(name) for name in ("x", "y", "hdg"))
+            if geometry.number("length") == 0.0:
+                geometry.skip()
+                continue
+            at += geometry.number("length")
+            if at > _LONGEST:
+                raise geometry.error(f"the road is longer than {_LONGEST / 1e3:g} km")
             if geometry.children and geometry.children[0].tag in ("paramPoly3", "poly3"):
                 points.append(_sample_polynomial(geometry, x, y, heading))
                 before = None
-                at += geometry.number("length")
                 continue
-            if before is not None:
-                _check_joint(geometry, before, x, y, heading)
+            apart = 0.0 if before is None else _find_gap(geometry, before, x, y, heading)
             start = start or (x, y, heading)
             pieces.append(_read_piece(geometry))
             before = CurvedLine((pieces[-1],), x, y, heading)
-            points.append(_sample_line(before))
-            at += before.length
-    if not points:
-        raise chain[0].error("has no geometry")
-    line: ReferenceLine = PolygonalLine(np.concatenate(points))
-    if start is not None and len(pieces) == len(points):
+            piece = _sample_line(before)
+            points.append(go_on(points, piece, len(piece), apart) if apart else piece)
+            smooth &= apart == 0.0
+    every = np.concatenate(points) if points else np.zeros((1, 2))
+    if not (np.isfinite(every).all() and np.ptp(every, axis=0).any()):
+        raise chain[0].error("has no geometry, or none of finite length")
+    line: ReferenceLine = PolygonalLine(every)
+    if start is not None and len(pieces) == len(points) and smooth:
         line = CurvedLine(tuple(pieces), *start)
     lanes = read_lanes(chain[0], at if len(chain) == 1 else chain[0].number("length"))
     for road in chain[1:]:
@@ -156,7 +164,7 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
     for road in chain:
         for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
             _pass_over_profile(profile)
-        road.skip_children("objects", "signals", "type", "surface")
+        road.skip_children("objects", "signals", "type", "surface", "railroad", "CRG")
         for name in ("name", "length", "junction"):
             road.get(name)
     return _assemble(line, begins, lanes, left)
@@ -205,14 +213,18 @@ def _pass_over_profile(profile: Element) -> None:
 
 def _chains(roads: Sequence[Element]) -> list[list[Element]]:
     # Roads that follow one another in the same direction; at a junction, a line ends.
-    named = {road.attribute("id"): road for road in roads}
+    named: dict[str, Element] = {}
+    for road in roads:
+        if named.setdefault(road.attribute("id"), road) is not road:
+            raise road.error(f"a second road {road.attribute('id')!r}", "give each an id of its own")
     following: dict[str, str] = {}
     for name, road in named.items():
         link = road.find("link")
         if link is not None:
             link.skip()
         successor = None if link is None else link.find("successor")
-        if successor is not None and successor.attributes.get("contactPoint", "start") == "start":
+        goes_on = successor is not None and successor.attributes.get("elementType") != "junction"
+        if goes_on and successor.attributes.get("contactPoint", "start") == "start":
             following[name] = successor.attributes.get("elementId", "")
     chains = []
     first = [name for name in named if name not in following.values()]
@@ -234,12 +246,12 @@ def _joins(road: Element, after: Element) -> bool:
     )
     try:
         end = CurvedLine((_read_piece(last),), *(last.number(name) for name in ("x", "y", "hdg")))
-        _check_joint(first, end, *(first.number(name) for name in ("x", "y", "hdg")))
+        apart, turned = _measure_joint(end, *(first.number(name) for name in ("x", "y", "hdg")))
         _read_piece(first)
         lanes = [read_lanes(block, block.number("length")) for block in (road, after)]
     except UsageError:
         return False
-    return _same_lanes(*lanes)
+    return apart <= _APART and abs(turned) <= _TURNED and _same_lanes(*lanes)
 
 
 def _read_shape(geometry: Element) -> tuple[Element, float]:
@@ -266,12 +278,21 @@ def _read_piece(geometry: Element) -> Piece:
     raise shape.unknown("line, arc, spiral")
 
 
-def _check_joint(geometry: Element, before: CurvedLine, x: float, y: float, heading: float) -> None:
+def _measure_joint(before: CurvedLine, x: float, y: float, heading: float) -> tuple[float, float]:
     end_x, end_y, end, _ = (part.item() for part in before.frame(np.array([before.length])))
-    apart, turned = math.hypot(x - end_x, y - end_y), math.remainder(heading - end, 2.0 * math.pi)
-    if apart > _APART or abs(turned) > _TURNED:
-        text = f"begins {apart:.3g} m and {turned:.3g} rad from the end of the piece before it"
+    return math.hypot(x - end_x, y - end_y), math.remainder(heading - end, 2.0 * math.pi)
+
+
+def _find_gap(geometry: Element, before: CurvedLine, x: float, y: float, heading: float) -> float:
+    # How far a piece is apart from the one before it, 0 where it goes on smoothly.
+    apart, turned = _measure_joint(before, x, y, heading)
+    if apart <= _APART and abs(turned) <= _TURNED:
+        return 0.0
+    text = f"begins {apart:.3g} m and {turned:.3g} rad from the end of the piece before it"
+    if apart > _MOST_APART or abs(turned) > _MOST_BENT:
         raise geometry.error(text, "pieces must join smoothly")
+    geometry.note(text)
+    return apart or 1e-9
 
 
 def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStrip], left: bool) -> RoadMap:

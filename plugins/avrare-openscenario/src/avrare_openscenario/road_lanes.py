@@ -14,18 +14,25 @@ from avrare_openscenario.xml_tree import Element
 KINDS = {
     "driving": "driving",
     "entry": "ramp",
+    "mwyEntry": "ramp",
     "onRamp": "ramp",
     "exit": "driving",
+    "mwyExit": "driving",
     "offRamp": "driving",
     "connectingRamp": "driving",
     "bidirectional": "driving",
+    "bus": "driving",
+    "taxi": "driving",
+    "HOV": "driving",
     "parking": "driving",
     "shoulder": "shoulder",
     "stop": "shoulder",
 }
 """Types of lanes that are lanes of the road; others only take their width."""
-_IDLE = ("speed", "material", "access", "height", "rule")
+_IDLE = ("speed", "material", "access", "height", "rule", "visibility")
 """Elements of a lane that change nothing."""
+_LONGEST = 1e6
+"""Longest road [m]."""
 _STEP = 1.0
 """Distance of the points of a border [m]."""
 Polynomial = tuple[float, float, float, float, float]
@@ -50,23 +57,31 @@ class LaneStrip:
 
 
 @dataclass(frozen=True)
+class _Lane:
+    kind: str
+    widths: list[Polynomial]  # or places of its outer border
+    broad: bool
+    bordered: bool
+
+
+@dataclass(frozen=True)
 class _Section:
     begin: float
-    lanes: dict[int, tuple[str, list[Polynomial], bool]]
+    lanes: dict[int, _Lane]
 
 
 def read_lanes(road: Element, length: float) -> list[LaneStrip]:
     """Return the lanes of a road, from right to left.
 
     Raises:
-        UsageError: A lane has no width, or ids have gaps.
+        UsageError: There is no section, or ids have gaps.
     """
-    block = road.child("lanes")
+    block, length = road.child("lanes"), min(length, _LONGEST)
     offsets = [_polynomial(one, "s") for one in block.list("laneOffset")] or [(0.0,) * 5]
     sections = [_read_section(one) for one in block.list("laneSection")]
     if not sections:
         raise block.error("has no laneSection")
-    ends = [*(section.begin for section in sections[1:]), length]
+    ends = [*(min(section.begin, length) for section in sections[1:]), length]
     strips: dict[int, list[list[Floats]]] = {}
     kinds: dict[int, tuple[str, bool]] = {}
     constant = len(offsets) == 1 and not any(offsets[0][2:])
@@ -74,7 +89,7 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         if end <= section.begin:
             continue
         fixed = constant and all(
-            len(widths) == 1 and not any(widths[0][2:]) for _, widths, _ in section.lanes.values()
+            len(lane.widths) == 1 and not any(lane.widths[0][2:]) for lane in section.lanes.values()
         )
         count = 2 if fixed else max(2, 1 + int(np.ceil((end - section.begin) / _STEP)))
         stations = np.linspace(section.begin, end, count)
@@ -82,19 +97,20 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         for name, (right, left) in borders.items():
             pieces = strips.setdefault(name, [])
             pieces.append([stations, right, left])
-            kinds.setdefault(name, (section.lanes[name][0], section.lanes[name][2]))
+            kinds.setdefault(name, (section.lanes[name].kind, section.lanes[name].broad))
     return [LaneStrip(name, kinds[name][0], _join(strips[name]), kinds[name][1]) for name in sorted(strips)]
 
 
 def _list_borders(section: _Section, offset: Floats, along: Floats) -> dict[int, tuple[Floats, Floats]]:
     borders: dict[int, tuple[Floats, Floats]] = {}
-    right_sum, left_sum = offset, offset
-    for name in sorted((name for name in section.lanes if name < 0), reverse=True):
-        left, right_sum = right_sum, right_sum - _evaluate(section.lanes[name][1], along)
-        borders[name] = right_sum, left
-    for name in sorted(name for name in section.lanes if name > 0):
-        right, left_sum = left_sum, left_sum + _evaluate(section.lanes[name][1], along)
-        borders[name] = right, left_sum
+    for side in (-1, 1):
+        inner = offset
+        for name in sorted((name for name in section.lanes if name * side > 0), key=abs):
+            lane = section.lanes[name]
+            place = _evaluate(lane.widths, along)
+            outer = offset + place if lane.bordered else inner + side * place
+            borders[name] = (outer, inner) if side < 0 else (inner, outer)
+            inner = outer
     return borders
 
 
@@ -122,7 +138,8 @@ def _read_section(section: Element) -> _Section:
             for lane in block.list("lane"):
                 lanes[int(lane.number("id"))] = lane
                 count += 1
-    if count != len(lanes) or 0 not in lanes or len(lanes) != max(lanes) - min(lanes) + 1:
+    ids = {0, *lanes}
+    if count != len(lanes) or len(ids) != max(ids) - min(ids) + 1:
         raise section.error("the ids of its lanes do not count from 0 at the centre without gaps")
     marks = {name: _is_broad(lane) for name, lane in lanes.items()}
     read = {}
@@ -130,10 +147,12 @@ def _read_section(section: Element) -> _Section:
         if name == 0:
             continue
         widths = [_polynomial(one, "sOffset") for one in lane.list("width")]
-        if not widths:
-            raise lane.error("has no width")
-        broad = marks[name if name > 0 else name + 1]
-        read[name] = lane.attribute("type"), sorted(widths), broad
+        borders = [_polynomial(one, "sOffset") for one in lane.list("border")]
+        if not (widths or borders):
+            lane.note("has no width")
+        broad = marks.get(name if name > 0 else name + 1, False)
+        values = sorted(widths or borders or [(0.0,) * 5])
+        read[name] = _Lane(lane.attribute("type"), values, broad, bool(borders and not widths))
     return _Section(section.number("s") if section.get("s") is not None else 0.0, read)
 
 

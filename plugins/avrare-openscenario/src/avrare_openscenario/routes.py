@@ -11,14 +11,13 @@ import numpy as np
 from avrare.driving import Road
 from avrare.driving.reference_line import PolygonalLine
 from avrare.protocols import Floats
+from avrare_openscenario.curves import go_on
 from avrare_openscenario.network import Connection, Leg, Network, RoadMap
 
 _LONGEST = 3000.0
 """Way after which a line ends [m]."""
 _STEP = 0.5
 """Distance of its points [m]."""
-_MOST_DROPPED = 6
-"""Points of a leg that may be left out where it begins."""
 
 
 def follow_lane(
@@ -39,7 +38,7 @@ def follow_lane(
     legs, begin = [Leg(roads, lane, direction)], 0.0
     points: list[Floats] = []
     while True:
-        points.append(_go_on(points, _sample(legs[-1])))
+        points.append(go_on(points, _sample(legs[-1])))
         begin = float(np.hypot(*np.diff(np.concatenate(points), axis=0).T).sum())
         goals = goals[1:] if goals and legs[-1].roads is goals[0] else goals
         after = _find_next(network, legs[-1], goals) if begin < _LONGEST else None
@@ -60,17 +59,6 @@ def follow_lane(
     )
     lanes = {names[k]: new for new, k in enumerate(order)}
     return RoadMap(road, line, {}, lanes, {}, legs=tuple(legs))
-
-
-def _go_on(pieces: Sequence[Floats], points: Floats) -> Floats:
-    # Points of the next leg that are ahead of the last point: lanes of two roads may not quite meet.
-    if not pieces or len(points) < 2:
-        return points
-    last = np.concatenate(pieces[-2:])[-2:]
-    along = (last[1] - last[0]) / np.hypot(*(last[1] - last[0]))
-    ahead = (points - last[1]) @ along > 0.5 * _STEP
-    first = int(ahead.argmax()) if ahead[:_MOST_DROPPED].any() else 0
-    return points[first:]
 
 
 def _sample(leg: Leg) -> Floats:
