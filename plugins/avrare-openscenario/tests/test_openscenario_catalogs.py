@@ -101,7 +101,7 @@ def test_parameters_that_are_drawn_reach_into_catalogs(build, catalogs):
             'parameterRef="hard"',
             r"ParameterAssignment: the entry 'brake' has no parameter",
         ),
-        ('path="catalogs"', 'path="nowhere"', "nowhere of CatalogLocations cannot be read"),
+        ('path="catalogs"', 'path="nowhere"', r"no catalog 'cars'\nhint: .*none; \S*nowhere is no folder"),
         ('value="0.7"', 'value="$u"', r"acts\.xosc:3:\d+: .*no parameter 'u' is declared"),
     ],
 )
@@ -173,3 +173,15 @@ def test_catalogs_of_strangers_lie_in_their_folder(scenario, catalogs):
     load(scenario)
     with safe_mode(), pytest.raises(ScenarioError, match="leads out of the scenario's folder"):
         load(scenario)
+
+
+def test_a_catalog_is_also_found_by_the_name_of_its_file(build, catalogs):
+    (catalogs / "acts.xosc").rename(catalogs / "maneuvers.xosc")
+    text = referring().replace('catalogName="acts"', 'catalogName="maneuvers"')
+    assert build(text).scene.lengths[0] == 4.5
+
+
+def test_a_location_that_is_not_needed_may_be_missing(build, catalogs):
+    more = '<RouteCatalog><Directory path="nowhere"/></RouteCatalog></CatalogLocations>'
+    text = referring().replace('path="catalogs"', 'path=".\\catalogs\\"', 1)
+    assert build(text.replace("</CatalogLocations>", more)).scene.lengths[0] == 4.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +33,6 @@ class Catalogs:
     Args:
         locations: The element ``CatalogLocations``, if there is one.
         parameters: Parameters of the scenario.
-        path: File of the scenario.
         given: Files in place of those in its folders; empty: those.
         allowed: Raises an error where a file (path, what it is) may not be read.
 
@@ -44,7 +44,6 @@ class Catalogs:
         self,
         locations: Element | None,
         parameters: Parameters,
-        path: str,
         given: Sequence[str] = (),
         allowed: Callable[[str, str], None] | None = None,
     ) -> None:
@@ -54,10 +53,8 @@ class Catalogs:
         self._read: dict[str, Element] | None = None
         self._copied = 0
         folders = [] if locations is None else [one for tag in READ for one in locations.list(tag)]
-        self._folders = [
-            os.path.join(os.path.dirname(path), parameters.text(one.child("Directory"), "path"))
-            for one in folders
-        ]
+        paths = [parameters.path(one.child("Directory"), "path") for one in folders]
+        self._folders = list(dict.fromkeys(map(os.path.normpath, paths)))
         self._given = list(given)
         if locations is not None:
             locations.skip()
@@ -102,20 +99,22 @@ class Catalogs:
 
     def _find(self, reference: Element) -> Element:
         if self._read is None:
-            self._read = self._read_all(reference)
+            self._read = self._read_all()
         name = self.parameters.text(reference, "catalogName")
-        if name not in self._read:
+        files = {os.path.splitext(os.path.basename(one.path))[0]: one for one in self._read.values()}
+        top = self._read.get(name) or files.get(name)  # players look for the file of that name
+        if top is None:
             known = ", ".join(self._read) or "none"
-            hint = f"found in the folders of CatalogLocations: {known}"
+            missing = "".join(f"; {one} is no folder" for one in self._folders if not os.path.isdir(one))
+            hint = f"found in the folders of CatalogLocations: {known}{missing}"
             raise reference.error(f"there is no catalog {name!r}", hint)
-        top = self._read[name]
         if top.path not in self.used:
             self.used.append(top.path)
         return top
 
-    def _read_all(self, reference: Element) -> dict[str, Element]:
+    def _read_all(self) -> dict[str, Element]:
         found: dict[str, Element] = {}
-        for path in self._given or self._list_files(reference):
+        for path in self._given or self._list_files():
             if self.allowed is not None:
                 self.allowed(path, "CatalogLocations")
             top = read_xml(path, "OpenSCENARIO")
@@ -128,16 +127,13 @@ class Catalogs:
             found[name] = top
         return found
 
-    def _list_files(self, reference: Element) -> list[str]:
+    def _list_files(self) -> list[str]:
         paths = []
-        for folder in dict.fromkeys(self._folders):
+        for folder in self._folders:
             if self.allowed is not None:
                 self.allowed(folder, "CatalogLocations")
-            try:
-                names = sorted(os.listdir(folder))
-            except (OSError, ValueError):
-                raise reference.error(f"the folder {folder} of CatalogLocations cannot be read") from None
-            paths += [os.path.join(folder, name) for name in names if name.lower().endswith(_SUFFIX)]
+            files = sorted(glob.glob(os.path.join(glob.escape(folder), "*")))
+            paths += [file for file in files if file.lower().endswith(_SUFFIX)]
         return paths
 
     def _copy(self, element: Element, values: Mapping[str, str]) -> Element:

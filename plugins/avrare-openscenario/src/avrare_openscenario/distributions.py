@@ -44,8 +44,7 @@ def list_scenes(path: str, ego: str | None) -> list[FoundScene]:
 
 
 def _find_template(block: Element) -> str:
-    file = block.child("ScenarioFile").attribute("filepath")
-    return os.path.normpath(os.path.join(os.path.dirname(block.path), file))
+    return os.path.normpath(Parameters(None, {}, block.path).path(block.child("ScenarioFile"), "filepath"))
 
 
 def _read_axis(element: Element) -> _Axis:

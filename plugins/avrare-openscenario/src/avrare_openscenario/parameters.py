@@ -6,6 +6,7 @@ import ast
 import functools
 import math
 import operator
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -187,6 +188,10 @@ class Parameters:
         self.decisive.add(reference[1])
         return str(self._value(element, name, reference[1]))
 
+    def path(self, element: Element, name: str) -> str:
+        """Return an attribute as a path beside the file of its element; backslashes are slashes."""
+        return os.path.join(os.path.dirname(element.path), self.text(element, name).replace("\\", "/"))
+
     def choose(
         self, element: Element, name: str, choices: Sequence[Choice], default: Choice | None = None
     ) -> Choice:
@@ -201,7 +206,12 @@ class Parameters:
 
     def boolean(self, element: Element, name: str) -> bool:
         """Return an attribute that is true or false, False where it is not there."""
-        return self.choose(element, name, ("true", "false", "1", "0"), "false") in ("true", "1")
+        if element.get(name) is None:
+            return False
+        text = self.text(element, name)
+        if text.lower() not in ("true", "false", "1", "0"):
+            raise element.error(f"{name} should be one of true, false, 1, 0, found {text!r}")
+        return text.lower() in ("true", "1")
 
     def number(
         self, element: Element, name: str, default: float | None = None, low: float | None = None

@@ -128,7 +128,8 @@ def read_scenario(
     if header.attributes.get("revMajor") != "1":
         raise header.error("only OpenSCENARIO XML 1.x is read")
     parameters = Parameters(top.find("ParameterDeclarations"), given, path)
-    entries = Catalogs(top.find("CatalogLocations"), parameters, path, catalogs, allowed)
+    entries = Catalogs(top.find("CatalogLocations"), parameters, catalogs, allowed)
+    top.skip_children("MonitorDeclarations")
     named = top.child("RoadNetwork")
     named.skip_children("SceneGraphFile", "UsedArea")
     logic = named.find("LogicFile")
@@ -138,11 +139,13 @@ def read_scenario(
         named.note("names no road: vehicles move in the open plane")
         file, roads = "", open_plane()
     else:
-        file = road or os.path.join(os.path.dirname(path), parameters.text(logic or named, "filepath"))
+        file = road or parameters.path(logic or named, "filepath")
         if logic is not None:
             logic.get("filepath")
         if allowed is not None:
             allowed(file, "RoadNetwork: LogicFile")
+        if not os.path.isfile(file):
+            raise (logic or named).error(f"there is no road file {file}")
         roads = read_lanelet_map(file, logic or named) if is_lanelet_map(file) else read_opendrive(file)
     bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
     names = [body.name for body in bodies]

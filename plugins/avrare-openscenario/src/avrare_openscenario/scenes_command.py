@@ -158,7 +158,7 @@ def _act_out(args: argparse.Namespace) -> int:
 
 def _has_storyboard(file: Path) -> bool:
     try:
-        return b"<Storyboard" in file.read_bytes()
+        return re.search(rb"<Storyboard[\s>]", file.read_bytes()) is not None
     except OSError:
         return True  # the reader says what is wrong
 

@@ -16,6 +16,7 @@ from avrare_openscenario.story import Action, Assignment, Condition, Event, Grou
 from avrare_openscenario.xml_tree import Element
 
 _COUNT_MAX = 1_000_000_000
+_PRIORITIES = ("override", "overwrite", "parallel", "skip")
 _EGO_DRIVEN = (
     "the ego is driven by the controller under test, not by the storyboard",
     "take it out, or set `ignore_ego_events: true`",
@@ -153,9 +154,7 @@ class StoryReader:
         self.maneuvers += 1
 
     def _read_event(self, event: Element, act: int, actors: list[int]) -> None:
-        priority = event.get("priority") or "parallel"
-        if priority not in ("override", "overwrite", "parallel", "skip"):
-            raise event.error(f"the priority {priority!r} is not read", "override, parallel or skip")
+        priority = self.parameters.choose(event, "priority", _PRIORITIES, "parallel")
         first, number = len(self.actions), len(self.events)
         elements = event.list("Action")
         for element in elements:
