@@ -38,7 +38,7 @@ class FmuConfig(Options):
 
     @field_validator("file")
     @classmethod
-    def _trusted(cls, file: str) -> str:
+    def _check_trust(cls, file: str) -> str:
         if is_safe():
             raise ValueError(f"safe mode: an FMU is code of no installed plugin; {TRUST}")
         return file

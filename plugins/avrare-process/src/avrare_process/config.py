@@ -46,7 +46,7 @@ class ProcessConfig(Options):
 
     @field_validator("command")
     @classmethod
-    def _trusted(cls, command: tuple[str, ...]) -> tuple[str, ...]:
+    def _check_trust(cls, command: tuple[str, ...]) -> tuple[str, ...]:
         if is_safe():
             raise ValueError(f"safe mode: a program is code of no installed plugin; {TRUST}")
         return command
