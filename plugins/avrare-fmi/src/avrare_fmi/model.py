@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import copy
+import hashlib
+import os
 import weakref
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
 
 import fmpy
@@ -59,9 +63,18 @@ class Model:
         self.can_serialise = bool(self.description.coSimulation.canSerializeFMUstate)
 
     @cached_property
-    def _folder(self) -> TemporaryDirectory[str]:  # lives as long as the model
-        folder = TemporaryDirectory(prefix="avrare-fmu-")
-        fmpy.extract(self.file, unzipdir=folder.name)
+    def _folder(self) -> Path:  # by content: all processes and runs unpack it once
+        with open(self.file, "rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "avrare" / "fmu"
+        folder = home / digest[:16]
+        if not folder.exists():
+            home.mkdir(parents=True, exist_ok=True)
+            unpacked = mkdtemp(dir=home)
+            fmpy.extract(self.file, unzipdir=unpacked)
+            with suppress(OSError):  # another process was first
+                os.rename(unpacked, folder)
+            rmtree(unpacked, ignore_errors=True)
         return folder
 
     @cached_property
@@ -69,7 +82,7 @@ class Model:
         return (FMU2Slave if self.version == 2 else FMU3Slave)(
             guid=self.description.guid,
             modelIdentifier=self.description.coSimulation.modelIdentifier,
-            unzipDirectory=self._folder.name,
+            unzipDirectory=str(self._folder),
         )
 
     def find(self, names: Iterable[str]) -> Variables:
