@@ -1,9 +1,11 @@
 """Scenes as they are found: how people and their tools vary what they write."""
 
+import numpy as np
 import pytest
 
-from avrare_openscenario.scenes_command import judge_scene, list_scenes
-from openscenario_files import SCENARIOS, change_lane, document, event
+from avrare_openscenario.scenes_command import judge_scene, list_scenes, read_acted
+from avrare_openscenario.trace import act_out
+from openscenario_files import SCENARIOS, change_lane, document, event, of_entity, slow_down
 
 PLAIN = document(event(change_lane()))
 
@@ -63,3 +65,65 @@ def test_catalogs_are_no_scenes(judge, tmp_path):
     catalog = "<OpenSCENARIO><Catalog><StoryboardElementStateCondition/></Catalog></OpenSCENARIO>"
     (tmp_path / "catalog.xosc").write_text(catalog, encoding="utf-8")
     assert list_scenes([str(tmp_path)]) == [str(tmp_path / "scene.xosc")]
+
+
+BOTH = '<EntitySelection name="Both"><Members>{}</Members></EntitySelection></Entities>'
+HEADING = 'angleType="heading" angle="{}" angleTolerance="0.02"'
+
+
+@pytest.mark.parametrize(
+    "members", ['<EntityRef entityRef="Car"/><EntityRef entityRef="Ego"/>', '<ByType objectType="vehicle"/>']
+)
+def test_a_selection_stands_for_its_members(judge, tmp_path, members):
+    text = document(event(slow_down(shape="step", target=5.0)), actor="Both")
+    assert judge(text.replace("</Entities>", BOTH.format(members))).status == "read"
+    states = act_out(read_acted(str(tmp_path / "scene.xosc"), 0.1), 0.1, 2.0)[1]
+    np.testing.assert_array_equal(states[-1, :, 3], [5.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("condition", "begins"),
+    [
+        (f'<AngleCondition {HEADING.format(0.0)} coordinateSystem="road"/>', True),
+        (f'<AngleCondition {HEADING.format(6.2832)} coordinateSystem="lane"/>', True),
+        (f"<AngleCondition {HEADING.format(0.1)}/>", False),
+        (f'<RelativeAngleCondition entityRef="Ego" {HEADING.format(0.0)}/>', True),
+        (f'<RelativeAngleCondition entityRef="Ego" {HEADING.format(-0.5)}/>', False),
+        ('<CollisionCondition><ByObjectType type="vehicle"/></CollisionCondition>', False),
+    ],
+)
+def test_conditions_on_angles_and_types(judge, tmp_path, condition, begins):
+    text = document(event(slow_down(shape="step", target=5.0), of_entity(condition)))
+    assert judge(text).status == "read"
+    states = act_out(read_acted(str(tmp_path / "scene.xosc"), 0.1), 0.1, 0.5)[1]
+    assert states[-1, 0, 3] == (5.0 if begins else 20.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "note"),
+    [
+        (
+            '<SimulationTimeCondition value="1.0" rule="greaterOrEqual"/>',
+            '<UserDefinedValueCondition name="a" value="1" rule="equalTo"/>',
+            "is never met: nothing outside the file sets values",
+        ),
+        (
+            "</Actions></Init>",
+            "<GlobalAction><SetMonitorAction monitorRef='m' value='true'/></GlobalAction></Actions></Init>",
+            "monitors change nothing",
+        ),
+    ],
+)
+def test_what_is_read_with_a_note(judge, old, new, note):
+    finding = judge(PLAIN.replace(old, new))
+    assert (finding.status, finding.reason.split(": ")[-1]) == ("notes", note.split(": ")[-1])
+
+
+def test_a_place_beside_a_road_and_a_closed_route_can_be_reached(judge):
+    closed = (
+        "<AssignRouteAction><Route name='r' closed='true'><Waypoint>{}</Waypoint></Route></AssignRouteAction>"
+    )
+    place = "<Position><WorldPosition x='50' y='1'/></Position>"
+    acquire = f"<AcquirePositionAction>{place}</AcquirePositionAction>"
+    for action in (closed.format(place), acquire):
+        assert judge(document(event(f"<RoutingAction>{action}</RoutingAction>"))).status != "refused"

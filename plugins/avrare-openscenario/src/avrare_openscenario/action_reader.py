@@ -13,7 +13,7 @@ from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_lane, read_place
-from avrare_openscenario.route_reader import read_route
+from avrare_openscenario.route_reader import read_route, read_waypoint
 from avrare_openscenario.story import (
     DIMENSIONS,
     FORMS,
@@ -40,10 +40,13 @@ _IDLE = {
     "VisibilityAction": "visibility changes nothing",
     "AppearanceAction": "lights and animations change nothing",
     "EnvironmentAction": "environment and weather change nothing",
+    "TrailerAction": "trailers are left out",
+    "SetMonitorAction": "monitors change nothing",
 }
 """Actions that are passed over, with their notes."""
 
 
+_TYPES = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
 _ENDLESS = 1e9
 """Limit that is not given."""
 
@@ -55,6 +58,7 @@ class ActionReader:
         parameters: Its parameters.
         roads: Its roads.
         names: Names of the entities.
+        kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         catalogs: Catalogs of trajectories and environments.
         variables: Names of its variables, by index.
     """
@@ -64,19 +68,29 @@ class ActionReader:
         parameters: Parameters,
         roads: Network,
         names: Sequence[str],
+        kinds: Sequence[str],
         catalogs: Catalogs,
         variables: Sequence[str],
     ) -> None:
-        self.parameters, self.roads, self.names = parameters, roads, names
+        self.parameters, self.roads, self.names, self.kinds = parameters, roads, names, kinds
         self.catalogs, self.variables = catalogs, variables
+        self.selections: dict[str, tuple[int, ...]] = {}
+
+    def read_selections(self, entities: Element) -> None:
+        """Read each ``EntitySelection``: its name stands for its members from here on."""
+        for selection in entities.list("EntitySelection"):
+            members = selection.child("Members")
+            types = [self.find_type(one, "objectType") for one in members.list("ByType")]
+            found = sum(types, self.find_entities(members))
+            self.selections[self.parameters.text(selection, "name")] = tuple(dict.fromkeys(found))
 
     def read_global(self, kind: Element) -> Action | None:
         """Read a ``GlobalAction`` or ``UserDefinedAction``; None: it changes nothing."""
         if kind.tag == "UserDefinedAction":
             raise kind.error("a user-defined action is not read", "take it out")
         action = kind.choice()
-        if action.tag == "EnvironmentAction":
-            action.pass_over(_IDLE["EnvironmentAction"])
+        if action.tag in _IDLE:
+            action.pass_over(_IDLE[action.tag])
             return None
         if action.tag in ("ParameterAction", "VariableAction"):
             return self._read_assignment(action)
@@ -114,10 +128,7 @@ class ActionReader:
             case "AssignRouteAction":
                 return read_route(self, action, actor)
             case "AcquirePositionAction":
-                place = self.read_place(action.child("Position"))
-                if place.roads is None:
-                    raise action.error("is read for a place on a road", "give a LanePosition or RoadPosition")
-                return Route(actor, (place.roads,))
+                return Route(actor, (read_waypoint(self, action)[1],))
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
         raise action.unknown("actions of speed, distance, lanes, routes and trajectories")
@@ -143,7 +154,17 @@ class ActionReader:
 
     def find_entities(self, element: Element) -> tuple[int, ...]:
         """Return the indices of the entities that the elements ``EntityRef`` name."""
-        return tuple(map(self.find_entity, element.list("EntityRef")))
+        return sum(map(self.find_members, element.list("EntityRef")), tuple[int, ...]())
+
+    def find_members(self, element: Element) -> tuple[int, ...]:
+        """Return the indices of the members of a selection, or of the entity, that an element names."""
+        members = self.selections.get(self.parameters.text(element, "entityRef"))
+        return (self.find_entity(element),) if members is None else members
+
+    def find_type(self, element: Element, name: str = "type") -> tuple[int, ...]:
+        """Return the indices of the entities of the type that an attribute has."""
+        kind = _TYPES[self.parameters.choose(element, name, tuple(_TYPES))]
+        return tuple(index for index, other in enumerate(self.kinds) if other == kind)
 
     def find_variable(self, element: Element, name: str) -> int:
         """Return the index of a variable or parameter."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from avrare_openscenario.action_reader import ActionReader
@@ -20,12 +19,11 @@ class ConditionReader:
 
     Args:
         actions: Reader of its actions, and of what they refer to.
-        kinds: What each entity is.
         dt: Step [s].
     """
 
-    def __init__(self, actions: ActionReader, kinds: Sequence[str], dt: float) -> None:
-        self.actions, self.parameters, self.kinds, self.dt = actions, actions.parameters, kinds, dt
+    def __init__(self, actions: ActionReader, dt: float) -> None:
+        self.actions, self.parameters, self.dt = actions, actions.parameters, dt
 
     def read(self, condition: Element) -> Condition:
         """Read a ``Condition``."""
@@ -56,6 +54,9 @@ class ConditionReader:
                 return Condition(
                     "variable", self.parameters.choose(one, "rule", RULES), value, variable=variable
                 )
+            case "UserDefinedValueCondition":
+                one.pass_over("is never met: nothing outside the file sets values")
+                return Condition("time", "lessThan", self.parameters.constant(-1.0))
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
         raise one.unknown(f"{known}, VariableCondition")
 
@@ -101,6 +102,8 @@ class ConditionReader:
                 kind = "road_end" if one.tag == "EndOfRoadCondition" else "off_road"
                 steps = round(self.parameters.fixed(one, "duration") / self.dt)
                 return Condition(kind, "equalTo", self.parameters.constant(1.0), delay=max(steps, 0))
+            case "AngleCondition" | "RelativeAngleCondition":
+                return self._read_angle(one)
             case "StandStillCondition":
                 return Condition("standstill", "greaterOrEqual", self.parameters.number(one, "duration"))
             case "TimeToCollisionCondition":
@@ -115,6 +118,18 @@ class ConditionReader:
                 return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
         known = ", ".join((*simple, "StandStillCondition", "TimeToCollisionCondition", "DistanceCondition"))
         raise one.unknown(f"{known}, ReachPositionCondition")
+
+    def _read_angle(self, one: Element) -> Condition:
+        # Whether a heading is within a tolerance of an angle.
+        if one.attribute("angleType") != "heading":
+            raise one.error("roads are flat: only the angleType heading is read")
+        relative = one.tag == "RelativeAngleCondition"
+        frames = ("entity", "lane") if relative else ("world", "road", "lane")
+        frame = self.parameters.choose(one, "coordinateSystem", frames, frames[0])
+        other = self.actions.find_entity(one) if relative else -1
+        angle, limit = (self.parameters.number(one, name) for name in ("angle", "angleTolerance"))
+        along = frame in ("road", "lane")
+        return Condition("angle", "lessOrEqual", limit, other=other, along=along, reach=(angle,))
 
     def _read_collision_time(self, one: Element) -> Condition:
         rule, value = self._read_comparison(one)
@@ -152,7 +167,7 @@ class ConditionReader:
             "equalTo",
             self.parameters.constant(1.0),
             free=self.parameters.boolean(one, "freeSpace"),
-            against=self.actions.find_entities(one) or tuple(range(len(self.kinds))),
+            against=self.actions.find_entities(one) or tuple(range(len(self.actions.kinds))),
             reach=reach,
             lanes=tuple(lanes),
         )
@@ -169,12 +184,10 @@ class ConditionReader:
         # Entities that a collision is with.
         target = one.choice()
         if target.tag == "EntityRef":
-            return (self.actions.find_entity(target),)
-        if target.tag != "ByType":
-            raise target.unknown("EntityRef, ByType")
-        kinds = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
-        kind = self.parameters.choose(target, "type", tuple(kinds))
-        return tuple(index for index, found in enumerate(self.kinds) if found == kinds[kind])
+            return self.actions.find_members(target)
+        if target.tag not in ("ByType", "ByObjectType"):
+            raise target.unknown("EntityRef, ByType, ByObjectType")
+        return self.actions.find_type(target)
 
     def _read_distance(self, one: Element) -> tuple[Direction, bool, bool]:
         # Direction of a distance, whether it is along the road, and whether between the boxes.

@@ -142,6 +142,8 @@ def _measure(
             return np.asarray(speeds[:, entity] - speeds[:, other])
         case "collision":
             return _touches(condition, entity, traffic, maps)
+        case "angle":
+            return _turn_away(condition, entity, traffic, maps, table)
         case "clearance":
             return _is_clear(condition, entity, traffic, maps, table)
         case "road_end":
@@ -246,6 +248,18 @@ def _is_clear(
         inside = [(low <= beside) & (beside <= high) for low, high in condition.lanes]
         taken |= near & np.any(inside, axis=0) if inside else near
     return np.asarray(~taken, dtype=np.float64)
+
+
+def _turn_away(
+    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Floats:
+    # How far a heading is from the one that is asked for.
+    found = -table[:, condition.reach[0]]
+    for k, sign in ((entity, 1.0), (condition.other, -1.0)):
+        if k >= 0:
+            line = 0.0 if condition.along else maps[k].line.heading(traffic.vehicles.x[:, k])
+            found = found + sign * (traffic.vehicles.heading[:, k] + line)
+    return np.asarray(np.abs(np.remainder(found + np.pi, 2.0 * np.pi) - np.pi))
 
 
 def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:

@@ -223,9 +223,9 @@ def _chains(roads: Sequence[Element]) -> list[list[Element]]:
         if link is not None:
             link.skip()
         successor = None if link is None else link.find("successor")
-        goes_on = successor is not None and successor.attributes.get("elementType") != "junction"
-        if goes_on and successor.attributes.get("contactPoint", "start") == "start":
-            following[name] = successor.attributes.get("elementId", "")
+        target = {} if successor is None else successor.attributes
+        if target.get("elementType") != "junction" and target.get("contactPoint", "start") == "start":
+            following[name] = target.get("elementId", "")
     chains = []
     first = [name for name in named if name not in following.values()]
     waiting = dict.fromkeys([*first, *named])  # the others are rings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -147,15 +148,17 @@ def read_scenario(
         if not os.path.isfile(file):
             raise (logic or named).error(f"there is no road file {file}")
         roads = read_lanelet_map(file, logic or named) if is_lanelet_map(file) else read_opendrive(file)
-    bodies = _read_bodies(top.child("Entities"), parameters, entries, ego)
+    entities = top.child("Entities")
+    bodies = _read_bodies(entities, parameters, entries, ego)
     names = [body.name for body in bodies]
     board = top.child("Storyboard")
     kinds = [body.kind for body in bodies]
     driven = None if ego is None else len(names) - 1
     variables = _read_variables(top, parameters)
-    reader = ActionReader(parameters, roads, names, entries, tuple(variables))
+    reader = ActionReader(parameters, roads, names, kinds, entries, tuple(variables))
+    reader.read_selections(entities)
     starts = _read_starts(board.child("Init"), reader, board.list_names("Actors", "entityRef"))
-    storyboard = StoryReader(reader, kinds, dt, driven, ignore_ego)
+    storyboard = StoryReader(reader, dt, driven, ignore_ego)
     story = storyboard.read(board, starts, tuple(variables.values()))
     top.refuse_unread()
     entries.refuse_unread()
@@ -280,8 +283,8 @@ def _read_starts(init: Element, reader: ActionReader, acting: set[str]) -> Start
         for kind in (*actions.list("GlobalAction"), *actions.list("UserDefinedAction")):
             later += [action for action in [reader.read_global(kind)] if action is not None]
         for private in actions.list("Private"):
-            actor = reader.find_entity(private)
-            for one in private.list("PrivateAction"):
+            members, deeds = reader.find_members(private), private.list("PrivateAction")
+            for actor, one in product(members, deeds):
                 match reader.read_private(one, actor):
                     case Route(roads=wanted):
                         routes[actor] = wanted

@@ -282,7 +282,7 @@ class Condition:
     Attributes:
         kind: ``time``, ``travelled``, ``speed``, ``relative_speed``, ``standstill``, ``distance``,
             ``headway``, ``collision_time``, ``reach``, ``acceleration``, ``collision``, ``road_end``,
-            ``off_road``, ``clearance``, ``variable`` or ``state``.
+            ``off_road``, ``clearance``, ``angle``, ``variable`` or ``state``.
         rule: Comparison with ``value``.
         value: What is compared with.
         edge: Change of the comparison that counts.
@@ -290,7 +290,7 @@ class Condition:
         entities: Vehicles that it is asked of.
         every: Whether all of them must meet it, or any.
         other: Vehicle that it is about besides.
-        along: Whether a distance is one of stations, along the road; else in the plane.
+        along: Whether a distance, or an angle, is one along the road; else in the plane.
         free: Whether it is between the boxes.
         place: Place that is to be reached, or that a distance is to.
         events: Events that a ``state`` is about.
@@ -300,7 +300,7 @@ class Condition:
         direction: Part of a speed or acceleration that counts; empty: its size.
         variable: Index of the variable that is compared.
         against: Vehicles that a ``collision`` is with, or that a ``clearance`` is from.
-        reach: Ways ahead and behind of a ``clearance`` [m].
+        reach: Ways ahead and behind of a ``clearance`` [m]; the ``angle`` that is asked for [rad].
         lanes: Ranges of lanes to the left of the own one, of a ``clearance``; empty: all.
     """
 

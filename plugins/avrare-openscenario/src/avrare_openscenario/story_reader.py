@@ -39,22 +39,15 @@ class StoryReader:
 
     Args:
         reading: Reader of its actions; names of entities end with that of the ego.
-        kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         dt: Step [s].
         ego: Index of the entity that a stack drives; None: all obey the storyboard.
         ignore_ego: Whether actions of the ego are passed over.
     """
 
-    def __init__(
-        self, reading: ActionReader, kinds: Sequence[str], dt: float, ego: int | None, ignore_ego: bool
-    ) -> None:
-        self.reading, self.parameters, self.ego, self.ignore_ego = (
-            reading,
-            reading.parameters,
-            ego,
-            ignore_ego,
-        )
-        self.asking = ConditionReader(reading, kinds, dt)
+    def __init__(self, reading: ActionReader, dt: float, ego: int | None, ignore_ego: bool) -> None:
+        self.reading, self.parameters = reading, reading.parameters
+        self.ego, self.ignore_ego = ego, ignore_ego
+        self.asking = ConditionReader(reading, dt)
         self.actions: list[Action] = []
         self.events: list[Event] = []
         self.conditions: list[Condition] = []
