@@ -205,6 +205,7 @@ class CatalogueRates(Answer):
             "seed": document.seed,
             "speed": document.speed,
             "verdict": self.verdict,
+            "document": document.model_dump(mode="json", exclude_defaults=True),
             "scenes": scenes,
             "rules": [_rule_entry(rate) for rate in self.rates],
             **({"reference": compared} if reference else {}),

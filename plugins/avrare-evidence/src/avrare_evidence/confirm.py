@@ -1,30 +1,29 @@
 """Confirmation of a pack by another person: fresh random numbers, and a test whether both agree.
 
-Two estimates of one probability are compared by melding their confidence distributions, as in the gate (Fay,
-Proschan and Brittain 2015); rates by the logarithm of their ratio. Holm's first step keeps the chance of a
-false alarm over all comparisons at 5 %.
+Two estimates are compared by melding their confidence distributions, as in the gate (Fay, Proschan and
+Brittain 2015). Holm's first step keeps the chance of a false alarm over all comparisons at 5 %.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import os
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from statistics import NormalDist
-from typing import Any, Literal
+from typing import Literal
 
 from avrare.analysis.check.melded_intervals import p_value_ratio_at_least, p_value_ratio_at_most
-from avrare.analysis.rates.combination import FEW, Quantity, combine
-from avrare.analysis.rates.scene_estimates import SceneEstimate
+from avrare.analysis.rates.rate import RATES, REFERENCE
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import read_json
-from avrare.estimation.combine.power import LEAST_POWER, MISS, power_to_notice
+from avrare.base.records import Answer, Records
+from avrare.base.special_functions import normal_factor
+from avrare.estimation.combine.power import LEAST_POWER, MISS
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.estimate_scenario import estimate_scenario
-from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
 from avrare.estimation.result.result import Result, Results
@@ -34,71 +33,66 @@ from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
-from avrare_evidence.pack import Pack, PackedRun, find_pack_faults, find_version_changes, hash_file, read_pack
-from avrare_evidence.sources import list_models, redirect
+from avrare_evidence.manifest import (
+    Pack,
+    PackedRun,
+    find_pack_faults,
+    find_version_changes,
+    hash_file,
+    read_pack,
+)
+from avrare_evidence.sources import compute_rates, list_files
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
 _SEED_STRIDE = 1_000_003
 """Distance of the seeds of a pack's runs."""
-Estimates = Mapping[str, Mapping[str, Result]]
-"""Results by folder of the pack and rule."""
-_AGAIN = "ask for the pack again"
+_Law = Binomial | LogNormal
+_Estimate = tuple[float, float, float, _Law]
+"""Value, interval and law."""
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Estimate of the pack beside the fresh one.
-
-    Attributes:
-        scenario: Name of the scenario, or of the catalogue.
-        rule: Name of the specification.
-        pack: Value and interval of the pack.
-        fresh: Value and interval of this run.
-        p_value: Chance of two estimates so far apart where the system is the same.
-        power: Chance that a threefold value would have raised an alarm.
-    """
-
-    scenario: str
-    rule: str
-    pack: Quantity
-    fresh: Quantity
-    p_value: float
-    power: float
-
-
-@dataclass(frozen=True)
-class Confirmation:
+@dataclass(frozen=True, repr=False)
+class Confirmation(Answer):
     """Result of a confirmation.
 
     Attributes:
         seed: Seed of the fresh estimates.
-        comparisons: One for each rule of each scenario or catalogue.
-        variations: Verdicts on the bounds under other laws or values of scene parameters.
+        comparisons: Row for each rule of each scenario or catalogue: value and interval of the pack and of
+            the fresh estimate, chance of two so far apart where the system is the same, and chance that a
+            threefold value would have raised an alarm.
+        variations: Row for each rule under other laws or values of scene parameters, with its verdict.
         version_changes: Lines on distributions of another version than the pack's.
     """
 
     seed: int
-    comparisons: tuple[Comparison, ...]
-    variations: tuple[dict[str, Any], ...]
+    comparisons: Records
+    variations: Records
     version_changes: tuple[str, ...]
 
     @property
     def outcome(self) -> Literal["agree", "disagree", "not decided"]:
         """Outcome; "not decided" where a change by a factor of 3 would mostly have passed unnoticed."""
-        count = len(self.comparisons)
-        if count * min(comparison.p_value for comparison in self.comparisons) <= LEVEL:
+        if any(row["p_value"] <= LEVEL / len(self.comparisons) for row in self.comparisons):
             return "disagree"
-        weak = any(comparison.power < LEAST_POWER for comparison in self.comparisons)
-        return "not decided" if weak else "agree"
+        return "not decided" if any(row["power"] < LEAST_POWER for row in self.comparisons) else "agree"
 
     def to_dict(self) -> dict[str, object]:
         """Return the content of confirmation.yaml, with blanks for the person who signs it."""
-        count = len(self.comparisons)
-        test = f"false alarms {LEVEL:.0%} over {count} comparisons (Holm); power: factor {MISS:g}"
-        signed = {"name": None, "organisation": None, "date": None}
-        plain = json.loads(json.dumps(asdict(self)))
-        return {"outcome": self.outcome, "test": test, **plain, "signed_off": signed}
+        test = f"false alarms {LEVEL:.0%} over all comparisons (Holm); power: factor {MISS:g}"
+        rows = {"comparisons": [*self.comparisons], "variations": [*self.variations]}
+        heads = {"outcome": self.outcome, "test": test, "seed": self.seed}
+        blanks = {"name": None, "organisation": None, "date": None}
+        return {**heads, **rows, "version_changes": [*self.version_changes], "signed_off": blanks}
+
+    def table(self) -> Records:
+        """Return the comparisons."""
+        return self.comparisons
+
+    def lines(self) -> list[str]:
+        """Return the outcome, and the tables of comparisons and variations."""
+        tables = [table for table in (self.comparisons, self.variations) if table]
+        return [self.outcome, *(line for table in tables for line in repr(table).splitlines())]
 
 
 def confirm(
@@ -127,125 +121,113 @@ def confirm(
     """
     pack = read_pack(folder)
     if faults := find_pack_faults(pack):
-        raise UsageError("\n".join(f"{pack.folder}: {fault}" for fault in faults), _AGAIN)
+        raise UsageError("\n".join(f"{pack.folder}: {fault}" for fault in faults), "ask for the pack again")
     changes = find_version_changes(pack)
     if changes and not accept_changes:
         hint = "install the versions of the pack, or accept changes: the sheet names them"
         raise UsageError("\n".join(f"{pack.folder}: {line}" for line in changes), hint)
-    runs = pack.manifest.runs
-    if any(entry.seed == seed + k * _SEED_STRIDE for k, entry in enumerate(runs)):
+    runs = {entry.name: entry for entry in pack.manifest.runs}
+    seeds = {name: seed + number * _SEED_STRIDE for number, name in enumerate(runs)}
+    if any(entry.seed == seeds[name] for name, entry in runs.items()):
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
+    execution = Execution(partial(build_executor, workers), watch)
 
-    def estimate(number: int, settings: Sequence[str]) -> tuple[Scenario, list[Result]]:
-        entry, settings = runs[number], [f"seed={seed + number * _SEED_STRIDE}", *settings]
-        scenario = _load_scenario(pack, entry, settings)
-        amount = Budget.parse(budget if budget is not None else entry.budget)
-        execution = Execution(partial(build_executor, workers), watch)
-        return scenario, estimate_scenario(LoadedScenario(scenario), scenario.estimated, amount, execution)
+    def load_all(*settings: str) -> dict[str, Scenario]:
+        files = {name: pack.folder / entry.scenario for name, entry in runs.items()}
+        return {name: load(file, [f"seed={seeds[name]}", *settings]) for name, file in files.items()}
 
-    stored = {entry.folder: Run.read(pack.folder / entry.folder).results for entry in runs}
-    fresh = {entry.folder: Results(estimate(number, ())[1]) for number, entry in enumerate(runs)}
-    varied = [estimate(number, vary) for number in range(len(runs)) if vary]
+    def estimate_all(scenarios: Mapping[str, Scenario]) -> dict[str, Results]:
+        amounts = {name: Budget.parse(runs[name].budget if budget is None else budget) for name in scenarios}
+        return {
+            name: Results(
+                estimate_scenario(LoadedScenario(scenario), scenario.estimated, amounts[name], execution)
+            )
+            for name, scenario in scenarios.items()
+        }
+
+    scenarios, varied = load_all(), load_all(*vary) if vary else {}
+    for name, scenario in scenarios.items():
+        _check_files(pack, runs[name], scenario)
+    stored = {name: Run.read(pack.folder / entry.folder).results for name, entry in runs.items()}
+    before, after = _list_estimates(pack, stored), _list_estimates(pack, estimate_all(scenarios))
+    comparisons = [
+        {"scenario": name, "rule": rule, **_compare(estimate, after[name, rule], LEVEL / len(before))}
+        for (name, rule), estimate in before.items()
+    ]
     variations = [
         {
-            "scenario": scenario.name,
-            "rule": result.specification,
-            "set": list(vary),
+            "scenario": name,
+            "rule": rule,
+            "set": ", ".join(vary),
             "value": result.probability,
-            "interval": result.interval,
-            "verdict": with_verdict(result, scenario.thresholds).verdict,
+            "interval": list(result.interval),
+            "verdict": with_verdict(result, varied[name].thresholds).verdict,
         }
-        for scenario, results in varied
-        for result in results
+        for name, results in estimate_all(varied).items()
+        for rule, result in results.items()
     ]
-    return Confirmation(seed, tuple(_compare_all(pack, stored, fresh)), tuple(variations), tuple(changes))
+    return Confirmation(seed, Records(comparisons), Records(variations), tuple(changes))
 
 
-def _load_scenario(pack: Pack, entry: PackedRun, settings: Sequence[str]) -> Scenario:
-    file = pack.folder / entry.folder / SCENARIO
-    copies = {option: str(pack.folder / copy) for option, copy in entry.files.items()}
-    scenario = load(file, [*redirect(file.read_text(encoding="utf-8"), copies), *settings])
-    for option, model in list_models(scenario).items():
-        if not model.is_file() or hash_file(model) != hash_file(pack.folder / entry.models[option]):
-            text = f"{option}: the model {model.name} is missing here, or not that of the pack"
-            raise UsageError(text, "install the versions that the pack names")
-    return scenario
+def _check_files(pack: Pack, entry: PackedRun, scenario: Scenario) -> None:
+    """Raise a ``UsageError`` if an option names another file than that of the pack."""
+    files = ChainMap(*list_files(scenario))
+    for option, copy in entry.files.items():
+        if option not in files or hash_file(files[option]) != pack.manifest.files[copy]:
+            text = f"{option}: the file {Path(copy).name} is missing here, or not that of the pack"
+            hint = (
+                "install the versions that the pack names; or call `avrare confirm ..` in its folder `repeat`"
+            )
+            raise UsageError(text, hint)
 
 
-def _compare_all(pack: Pack, stored: Estimates, fresh: Estimates) -> list[Comparison]:
-    """Compare the rates of catalogues, of the reference driver's, too; else each probability."""
-    rows: list[partial[Comparison]] = []
-    for source in dict.fromkeys(run.source for run in pack.manifest.runs):
-        home = f"evidence/{source}/"
-        places = [run.folder for run in pack.manifest.runs if run.source == source]
-        if f"{home}rate.json" not in pack.manifest.files:
-            rows += [
-                partial(_compare, place.removeprefix("evidence/"), stored[place][rule], fresh[place][rule])
-                for place in places
-                for rule in stored[place]
-            ]
-            continue
-        summary = read_json(pack.folder / home / "rate.json", _AGAIN)
-        driven = [place for place in places if place.startswith(f"{home}reference/")]
-        for name, group in (("", [place for place in places if place not in driven]), ("reference/", driven)):
-            sides = [{place: results[place] for place in group} for results in (stored, fresh)]
-            rows += [
-                partial(_compare_rates, f"{source}/{name}", rule["rule"], summary, sides)
-                for rule in summary["rules"] * bool(group)
-            ]
-    return [compare(level=LEVEL / len(rows)) for compare in rows]
+def _list_estimates(
+    pack: Pack, results: Mapping[str, Mapping[str, Result]]
+) -> dict[tuple[str, str], _Estimate]:
+    """Return rates of catalogues and of their reference drivers, else probabilities, by name and rule."""
+    estimates = {}
+    homes = [path.removesuffix(RATES) for path in pack.manifest.files if path.endswith(f"/{RATES}")]
+    for home in homes:
+        name = home.removeprefix("evidence/")
+        places = {f"{run.removeprefix(name)}/": results[run] for run in results if run.startswith(name)}
+        rates = compute_rates(pack.folder / home / RATES, places)
+        confidence = rates.catalogue.document.confidence
+        largest = 1e6 * sum(exposure.high for exposure in rates.exposures)  # brings rates below 1
+        for driver, side in (("", rates), (REFERENCE, rates.reference)):
+            for rate in side.rates if side is not None else ():
+                total = next(iter(rate.totals.values()))  # with its exposures taken as known
+                numbers = (total.value, *total.sampling)
+                value, low, high = (number / largest for number in numbers)
+                law = _derive_law(value, low, high, confidence)
+                estimates[name + driver, rate.rule] = (*numbers, law)
+    for name, run in results.items():
+        if not f"evidence/{name}".startswith(tuple(homes)):
+            for rule, result in run.items():
+                numbers, counts = (
+                    (result.probability, *result.interval),
+                    (result.failures.count, result.trials),
+                )
+                law = _derive_law(*numbers, result.confidence)
+                exact = Binomial(*counts, result.errors) if result.trials else law
+                estimates[name, rule] = (*numbers, exact)
+    return estimates
 
 
-def _compare(name: str, old: Result, new: Result, level: float) -> Comparison:
-    laws = _derive_law(new), _derive_law(old)
-    p_value = min(1.0, 2.0 * min(p_value_ratio_at_most(1.0, *laws), p_value_ratio_at_least(1.0, *laws)))
-    pack, here = (Quantity(result.probability, *result.interval) for result in (old, new))
-    power = _find_power((old.relative_error, new.relative_error), level)
-    return Comparison(name, old.specification, pack, here, p_value, power)
-
-
-def _derive_law(result: Result) -> Binomial | LogNormal:
-    """Derive the law of an estimate from its counts, or from the interval that is stored."""
-    (low, high), tail = result.interval, (1.0 - result.confidence) / 2.0
-    if result.trials:
-        return Binomial(result.failures.count, result.trials, result.errors)
+def _derive_law(value: float, low: float, high: float, confidence: float) -> _Law:
+    """Derive the law of an estimate from its interval."""
     if low <= 0.0:  # as many rollouts without a failure as give the upper end
+        tail = (1.0 - confidence) / 2.0
         return Binomial(0, max(1, math.floor(math.log(tail) / math.log1p(-min(high, 1.0 - 1e-9)))))
-    width = max(high / result.probability, result.probability / low)
-    return LogNormal(
-        result.probability, math.expm1((math.log(width) / NormalDist().inv_cdf(1.0 - tail)) ** 2), 0
-    )
+    width = math.log(max(high / value, value / low)) / normal_factor(confidence)
+    return LogNormal(value, math.expm1(width**2), 0)
 
 
-def _compare_rates(
-    name: str, rule: str, summary: Mapping[str, Any], sides: Sequence[Estimates], level: float
-) -> Comparison:
-    """Compare the rates of a rule; the exposures are those of the pack, and count as known."""
-    speed, confidence = summary["speed"] or 1.0, summary["confidence"]
-    scale = {"hour": 1.0, "km": speed, "cell": 1.0}
-    exposures = {x["name"]: x["exposure"]["value"] * scale[x["unit"]] for x in summary["scenes"]}
-    totals = []
-    for side in sides:
-        scenes = {
-            place: SceneEstimate(results[rule], "/own/" in place)
-            for place, results in side.items()
-            if rule in results
-        }
-        few = sum(scene.result.failures.count for scene in scenes.values() if scene.follows_counts) < FEW
-        met = [Quantity(*[exposures[place.split("/")[-2]]] * 3) for place in scenes]
-        total = combine(met, [scene.quantity(confidence, few) for scene in scenes.values()])
-        totals.append(Quantity(total.value, *total.interval))
-    factor = NormalDist().inv_cdf(0.5 + confidence / 2.0)
-    errors = [math.log(x.high / x.low) / (2.0 * factor) if x.low > 0.0 else math.inf for x in totals]
-    distance = math.log(totals[1].value / totals[0].value) if math.isfinite(sum(errors)) else 0.0
-    p_value = 2.0 * NormalDist().cdf(-abs(distance) / math.hypot(*errors))
-    power = _find_power([math.sqrt(math.expm1(x**2)) if x < 5.0 else math.inf for x in errors], level)
-    return Comparison(name, rule, totals[0], totals[1], p_value, power)
-
-
-def _find_power(errors: Sequence[float], level: float) -> float:
-    spread = math.sqrt(sum(math.log1p(error**2) for error in errors))
-    if not math.isfinite(spread):
-        return 0.0
-    threshold = math.exp(NormalDist().inv_cdf(1.0 - level / 2.0) * spread)
-    return round(power_to_notice(threshold, (errors[0], errors[1])), 3)
+def _compare(old: _Estimate, new: _Estimate, level: float) -> dict[str, object]:
+    laws = new[-1], old[-1]
+    p_value = 2.0 * min(p_value_ratio_at_most(1.0, *laws), p_value_ratio_at_least(1.0, *laws))
+    ends = [law.interval_at(0.95) for law in laws]
+    widths = [math.log(high / low) / 2.0 if low > 0.0 else math.inf for low, high in ends]
+    spread = math.hypot(*widths) / normal_factor(0.95)
+    power = NormalDist().cdf(math.log(MISS) / spread - normal_factor(1.0 - level))
+    sides = {"pack": list(old[:3]), "fresh": list(new[:3])}
+    return {**sides, "p_value": min(1.0, p_value), "power": round(power, 3)}

@@ -7,9 +7,10 @@ import json
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import DISPLAY, SAFE, Options, add_rows
-from avrare.cli.output import say
-from avrare.scenario.safe_mode import safe_mode
-from avrare_evidence.pack import PAGE, find_pack_faults, find_version_changes, read_pack, write_pack
+from avrare.cli.output import say, say_beside
+from avrare_evidence.manifest import find_pack_faults, find_version_changes, read_pack
+from avrare_evidence.pack import write_pack
+from avrare_evidence.page import PAGE
 
 _OPTIONS: Options = {
     "folders DIR": ("folder of avrare run, check or rate; with --check: a pack", {"nargs": "+"}),
@@ -31,14 +32,13 @@ def execute(args: argparse.Namespace) -> int:
         return _check(args)
     if args.out is None:
         raise UsageError("--out is required", "name the folder of the pack: --out pack")
-    with safe_mode(args.safe):
-        pack = write_pack(args.folders, args.out)
-    claims = {claim.text: claim.state for claim in pack.claims}
+    pack = write_pack(args.folders, args.out)
+    states = {claim.text: claim.measure.state for claim in pack.claims if claim.measure is not None}
     if args.json:
-        print(json.dumps({"folder": str(pack.folder), "claims": claims}))
+        print(json.dumps({"folder": str(pack.folder), "claims": states}))
     else:
-        say(*(f"{text}: {state}" for text, state in claims.items()))
-        say(*[f"the page to read: {pack.folder / PAGE}"] * (not args.quiet))
+        say(*(f"{text}: {state}" for text, state in states.items()))
+        say_beside(args, f"the page to read: {pack.folder / PAGE}")
     return int(ExitCode.PASS)
 
 

@@ -2,75 +2,47 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
+from avrare.estimation.loop.checkpoint import SCENARIO
+from avrare.estimation.result.result import finite
 from avrare.results.run import Run
 from avrare.scenario.schema import Block, Formula
-from avrare_evidence.claims import Claim
-from avrare_evidence.sources import Source, list_files, list_laws, list_models
+from avrare_evidence.claims import Statement
+from avrare_evidence.manifest import PackedRun
 
 Sheet = dict[str, Any]
 
 
-def name_sheet(source: Source, place: str) -> str:
-    """Return the path of a run's sheet in the pack."""
-    return f"test-cases/{source.name}/{place}".rstrip("/") + ".yaml"
-
-
-def describe_test_case(source: Source, place: str, run: Run, claims: Sequence[Claim]) -> Sheet:
-    """Return the sheet of a scenario or scene; ``claims`` are those of the source."""
-    scenario, origin = run.definition, run.provenance
+def describe_test_case(run: Run, entry: PackedRun, claims: Sequence[Statement]) -> Sheet:
+    """Return the sheet of a run; ``claims`` are those that it supports, alone or with others."""
+    scenario = run.definition
     assert scenario is not None
-    laws, exposure = list_laws(scenario), scenario.exposure
-    files = (f"{source.home}{place}result.json", source.home + source.file)
-    claimed = [claim.measure for claim in claims if claim.file in files and claim.measure["rule"] in run]
+    measures = [claim.measure for claim in claims if claim.measure is not None and claim.measure.rule in run]
+    verdicts = {f"{measure.rule} {measure.bound}": measure.verdict for measure in measures if measure.bound}
+    draws, exposure = scenario.simulator.draws, scenario.exposure
+    laws = dict(zip(draws.names, draws.laws, strict=True)) if draws is not None else {}
     return {
-        "source": source.name,
         "id": f"{run.name}@{run.fingerprint}",
+        "scenario": entry.folder + SCENARIO,
         "objective": scenario.objective or scenario.description,
         "requirements": list(scenario.requirements),
         "odd": list(scenario.odd),
-        "scenario": {
-            "name": run.name,
-            "file": f"{source.home}{place}scenario.yaml",
-            "exposure": exposure.model_dump(mode="json", exclude_none=True) if exposure else None,
-            "complexity": {"drawn_options": len(laws), "components": len(scenario.blocks)},
-        },
+        "exposure": exposure.model_dump(mode="json", exclude_defaults=True) if exposure else None,
+        "complexity": {"drawn_options": len(laws), "components": len(scenario.blocks)},
         "inputs": {
             "stack": {key: block.plugin for key, block in scenario.blocks.items() if "." not in key},
             "rules": {name: _describe_rule(scenario.specifications[name]) for name in run},
-            "laws": laws,
-            "files": {option: path.name for option, path in list_files(scenario).items()},
-            "models": {option: path.name for option, path in list_models(scenario).items()},
+            "laws": {name: json.loads(law.model_dump_json(exclude_none=True)) for name, law in laws.items()},
+            "files": entry.files,
             "seed": run.seed,
         },
-        "steps": {
-            "number": scenario.steps,
-            "dt_seconds": scenario.simulator.config.model_dump().get("dt"),
-            "budget": origin.budget or "as the estimator's options say",
-        },
-        "platform": {
-            "versions": dict(run.versions),
-            "python": origin.python,
-            "date": origin.date.date().isoformat() if origin.date else None,
-            "commit": origin.commit or None,
-            "uncommitted_changes": origin.uncommitted_changes,
-        },
-        "expected": [f"{measure['rule']} {measure['bound']}" for measure in claimed if measure["bound"]],
-        "actual": {
-            "estimates": {
-                name: {
-                    "value": result.probability,
-                    "interval": list(result.interval),
-                    "failures": result.failures.count,
-                    "rollouts": result.rollouts,
-                    "errors": result.errors,
-                }
-                for name, result in run.items()
-            },
-            "verdicts": {f"{x['rule']} {x['bound']}": x["verdict"] for x in claimed if x["bound"]},
-        },
+        "steps": {"number": scenario.steps, "dt_seconds": scenario.simulator.config.model_dump().get("dt")},
+        "platform": {**run.versions, **run.provenance.to_dict()},
+        "expected": list(verdicts),
+        "actual": {"estimates": [finite(row) for row in run.table()], "verdicts": verdicts},
     }
 
 

@@ -2,25 +2,69 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
-import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from avrare.analysis.rates.catalogue import Catalogue
+from avrare.analysis.rates.catalogue_document import CatalogueDocument
+from avrare.analysis.rates.rate import RATES, REFERENCE
+from avrare.analysis.rates.rates import CatalogueRates, compute
+from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
-from avrare.plugin.options import Options
-from avrare.results.run import PROVENANCE, RESULT, Run
+from avrare.estimation.result.result import Result
+from avrare.results.run import RESULT, Run
 from avrare.scenario.fingerprint import fingerprint, named_files
 from avrare.scenario.schema import Scenario
 
-SUMMARIES = ("rate.json", "check.json")
-"""Files with the verdicts of a catalogue, or of a check."""
+CHECK, MANIFEST = "check.json", "manifest.json"
 _HINT = "give a folder that avrare run, check or rate has written"
 _AGAIN = "run it again; relative paths in its options are those of the folder from which it was called"
+_Stored = TypeVar("_Stored", bound=BaseModel)
+_Ends = tuple[float | None, float | None] | None
+
+
+class CheckRow(BaseModel):
+    """Verdict in check.json on a bound, or on the change since a baseline."""
+
+    model_config = ConfigDict(frozen=True)
+
+    scenario: str
+    specification: str
+    kind: str
+    question: str
+    verdict: str
+    reason: str
+    probability: float | None
+    interval: _Ends
+    change: float | None
+    change_interval: _Ends
+
+    @property
+    def numbers(self) -> tuple[float | None, float, float, str]:
+        """Value, interval and unit; unknown ends are unbounded."""
+        is_change = self.kind == "regression"
+        low, high = (self.change_interval if is_change else self.interval) or (None, None)
+        ends = low or 0.0, math.inf if high is None else high
+        return (self.change, *ends, "times") if is_change else (self.probability, *ends, "")
+
+
+class _StoredCheck(BaseModel):
+    rows: tuple[CheckRow, ...]
+
+
+class _Driver(BaseModel):
+    driver: str
+
+
+class _StoredRates(BaseModel):
+    document: CatalogueDocument
+    reference: _Driver | None = None
 
 
 @dataclass(frozen=True)
@@ -32,14 +76,16 @@ class Source:
         folder: The folder.
         runs: Its runs, by their place in the folder with a slash behind it: "" or "scenes/wet/".
         file: File with the verdicts.
-        summary: Content of check.json or rate.json; empty for a run.
+        rows: Verdicts of a check.
+        rates: Rates of a catalogue.
     """
 
     name: str
     folder: Path
     runs: dict[str, Run]
     file: str = RESULT
-    summary: dict[str, Any] = field(default_factory=dict)
+    rows: tuple[CheckRow, ...] = ()
+    rates: CatalogueRates | None = None
 
     @property
     def home(self) -> str:
@@ -62,17 +108,18 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
 
 
 def _read_source(folder: Path) -> Source:
-    if (folder / "manifest.json").is_file():
+    if (folder / MANIFEST).is_file():
         raise UsageError(f"{folder}: is a pack itself", _HINT)
     results = [path.parent for path in sorted(folder.rglob(RESULT)) if "pilot" not in path.parts]
     if not results:
         raise UsageError(f"{folder}: no result in it", _HINT)
     runs = {f"{path.relative_to(folder).as_posix()}/".removeprefix("./"): _read_run(path) for path in results}
+    if (folder / RATES).is_file():
+        rates = compute_rates(folder / RATES, {place: run.results for place, run in runs.items()})
+        return Source(rates.catalogue.document.name, folder, runs, RATES, rates=rates)
     name = "-".join(dict.fromkeys(run.name for run in runs.values()))
-    for file in SUMMARIES:
-        if (folder / file).is_file():
-            summary = read_json(folder / file, _HINT)
-            return Source(str(summary.get("catalogue", name)), folder, runs, file, summary)
+    if (folder / CHECK).is_file():
+        return Source(name, folder, runs, CHECK, read_model(_StoredCheck, folder / CHECK, _HINT).rows)
     if len(runs) > 1:
         raise UsageError(f"{folder}: holds {len(runs)} runs", f"give one of them: {', '.join(runs)}")
     return Source(name, folder, runs)
@@ -90,55 +137,57 @@ def _read_run(folder: Path) -> Run:
     return run
 
 
-def list_run_files(run: Run) -> dict[str, Path]:
-    """Return the files of a run that belong into a pack, by name."""
-    assert run.folder is not None
-    names = (RESULT, PROVENANCE, "failures.npz", *run.files)
-    return {name: run.folder / name for name in names if (run.folder / name).is_file()}
+def compute_rates(file: Path, results: Mapping[str, Mapping[str, Result]]) -> CatalogueRates:
+    """Compute the rates of a catalogue, whose rate.json is given, from the results of its runs by place.
 
-
-def list_files(scenario: Scenario | None) -> dict[str, Path]:
-    """Return the files that a scenario's options name, by dotted path."""
-    return {
-        f"{key}.{option}": path
-        for key, config in _list_options(scenario)
-        for option, path in named_files(config)
-    }
-
-
-def list_models(scenario: Scenario | None) -> dict[str, Path]:
-    """Return the shipped models that a scenario's options name, by dotted path."""
-    options = _list_options(scenario)
-    return {
-        f"{key}.{option}": path for key, config in options for option, path in config.used_models().items()
-    }
-
-
-def _list_options(scenario: Scenario | None, prefix: str = "") -> Iterator[tuple[str, Options]]:
-    if scenario is None:
-        return
-    yield from ((f"{prefix}{key}", block.config) for key, block in scenario.blocks.items())
-    yield from _list_options(scenario.cheap, "cheap.")
-    for number, member in enumerate(scenario.members):
-        yield from _list_options(member, f"ensemble.{number}.")
-
-
-def redirect(text: str, copies: Mapping[str, str]) -> Iterator[str]:
-    """Yield the settings by which a resolved scenario reads copies of the files that its options name.
-
-    Files that merely lie beside a named one have no option, and need none.
+    Raises:
+        UsageError: The file is damaged.
     """
-    tree = yaml.safe_load(text)
-    for option, copy in copies.items():
-        value = tree
-        for name in option.split("."):
-            value = value.get(name) if isinstance(value, dict) else None
-        if isinstance(value, str) and Path(value).name == Path(copy).name:
-            yield f"{option}={json.dumps(copy, ensure_ascii=False)}"
+    stored = read_model(_StoredRates, file, _HINT)
+
+    def compute_below(folder: str) -> CatalogueRates:
+        estimates = [
+            {
+                rule: SceneEstimate(result, phase == "own")
+                for phase in ("own", "scenes")
+                for rule, result in results.get(f"{folder}{phase}/{scene.name}/", {}).items()
+            }
+            for scene in stored.document.scenes
+        ]
+        rules = tuple(rule for rule in estimates[0] if all(rule in scene for scene in estimates))
+        return compute(Catalogue(file.name, stored.document, rules, (), ()), estimates)
+
+    rates = compute_below("")
+    if stored.reference is None:
+        return rates
+    return replace(rates, driver=stored.reference.driver, reference=compute_below(f"{REFERENCE}/"))
 
 
-def list_laws(scenario: Scenario) -> dict[str, Any]:
-    """Return the laws of the drawn options by name, as in the scenario file."""
-    draws = scenario.simulator.draws
-    pairs = zip(draws.names, draws.laws, strict=True) if draws is not None else ()
-    return {name: json.loads(law.model_dump_json(exclude_none=True)) for name, law in pairs}
+def read_model(model: type[_Stored], file: Path, hint: str) -> _Stored:
+    """Read a JSON file into its model.
+
+    Raises:
+        UsageError: It does not fit.
+    """
+    try:
+        return model.model_validate(read_json(file, hint))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise UsageError(f"{file}: it is damaged: {place}: {first['msg']}", hint) from None
+
+
+def list_files(scenario: Scenario, prefix: str = "") -> list[dict[str, Path]]:
+    """Return the files and shipped models that options name, by dotted path, for each component with any."""
+    components = [
+        {
+            f"{prefix}{key}.{option}": path
+            for option, path in [*named_files(block.config), *block.config.used_models().items()]
+        }
+        for key, block in scenario.blocks.items()
+    ]
+    variants = {f"ensemble.{number}": member for number, member in enumerate(scenario.members)}
+    variants |= {"cheap": scenario.cheap} if scenario.cheap is not None else {}
+    for name, variant in variants.items():
+        components += list_files(variant, f"{prefix}{name}.")
+    return [files for files in components if files]
