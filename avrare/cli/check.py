@@ -36,6 +36,8 @@ from avrare.cli.output import (
     write_file,
     write_files,
 )
+from avrare.estimation.choice.auto_config import AutoConfig
+from avrare.estimation.choice.auto_rules import ROLLOUTS
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
 from avrare.estimation.monte_carlo.config import McConfig
@@ -175,9 +177,10 @@ def _plan(
             pilot = _pilot(target, budget, machine)
             estimates = {result.specification: result for result in pilot}
             source = f"a pilot run of {max(entry.rollouts for entry in estimates.values()):,}"
-        scenario = target.definition
+        scenario, config = target.definition, target.definition.estimator.config
+        most = (config.rollouts or ROLLOUTS) if isinstance(config, AutoConfig) and budget is None else None
         costs += estimate_costs(
-            scenario.name, target.planned_criteria, estimates, source, scenario.confidence
+            scenario.name, target.planned_criteria, estimates, source, scenario.confidence, most
         )
     if args.json:
         print(json.dumps({"schema": 1, "plan": [vars(target) for target in costs]}))
@@ -192,7 +195,7 @@ def _pilot(target: CheckTarget, budget: Budget | None, machine: Execution) -> li
     if budget is None and isinstance(estimator.config, McConfig):
         runs = estimator.config.runs
         budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
-    elif budget is None and estimator.plugin == "auto":
+    elif budget is None and isinstance(estimator.config, AutoConfig):
         budget = Budget("rollouts", _PILOT_ROLLOUTS)
     return estimate_look(target.scenario, target.definition.estimated, Look(1, 1.0, budget), machine)
 

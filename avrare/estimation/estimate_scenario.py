@@ -66,6 +66,7 @@ def estimate_scenario(
     *,
     seed: int | None = None,
     note: str = "",
+    goal: float | None = None,
 ) -> list[Result]:
     """Estimate specifications in one pass where the scenario's estimator can, else one after the other.
 
@@ -76,8 +77,9 @@ def estimate_scenario(
         execution: Runs the estimates.
         seed: Seed; None: the scenario's.
         note: Text that is added to the label of each estimate.
+        goal: Relative error that ``auto`` reaches where it is given no size; None: its own.
     """
-    definition, settings = scenario.definition, _settings(scenario, budget)
+    definition, settings = scenario.definition, replace(_settings(scenario, budget), goal=goal)
     if seed is not None:
         settings = replace(settings, seed=seed)
     estimates = estimate_specifications(
@@ -104,6 +106,7 @@ def estimate_scenario(
             replace(execution, journal=lambda first: execution.journal(f"{first}+model{number}")),
             seed=int(key.generate_state(1, np.uint64)[0]),
             note=f"  model {number + 1} of {len(members)}",
+            goal=goal,
         )[0]
 
     return include_model(scenario, results, estimate_member)

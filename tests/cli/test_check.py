@@ -66,12 +66,13 @@ def test_the_first_run_is_saved_and_the_next_is_compared(drive, check):
     code, content = check(drive())
     assert code == 0
     assert any("0001.json; commit it" in note for note in content["notes"])
+    assert any("on_road: no failures: the change is not known" in note for note in content["notes"])
     saved = json.loads(Path("baselines/drive/0001.json").read_text())
     assert [one["specification"] for one in saved["estimates"]] == ["in_lane", "on_road"]
     code, content = check("drive.yaml", "--seed", "5")
     assert code == 0
     assert verdicts(content) == {("in_lane", "regression"): "pass", ("on_road", "regression"): "pass"}
-    assert "the ratio is unknown" in content["rows"][1]["reason"]
+    assert "the change is not known, at most 0.0018 here" in content["rows"][1]["reason"]
     assert len(list(Path("baselines/drive").iterdir())) == 1
     assert check("drive.yaml", "--seed", "6", "--save")[0] == 0
     assert len(list(Path("baselines/drive").iterdir())) == 2
@@ -219,6 +220,14 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
     assert 150 <= prices["in_lane", "< 0.1"] <= 800
     assert 500 <= prices["in_lane", "<= baseline"] <= 3000
     assert 1500 <= prices["in_lane", "+-20 %"] <= 3500
+
+
+def test_a_plan_for_auto_names_the_most_that_it_takes(drive, capsys):
+    assert main(["check", drive(), "--plan", "--json", "--estimator", "auto"]) == 0
+    plan = json.loads(capsys.readouterr().out)["plan"]
+    prices = {row["specification"]: row["rollouts"] for row in plan if row["question"] == "<= baseline"}
+    assert 500 <= prices["in_lane"] <= 3000
+    assert prices["on_road"] == 50_000
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ def test_a_failing_row_names_its_failure_and_how_to_replay_it(drive, check, caps
 def test_an_inconclusive_row_says_how_many_rollouts_decide_it(drive, check):
     _, content = check(drive(BOUND % "0.055"))
     (row,) = content["rows"]
-    rollouts = int(
-        re.search(r"about ([\d,]+) rollouts would decide it", row["next_step"])[1].replace(",", "")
-    )
+    command = shlex.split(row["next_step"].partition(" would decide it in 9 of 10 cases: ")[2])
+    assert command[:4] == ["avrare", "check", "drive.yaml", "--budget"]
+    rollouts = int(command[4].removeprefix("rollouts="))
     assert 5_000 < rollouts < 100_000
     assert check("drive.yaml", "--budget", f"rollouts={2 * rollouts}", "--seed", "3")[0] == 0
 

@@ -20,6 +20,7 @@ from avrare.analysis.check.melded_intervals import (
     p_value_ratio_at_most,
     ratio_interval,
 )
+from avrare.base.number_format import format_probability
 from avrare.estimation.result.confidence_distributions import derive_distribution
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
@@ -159,6 +160,18 @@ def find_assumption(criterion: Criterion, result: Result) -> str:
     if result.blind_bound is None or _grade_blind(criterion, result) == "pass":
         return ""
     return describe_assumption(result.blind_bound) if assess(criterion, result, 1.0).passes else ""
+
+
+def describe_unknown_change(criterion: Criterion, result: Result) -> str:
+    """Say how high the probabilities could be where neither estimate has a failure; else ""."""
+    baseline, level = criterion.baseline, criterion.condition.confidence
+    if baseline is None or result.probability or baseline.probability:
+        return ""
+    here, before = (
+        format_probability(derive_distribution(estimate).interval_at(level)[1], 2)
+        for estimate in (result, baseline)
+    )
+    return f"no failures: the change is not known, at most {here} here and {before} in the baseline"
 
 
 def describe_health(result: Result) -> list[str]:

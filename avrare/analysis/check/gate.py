@@ -15,6 +15,7 @@ from avrare.analysis.check.criteria import (
     assess,
     decide_criteria,
     describe_health,
+    describe_unknown_change,
     find_assumption,
     find_objections,
     make_decision,
@@ -169,6 +170,7 @@ def check_targets(
         if save or (target.baseline is None and healthy):
             path, note = _try_to_save(target, results)
             notes.append(f"{target.name}: {note}")
+            notes += [] if path is None else target.describe_coarse(results)
             obstacle = "the file could not be written"
         entries = target.baseline.entries if target.baseline is not None else {}
         decisions += [
@@ -208,7 +210,7 @@ def decide(
         # 2. Draw a batch of each.
         for target, names in work:
             with _explain_share(look):
-                batch = estimate_look(target.scenario, names, look, execution)
+                batch = estimate_look(target.scenario, names, look, execution, target.find_goal(save))
             for estimate in batch:
                 state.batches.setdefault((target.name, estimate.specification), []).append(estimate)
         # 3. Decide on all batches so far.
@@ -246,8 +248,7 @@ def _find_reason(criterion: Criterion, decision: Decision, result: Result, crite
     if decision.verdict == "pass_assuming":
         return find_assumption(criterion, result)
     if decision.verdict == "pass":
-        no_failures = criterion.baseline is not None and decision.probability == decision.baseline == 0.0
-        return "no failures here or in the baseline: the ratio is unknown" if no_failures else ""
+        return describe_unknown_change(criterion, result)
     objections = find_objections(criterion, result)
     interval = _describe_interval(decision)
     if decision.verdict == "fail":
@@ -258,7 +259,8 @@ def _find_reason(criterion: Criterion, decision: Decision, result: Result, crite
     if fails_alone:
         corrected = f"not after correction for {criteria} criteria or several looks"
         return f"{interval}: fails on its own, but {corrected}"
-    return f"{interval}: {find_assumption(criterion, result) or 'use more rollouts'}"
+    unknown = describe_unknown_change(criterion, result)
+    return unknown or f"{interval}: {find_assumption(criterion, result) or 'use more rollouts'}"
 
 
 def _describe_interval(decision: Decision) -> str:
@@ -268,7 +270,7 @@ def _describe_interval(decision: Decision) -> str:
     low, high = decision.change_interval
     if math.isfinite(high):
         return f"{low:.2g} .. {high:.2g} times the baseline"
-    return f"more than {low:.2g} times the baseline" if low else "the ratio to the baseline is unknown"
+    return f"more than {low:.2g} times the baseline" if low else "the change is not known"
 
 
 def _pool_results(

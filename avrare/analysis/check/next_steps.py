@@ -10,7 +10,7 @@ from pathlib import Path
 
 from avrare.analysis.check.criteria import Criterion, Decision, find_assumption, find_objections
 from avrare.analysis.check.gate import CheckResult
-from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
+from avrare.analysis.check.power_analysis import count_settling_rollouts, counts_failures, estimate_costs
 from avrare.analysis.check.targets import CheckTarget
 from avrare.analysis.failures.failure import record_failure
 from avrare.base.errors import UsageError
@@ -85,4 +85,6 @@ def _decisive_size(target: CheckTarget, criterion: Criterion, result: Result) ->
     cost, *_ = estimate_costs(target.name, criteria, entries, "this check", target.definition.confidence)
     if cost.rollouts is None:
         return cost.reason
-    return f"about {cost.rollouts:,} rollouts would decide it in 9 of 10 cases"
+    rollouts = cost.rollouts if counts_failures(result) else max(cost.rollouts, 2 * result.rollouts)
+    command = f"avrare check {shlex.quote(target.definition.path)} --budget rollouts={rollouts}"
+    return f"about {rollouts:,} rollouts would decide it in 9 of 10 cases: {command}"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 from avrare.analysis.check.criteria import Criterion
+from avrare.base.number_format import format_percent
 from avrare.base.special_functions import beta_cdf
 from avrare.estimation.result.confidence_distributions import (
     Binomial,
@@ -24,6 +25,10 @@ from avrare.scenario.schema import Regression, Threshold
 POWER = 0.9
 PRECISION = 0.2
 """Half width of the relative interval that is priced for every specification."""
+BASELINE_SHARE = 0.25
+"""Share of the variance of a comparison that the baseline should have: it is paid once, checks often."""
+LEAST_SHARE = 0.1
+"""Share of the variance that a baseline must leave for a check."""
 _MAX_FAILURES = 200
 _quantile = NormalDist().inv_cdf
 
@@ -50,13 +55,19 @@ def estimate_costs(
     earlier: Mapping[str, Result],
     source: str,
     confidence: float,
+    most: int | None = None,
 ) -> list[CostEstimate]:
     """Predict the cost of a verdict on each criterion, with and without what a search assumes, and of +-20 %.
 
-    ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %.
+    ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %. ``most``
+    are the rollouts that ``auto`` takes at most; None: the estimator is another.
     """
     needs = [
-        (criterion.question, entry, _need_for_criterion(criterion, entry, len(criteria)))
+        (
+            criterion.question,
+            entry,
+            _need_of_auto(_need_for_criterion(criterion, entry, len(criteria)), entry, most),
+        )
         for criterion in criteria
         if (entry := earlier.get(criterion.specification)) is not None
     ]
@@ -65,9 +76,12 @@ def estimate_costs(
         for criterion in criteria
         if isinstance(criterion.condition, Threshold)
         and (entry := earlier.get(criterion.specification)) is not None
-        and not isinstance(derive_distribution(entry), (Binomial, InverseBinomial))
+        and not counts_failures(entry)
     ]
-    needs += [("+-20 %", entry, _need_for_precision(entry, confidence)) for entry in earlier.values()]
+    needs += [
+        ("+-20 %", entry, _need_of_auto(_need_for_precision(entry, confidence), entry, most))
+        for entry in earlier.values()
+    ]
     return [_price(scenario, question, entry, *need, source) for question, entry, need in needs]
 
 
@@ -76,13 +90,18 @@ def _price(
 ) -> CostEstimate:
     if rollouts is None:
         return CostEstimate(scenario, entry.specification, question, None, 0, 0.0, reason)
-    rollouts = max(rollouts, 1.0)  # an earlier estimate without any error of its own
-    digits = max(0, math.floor(math.log10(rollouts)) - 1)  # the prediction is good to two digits at most
-    needed = math.ceil(rollouts / 10**digits) * 10**digits
+    needed = _round(rollouts)
     share = needed / entry.rollouts
     text = f"{reason}, by {source}" if reason else f"by {source}"
     steps = round(entry.simulated_steps * share)
     return CostEstimate(scenario, entry.specification, question, needed, steps, entry.seconds * share, text)
+
+
+def _round(rollouts: float) -> int:
+    rollouts = max(rollouts, 1.0)  # an earlier estimate without any error of its own
+    digits = max(0, math.floor(math.log10(rollouts)) - 1)  # the prediction is good to two digits at most
+    unit = int(10**digits)
+    return math.ceil(rollouts / unit) * unit
 
 
 def _need_to_settle(threshold: Threshold, entry: Result) -> _Need:
@@ -109,20 +128,34 @@ def _need_for_precision(entry: Result, confidence: float) -> _Need:
 
 
 def _need_for_criterion(criterion: Criterion, entry: Result, criteria: int) -> _Need:
-    tail = (1.0 - criterion.condition.confidence) / 2.0
     if isinstance(criterion.condition, Threshold):
-        return _need_for_threshold(criterion.condition.limit, entry, tail, criteria)
-    return _need_for_regression(criterion.condition, entry, criterion.baseline, tail / criteria)
+        return _need_for_threshold(criterion.condition, entry, criteria)
+    return _need_for_regression(criterion.condition, entry, criterion.baseline, criteria)
 
 
-def _need_for_threshold(limit: float, entry: Result, tail: float, criteria: int) -> _Need:
-    p = entry.probability
+def _need_of_auto(need: _Need, entry: Result, most: int | None) -> _Need:
+    rollouts, reason = need
+    if most is None or (rollouts is None and reason != _no_failures(entry)):
+        return need
+    if rollouts is None or rollouts > most:
+        return most, "the most that auto takes"
+    # What it learns costs as much for every estimate.
+    return (rollouts if counts_failures(entry) else max(rollouts, entry.rollouts)), reason
+
+
+def counts_failures(entry: Result) -> bool:
+    """Return whether an estimate is by Monte Carlo."""
+    return isinstance(derive_distribution(entry), (Binomial, InverseBinomial))
+
+
+def _need_for_threshold(threshold: Threshold, entry: Result, criteria: int) -> _Need:
+    limit, tail, p = threshold.limit, (1.0 - threshold.confidence) / 2.0, entry.probability
     if p == limit or limit in (0.0, 1.0) or p == 1.0:
         reason = "the estimate equals the bound, or one of them is 0 or 1: no number of rollouts may decide"
         return None, reason
     fails = p > limit
     reason = "expected to fail" if fails else "" if p > 0.0 else "if nothing fails"
-    if isinstance(derive_distribution(entry), (Binomial, InverseBinomial)):
+    if counts_failures(entry):
         exact = _rollouts_to_fail(p, limit, tail / criteria) if fails else _rollouts_to_pass(p, limit, tail)
         if exact is not None:
             return exact, reason
@@ -168,20 +201,37 @@ def _find_first(holds: Callable[[int], bool], start: int) -> int:
     return high
 
 
+def find_variance(regression: Regression, criteria: int = 1) -> float:
+    """Return the relative variance of both estimates together that decides a comparison in 9 of 10 cases."""
+    tail = (1.0 - regression.confidence) / 2.0 / criteria
+    ratio = regression.excluded / regression.ratio
+    return (math.log(ratio) / (_quantile(1.0 - tail) + _quantile(POWER))) ** 2
+
+
 def _need_for_regression(
-    regression: Regression, entry: Result, baseline: Result | None, tail: float
+    regression: Regression, entry: Result, baseline: Result | None, criteria: int = 1
 ) -> _Need:
     if not (_has_variance(entry) and (baseline is None or _has_variance(baseline))):
-        return None, "no failures: the ratio cannot be estimated; use a threshold"
-    ratio = regression.excluded / regression.ratio
-    allowed = (math.log(ratio) / (_quantile(1.0 - tail) + _quantile(POWER))) ** 2
+        both = baseline is not None
+        return None, "no failures: the change is not known; use a threshold" if both else _no_failures(entry)
+    variance = find_variance(regression, criteria)
+    factor = f"to see a factor of {regression.excluded / regression.ratio:g}"
+    allowed = math.sqrt(BASELINE_SHARE * variance)
+    for_baseline = _round(_work(baseline or entry) / allowed**2)
     if baseline is None:
-        return 2.0 * _work(entry) / allowed, f"for the baseline and each check, to see a factor of {ratio:g}"
-    left = allowed - baseline.relative_error**2
-    if left <= 0.1 * allowed:
-        needed = f"{math.ceil(2.0 * _work(baseline) / allowed):,} rollouts"
-        return None, f"the baseline is too imprecise: it needs {needed}, and each check as many"
-    return _work(entry) / left, f"to see a factor of {ratio:g}"
+        return for_baseline, f"for the baseline, {factor}; each check takes a third of that"
+    left = variance - baseline.relative_error**2
+    if left <= LEAST_SHARE * variance:
+        errors = [format_percent(round(error, 2)) for error in (baseline.relative_error, allowed)]
+        text = f"the baseline is too imprecise: its relative error is {errors[0]}, not {errors[1]} or less"
+        return None, f"{text}; make another with --save --budget rollouts={for_baseline}"
+    return _work(entry) / left, factor
+
+
+def describe_coarse_baseline(regression: Regression, entry: Result) -> str:
+    """Return why an estimate, as a baseline, decides no check, and what would; empty if it does."""
+    need, reason = _need_for_regression(regression, entry, entry)
+    return reason if need is None else ""
 
 
 def _has_variance(entry: Result) -> bool:

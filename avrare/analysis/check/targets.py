@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,9 @@ from avrare.analysis.check.baseline_files import (
 )
 from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
+from avrare.analysis.check.power_analysis import BASELINE_SHARE, describe_coarse_baseline, find_variance
 from avrare.base.errors import UsageError
+from avrare.estimation.choice.auto_rules import GOAL
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import estimate_scenario
 from avrare.estimation.plan.budget import Budget
@@ -85,6 +88,24 @@ class CheckTarget:
             return self.criteria
         added = [Criterion(self.name, name, self._regression) for name in self.definition.estimated]
         return self.criteria + added
+
+    def find_goal(self, save: bool) -> float | None:
+        """Return the relative error that decides the comparisons with a baseline; None where none is made."""
+        if not self.compared:
+            return None
+        variance = find_variance(self._regression)
+        used = 1.0 - BASELINE_SHARE
+        if self.baseline is not None and not save:
+            errors = [entry.relative_error for entry in self.baseline.entries.values()]
+            used = min(
+                used, max((error**2 for error in errors if math.isfinite(error)), default=0.0) / variance
+            )
+        return min(GOAL, round(math.sqrt((1.0 - used) * variance), 3))
+
+    def describe_coarse(self, results: Sequence[Result]) -> list[str]:
+        """Say which results are too imprecise for a baseline, and what would not be."""
+        reasons = {each.specification: describe_coarse_baseline(self._regression, each) for each in results}
+        return [f"{self.name} {name}: {reason}" for name, reason in reasons.items() if reason]
 
     @property
     def _regression(self) -> Regression:
@@ -192,9 +213,16 @@ def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:
 
 
 def estimate_look(
-    scenario: LoadedScenario, specifications: Sequence[str], look: Look, execution: Execution
+    scenario: LoadedScenario,
+    specifications: Sequence[str],
+    look: Look,
+    execution: Execution,
+    goal: float | None = None,
 ) -> list[Result]:
-    """Estimate specifications of a scenario for one look; UsageError if the estimator cannot."""
+    """Estimate specifications of a scenario for one look; UsageError if the estimator cannot.
+
+    ``goal`` is the relative error for ``auto``; None: its own.
+    """
     note = f"  look {look.number}" if look.share < 1.0 else ""
     folder = f"{scenario.name}/look-{look.number}"
     results = estimate_scenario(
@@ -204,6 +232,7 @@ def estimate_look(
         replace(execution, journal=lambda name: execution.journal(f"{folder}/{name}")),
         seed=look.seed(scenario.definition.seed),
         note=note,
+        goal=goal,
     )
     # Rounding says nothing against an estimate: it must not make a check inconclusive.
     return [

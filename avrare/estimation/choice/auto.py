@@ -84,7 +84,7 @@ class Auto(MonteCarlo):
         given, budget = self.choice, settings.budget
         goal, rollouts = given.relative_error, float(given.rollouts or ROLLOUTS)
         if goal is None and given.rollouts is None and budget is None:
-            goal = GOAL
+            goal = settings.goal or GOAL
         if budget is not None and budget.kind != "seconds":
             cost = max(problem.steps, 1) if budget.kind == "steps" else 1
             most = budget.amount / cost

@@ -21,6 +21,7 @@ class Settings:
         max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
         suppress: Names of health warnings to leave out.
         seen: Counts of rollouts of the target from before (``Plan.seen``).
+        goal: Relative error for an estimator that is given neither its size nor a budget; None: its own.
     """
 
     seed: int = 0
@@ -29,3 +30,4 @@ class Settings:
     max_error_rate: float = DEFAULT_MAX_ERROR_RATE
     suppress: tuple[str, ...] = ()
     seen: FreshRows = NO_ROWS
+    goal: float | None = None

@@ -107,7 +107,9 @@ def _format_change(decision: Decision) -> str:
         return "-"
     low, high = (f"{end:.2g}" if end < 1e9 else "∞" for end in decision.change_interval)
     change = decision.change
-    ratio = "?" if change is None else f"{change:.2g}" if change < 1e9 else "∞"
+    if change is None:
+        return "not known"
+    ratio = f"{change:.2g}" if change < 1e9 else "∞"
     return f"x {ratio} ({low} .. {high})"
 
 

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from avrare.analysis.check.criteria import Criterion, decide_criteria
-from avrare.analysis.check.power_analysis import count_settling_rollouts, estimate_costs
+from avrare.analysis.check.power_analysis import (
+    BASELINE_SHARE,
+    count_settling_rollouts,
+    describe_coarse_baseline,
+    estimate_costs,
+    find_variance,
+)
 from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.scenario.schema import Regression, Threshold
@@ -75,9 +81,19 @@ def test_a_regression(estimate, entry):
 def test_a_coarse_baseline_is_named(entry):
     cost, _ = planned(entry(3, 1000), Regression(), entry(3, 1000))
     assert cost.rollouts is None
-    assert "the baseline is too imprecise" in cost.reason
+    assert "its relative error is 58 %, not 11 % or less" in cost.reason
+    assert "make another with --save --budget rollouts=30000" in cost.reason
     cost, _ = planned(entry(0, 1000), Regression(), entry(0, 1000))
     assert "use a threshold" in cost.reason
+
+
+def test_a_baseline_and_a_check_of_their_shares_decide(estimate, entry):
+    variance = find_variance(Regression())
+    sizes = [round(0.99 / (0.01 * share * variance)) for share in (BASELINE_SHARE, 1.0 - BASELINE_SHARE)]
+    criteria = comparisons(entry, 0.01, sizes[0], many=40)
+    assert not any(describe_coarse_baseline(Regression(), criterion.baseline) for criterion in criteria)
+    assert decided(estimate, criteria, 0.01, sizes[1]) >= 0.85
+    assert decided(estimate, criteria, 0.03, sizes[1]) >= 0.95
 
 
 def test_precision(estimate, entry):

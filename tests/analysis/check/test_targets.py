@@ -1,5 +1,10 @@
+from pathlib import Path
+
+import pytest
+
 from avrare.analysis.check import targets
-from avrare.analysis.check.targets import estimate_look, plan_looks
+from avrare.analysis.check.baseline_files import Baseline
+from avrare.analysis.check.targets import CheckTarget, estimate_look, load_targets, plan_looks
 from avrare.estimation.combine.specifications import Execution
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
@@ -12,3 +17,17 @@ def test_rounding_makes_no_check_inconclusive_and_other_warnings_stay(drive, est
     look = plan_looks(None, None)[0]
     (result,) = estimate_look(scenario, ["in_lane"], look, Execution())
     assert result.health == {"few_roots": "too few"}
+
+
+def test_an_estimate_is_as_exact_as_its_comparison_asks(drive, estimate):
+    (target,) = load_targets([load(drive())], save=True)
+    first, wide = target.find_goal(save=True), CheckTarget(target.scenario, target.folder, False, None)
+    assert first == pytest.approx(0.107, abs=1e-3)
+    assert wide.find_goal(save=False) is None
+    goals = []
+    for error in (0.05, first, 0.18, 0.5):
+        baseline = Baseline(Path("0001.json"), {}, {}, None, {"rule": estimate(relative_error=error)})
+        checked = CheckTarget(target.scenario, target.folder, True, baseline)
+        assert checked.find_goal(save=True) == first
+        goals.append(checked.find_goal(save=False))
+    assert goals == pytest.approx([0.2, 0.185, 0.1158, 0.107], abs=1e-3)
