@@ -19,6 +19,9 @@ from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
 
+_EXCESS = 1.05
+"""Cost in budgets from which on a note says so: a run that has begun may end a little beyond it."""
+
 
 @dataclass(frozen=True)
 class StudyDesign:
@@ -106,12 +109,18 @@ class Comparison(Answer):
         for label, summary in zip(labels, self.summaries, strict=True):
             if summary:
                 lines += [f"{label}: {text}" for text in _summary_notes(summary)]
+                if (times := self._count_budgets(summary)) > _EXCESS:
+                    lines.append(f"{label}: takes {times:.2g} times the budget")
         for first, second in find_disagreements(labels, self.summaries):
             lines.append(f"{first} and {second} disagree: the intervals of their means do not overlap")
         if self.interrupted:
             done = min(len(result.repetitions) for result in self.arms if not result.refusal)
             lines.append(f"interrupted: {done} of {self.design.repeat} repetitions are complete")
         return lines
+
+    def _count_budgets(self, summary: Summary) -> float:
+        budget, steps = self.design.budget, max(self.case.problem.steps, 1)
+        return summary.simulations * (steps if budget.kind == "steps" else 1) / budget.amount
 
     def table(self) -> Records:
         """Return one row for each estimator."""

@@ -15,7 +15,7 @@ from avrare.estimation.result.result import Result
 from avrare.protocols import Bools
 
 _FEW_DIFFERENCES = 10
-"""Rollouts with different outcomes below which a note asks for more."""
+"""Rollouts with different outcomes below which no version is better, and a note asks for more."""
 _WIDEST = 30.0
 """Bound of the logarithm of a ratio."""
 
@@ -148,6 +148,11 @@ class EstimatedChange(VersionChange):
         """Return whether a larger share of the rollouts ended in an error."""
         return any(result.errors > error_rate * result.rollouts for result in self.results)
 
+    def verdict(self, confidence: float) -> str:
+        """Return "worse", "better" or "not known", as it is with health warnings."""
+        warned = any(result.health for result in self.results)
+        return "not known" if warned else super().verdict(confidence)
+
     def interval(self, confidence: float) -> Interval:
         """Return the interval of the difference, at the level of the estimates."""
         first, second = ((result.probability, *result.interval) for result in self.results)
@@ -211,6 +216,10 @@ class PairedCounts(VersionChange):
     def difference(self) -> float:
         """Failure probability of the second version minus that of the first."""
         return self._share(self.only_second - self.only_first)
+
+    def verdict(self, confidence: float) -> str:
+        """Return "worse", "better", "same" or "not known", as it is with few different outcomes."""
+        return "not known" if 0 < self.different < _FEW_DIFFERENCES else super().verdict(confidence)
 
     def _share(self, rollouts: int) -> float:
         return rollouts / self.count if self.count else math.nan

@@ -73,6 +73,12 @@ def test_notes_name_unreliable_rows(comparison):
     assert len(lines) == 3
 
 
+@pytest.mark.parametrize("budget", [Budget("steps", 987_600 / 1.6), Budget("rollouts", 9876 / 1.6)])
+def test_notes_name_estimators_that_exceed_the_budget(comparison, budget):
+    notes = replace(comparison, design=replace(comparison.design, budget=budget)).notes()
+    assert "ams:particles=100: takes 1.6 times the budget" in notes
+
+
 def test_notes_on_the_truth(comparison):
     assert "the truth is unknown" in replace(comparison, truth=None).notes()[1]
     pooled = GroundTruth(P, "pooled monte carlo", None, 144)

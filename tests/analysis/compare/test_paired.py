@@ -105,7 +105,8 @@ def test_words_p_value_and_interval_agree(errors):
         pair = PairedCounts("", 5, better, worse, 30, errors)
         low, high = pair.interval(0.9)
         excluded = low > 0.0 or high < 0.0
-        assert (pair.p_value < 0.1) == excluded == (pair.verdict(0.9) in ("worse", "better"))
+        assert (pair.p_value < 0.1) == excluded
+        assert (pair.verdict(0.9) in ("worse", "better")) == (excluded and pair.different >= 10)
 
 
 def test_the_interval_ends_where_the_score_test_rejects():
@@ -224,6 +225,13 @@ def test_neither_version_fails():
     assert pair.describe_ratio(0.95) == "at most 0.0037 each"
     assert math.isnan(pair.ratio)
     assert PairedCounts("s", 3, 0, 0, 997).verdict(0.95) == "same"
+
+
+def test_no_version_is_better_where_more_rollouts_are_asked_for():
+    for different in range(1, 30):
+        pair = PairedCounts("s", 3, different, 0, 900)
+        asked = any("use more" in note for note in pair.notes)
+        assert asked == (pair.verdict(0.95) == "not known") == (different < 10)
 
 
 def test_one_version_never_fails():
