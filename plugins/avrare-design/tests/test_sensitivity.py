@@ -13,7 +13,7 @@ from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.testing.faulty_systems import Walk
 from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario
-from avrare_design.sensitivity import derive_by_pairs, derive_by_score, sample_failures
+from avrare_design.sensitivity import Sensitivities, derive_by_pairs, derive_by_score, sample_failures
 from noisy_loop import Sensor, exact, noisy_problem
 
 SCENARIO = "scenarios/lane_change.yaml"
@@ -249,3 +249,13 @@ def test_numbers_in_a_list_that_is_a_default_can_be_changed():
     assert scale(scenario.at(second, 0.007)) == [0.047, 0.007]
     numbers = ScenarioNumbers.of(scenario, [first, second])
     assert scale(numbers.at(np.array([0.05, 0.008]))) == [0.05, 0.008]
+
+
+def test_a_change_without_failures_is_not_known():
+    row = by_pairs(3)
+    assert row.line().startswith("controller.gain = 1: not known, p at most 0.71 at both values")
+    *_, hint = Sensitivities("rule", 1e-4, (0.0, 1e-3), (row,), 6, 0).lines()
+    assert "some 500,000 rollouts tell, or avrare compare --estimators auto" in hint
+    assert not any(
+        "hint" in line for line in Sensitivities("rule", 0.1, (0, 1), (by_pairs(4000),), 6, 0).lines()
+    )

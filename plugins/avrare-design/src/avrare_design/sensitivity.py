@@ -19,7 +19,7 @@ from avrare.analysis.causes.tape_runs import TapeRunner, Verdicts, draw_tapes
 from avrare.base.errors import AvrareError, ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
-from avrare.estimation.result.intervals import Interval
+from avrare.estimation.result.intervals import Interval, clopper_pearson
 from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats, PerceptionErrorModel
 from avrare.rollout.observation_ratios import find_ratio_model, log_ratios
@@ -30,6 +30,8 @@ Built = TypeVar("Built")
 _SMALL = 1e-3
 """Relative step of the differences of log densities, which have no noise."""
 _BLOCK = 1000
+_ENOUGH = 50
+"""Failures from which on a change is mostly seen."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Sensitivity:
         failures: Failing tapes that it rests on.
         span: Values between which "paired" compares; (value, value) for "score".
         refused: Values that the scenario does not permit, so that the span ends nearer.
+        most: Upper end of p at the likelier of two values, where too few rollouts fail.
     """
 
     parameter: str
@@ -55,6 +58,7 @@ class Sensitivity:
     failures: int
     span: tuple[float, float]
     refused: tuple[float, ...] = ()
+    most: float = math.nan
 
     @property
     def elasticity(self) -> float:
@@ -64,7 +68,9 @@ class Sensitivity:
     def line(self) -> str:
         """Return it in words: ``perception.sd = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
         if math.isnan(self.derivative):
-            return f"{self.parameter} = {self.value:g}: too few failures to tell, {self._way}"
+            most = f", p at most {format_probability(self.most, 2)} at both values"
+            known = f"not known{'' if math.isnan(self.most) else most}"
+            return f"{self.parameter} = {self.value:g}: {known}, {self._way}"
         change, low, high = (
             100.0 * math.expm1(max(min(0.1 * abs(self.value) * end, 50.0), -50.0))
             for end in (self.derivative, *self.interval)
@@ -126,7 +132,13 @@ class Sensitivities(Answer):
         total = f"{format_probability(self.probability)} ({format_interval(self.interval)})"
         broken = f", {self.errors} broke down" if self.errors else ""
         head = f"{self.specification}: {total}, {self.rollouts:,} rollouts{broken}"
-        return [head, *(f"  {row.line()}" for row in self.rows)]
+        return [head, *(f"  {row.line()}" for row in self.rows), *self._hints()]
+
+    def _hints(self) -> list[str]:
+        if not any(math.isnan(row.derivative) for row in self.rows):
+            return []
+        needed = f"some {_ENOUGH / self.probability:,.0f} rollouts tell" if self.probability else "give more"
+        return [f"  hint: {needed}, or avrare compare --estimators auto with one value against another"]
 
 
 def sample_failures(
@@ -239,8 +251,10 @@ def derive_by_pairs(
     width, lost = span[1] - span[0], int(broken.sum())
     count = both + only_low + only_high
     if not (both + only_low and both + only_high):
+        failures = both + max(only_low, only_high)
+        most = clopper_pearson(failures, rollouts, confidence, lost)[1]
         nothing = (-math.inf, math.inf)
-        return Sensitivity(parameter, value, math.nan, nothing, "paired", count, span)
+        return Sensitivity(parameter, value, math.nan, nothing, "paired", count, span, most=most)
     derivative, (least, most) = _compare(both, only_low, only_high, width, confidence)
     if lost:  # they might have failed at one of the two values alone, at either
         least = _compare(both, only_low + lost, only_high, width, confidence)[1][0]
