@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +18,7 @@ from avrare.base.errors import AvrareError
 from avrare.base.number_format import format_confidence, format_narrow
 from avrare.base.records import Answer, Records
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.note import list_error_notes
 from avrare.estimation.result.result import Result
 
 _EXCESS = 1.05
@@ -106,8 +108,9 @@ class Comparison(Answer):
         lines += _truth_notes(self.truth)
         if self.design.repeat < MIN_REPETITIONS:
             lines.append(f"one repetition has no spread: make {MIN_REPETITIONS} or more")
-        for label, summary in zip(labels, self.summaries, strict=True):
+        for label, summary, arm in zip(labels, self.summaries, self.arms, strict=True):
             if summary:
+                lines += [f"{label}: {text}" for text in _describe_first_errors(arm.repetitions)]
                 lines += [f"{label}: {text}" for text in _summary_notes(summary)]
                 if (times := self._count_budgets(summary)) > _EXCESS:
                     lines.append(f"{label}: takes {times:.2g} times the budget")
@@ -131,6 +134,15 @@ class Comparison(Answer):
     def lines(self) -> list[str]:
         """Return the settings, the mean of each estimator, and the notes."""
         return [*self.headline(), *self.summary(), *self.notes()]
+
+
+def _describe_first_errors(repetitions: Sequence[Result]) -> list[str]:
+    """Return what the first repetition with errors says of them."""
+    texts = (
+        [each.health["errors"]] if "errors" in each.health else list_error_notes(each.notes)
+        for each in repetitions
+    )
+    return next(filter(None, texts), [])
 
 
 def _make_row(arm: ArmResult, summary: Summary | None) -> dict[str, object]:

@@ -7,8 +7,8 @@ change, so far fewer rollouts distinguish the versions than two estimates with i
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from avrare.analysis.compare.study import StudyWatch, parse_cost
 from avrare.analysis.compare.version_changes import EstimatedChange, PairedCounts, VersionChange
-from avrare.base.errors import UsageError, require_path
+from avrare.base.errors import FIRST_ROLLOUTS, EveryRolloutBroke, UsageError, require_path
 from avrare.base.number_format import format_difference, format_signed_interval
 from avrare.base.records import Answer, Records
 from avrare.estimation.combine.specifications import Execution
@@ -40,6 +40,7 @@ from avrare.stack.noise_names import find_noise_names
 
 _ROLLOUTS = 1000
 """Default number of rollouts of each version."""
+_VERSIONS = ("first", "second")
 
 PairedWatch = Callable[[int], Callable[[Info], None]]
 """Called with 0 and 1 as the first and the second version begin; gives the progress display."""
@@ -198,7 +199,8 @@ def compare_versions(
         for number, scenario in enumerate(scenarios):
             shown = nullcontext(begin(number))
             execution = Execution(partial(build_executor, workers), lambda *_, shown=shown: shown)
-            results.append(estimate_scenario(scenario, common, paid, execution))
+            with _name_version(number):
+                results.append(estimate_scenario(scenario, common, paid, execution))
         changes += map(EstimatedChange, common, zip(*results, strict=True))
     return PairedComparison(names, definitions, tuple(changes), rollouts, definitions[0].seed)
 
@@ -241,20 +243,37 @@ def compare_pairs(
 
     Raises:
         UsageError: They have no specification in common, or different numbers of steps.
+        EveryRolloutBroke: The first rollouts of a version all ended in an error.
     """
     names, shared = find_common(first, second), _share_noise(first, second)
-    outcomes = [
-        _simulate(problem, rollouts, seed, columns, executor, watch(number) if watch else lambda info: None)
-        for number, (problem, columns) in enumerate(zip((first, second), shared, strict=True))
-    ]
+    outcomes = []
+    for number, (problem, columns) in enumerate(zip((first, second), shared, strict=True)):
+        progress = watch(number) if watch else lambda info: None
+        with _name_version(number):
+            outcomes.append(_simulate(problem, rollouts, seed, columns, executor, progress))
     error = outcomes[0].error | outcomes[1].error
+    causes = [
+        f"{cause}, of the {version} version"
+        for version, outcome in zip(_VERSIONS, outcomes, strict=True)
+        for cause in outcome.messages[:1]
+    ]
     first_failed, second_failed = (
         {name: outcome.violated[:, k] for k, name in enumerate(problem.names)}
         for outcome, problem in zip(outcomes, (first, second), strict=True)
     )
     return [
-        PairedCounts.from_outcomes(name, first_failed[name], second_failed[name], error) for name in names
+        PairedCounts.from_outcomes(name, first_failed[name], second_failed[name], error, "; ".join(causes))
+        for name in names
     ]
+
+
+@contextmanager
+def _name_version(number: int) -> Iterator[None]:
+    """Say of which version each rollout broke down."""
+    try:
+        yield
+    except EveryRolloutBroke as error:
+        raise EveryRolloutBroke(f"{_VERSIONS[number]} version: {error.message}", error.hint) from None
 
 
 def find_common(first: Problem, second: Problem) -> list[str]:
@@ -315,5 +334,7 @@ def _simulate(
         for part in executor.map(Request.from_start(np.zeros_like(index), index) for index in rows):
             parts.append(part)
             info = info.plus(part)
+            if FIRST_ROLLOUTS <= info.errors == info.rollouts:
+                raise EveryRolloutBroke.after(info.messages[0])
             progress(info)
     return Rollouts.join(parts)

@@ -10,6 +10,7 @@ from functools import partial
 from avrare.base.number_format import format_count, format_probability, format_ratio
 from avrare.base.special_functions import bisect, normal_factor
 from avrare.estimation.result.intervals import Interval, clopper_pearson
+from avrare.estimation.result.note import list_error_notes
 from avrare.estimation.result.ratios import divide_estimates, subtract_estimates
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools
@@ -132,12 +133,12 @@ class EstimatedChange(VersionChange):
 
     @property
     def notes(self) -> list[str]:
-        """Health warnings of both estimates."""
+        """Health warnings of both estimates, and their first errors."""
         versions = zip(("first", "second"), self.results, strict=True)
         return [
             f"{self.specification}, {version}: {text}"
             for version, result in versions
-            for text in result.health.values()
+            for text in [*result.health.values(), *list_error_notes(result.notes)]
         ]
 
     def document(self) -> dict[str, object]:
@@ -178,9 +179,12 @@ class PairedCounts(VersionChange):
     only_second: int
     neither: int
     errors: int = 0  # rollouts with an error under one version or both; not in the other counts
+    first_error: str = ""  # its cause
 
     @staticmethod
-    def from_outcomes(specification: str, first: Bools, second: Bools, error: Bools) -> PairedCounts:
+    def from_outcomes(
+        specification: str, first: Bools, second: Bools, error: Bools, first_error: str
+    ) -> PairedCounts:
         """Count (n,) failures under both versions."""
         first, second = first[~error], second[~error]
         return PairedCounts(
@@ -190,6 +194,7 @@ class PairedCounts(VersionChange):
             int((~first & second).sum()),
             int((~first & ~second).sum()),
             int(error.sum()),
+            first_error,
         )
 
     @property
@@ -258,7 +263,8 @@ class PairedCounts(VersionChange):
             lines.append("no rollout fails: use more, or --estimators auto for rare failures")
         if self.errors:
             errors = f"{self.errors} of {total} rollouts ended in an error"
-            lines.append(f"{errors}: the intervals allow for both outcomes")
+            cause = f"; the first: {self.first_error}" if self.first_error else ""
+            lines.append(f"{errors}: the intervals allow for both outcomes{cause}")
         return [f"{self.specification}: {line}" for line in lines]
 
     def document(self) -> dict[str, object]:

@@ -71,6 +71,11 @@ def describe_errors(errors: int, rollouts: int, messages: Sequence[str]) -> tupl
     return (Note("errors", text),)
 
 
+def list_error_notes(notes: Sequence[Note]) -> list[str]:
+    """Return the texts on errors."""
+    return [note.text for note in notes if note.kind == "errors"]
+
+
 def describe_counts(counts: Mapping[str, int]) -> tuple[Note, ...]:
     """Return the notes on the counters of a system that are not 0: those of its solver, and the others."""
     shown = {name: count for name, count in counts.items() if count and name != "solves"}

@@ -11,6 +11,7 @@ from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.plan.budget import Budget
+from avrare.estimation.result.note import Note
 from avrare.output.plots.comparison_plot import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
@@ -71,6 +72,17 @@ def test_notes_name_unreliable_rows(comparison):
     assert "mc: most estimates are zero: a few more repetitions may change its numbers a lot" in lines
     assert "ams:particles=100: health warnings: few_roots in 4 of 4 repetitions" in lines
     assert len(lines) == 3
+
+
+def test_notes_name_the_first_error(comparison):
+    note = Note("errors", "2 of 100 rollouts ended in an error; the first: NaN in signal x")
+    few = replace(plain_result(), notes=(note,))
+    many = replace(plain_result(), health={"errors": "9 of 100 rollouts ended in an error: NaN in signal y"})
+    mc, ams, refused = comparison.arms
+    arms = (replace(mc, repetitions=(plain_result(), few, many)), replace(ams, repetitions=(many,)), refused)
+    notes = replace(comparison, arms=arms).notes()
+    assert f"mc: {note.text}" in notes
+    assert f"ams:particles=100: {many.health['errors']}" in notes
 
 
 @pytest.mark.parametrize("budget", [Budget("steps", 987_600 / 1.6), Budget("rollouts", 9876 / 1.6)])

@@ -15,7 +15,7 @@ from scipy import stats
 import avrare
 from avrare.analysis.compare.paired_comparison import compare_pairs, compare_versions
 from avrare.analysis.compare.version_changes import PairedCounts
-from avrare.base.errors import UsageError
+from avrare.base.errors import EveryRolloutBroke, UsageError
 from avrare.cli.main import main
 from avrare.output.terminal.paired_table import paired_table
 from avrare.rollout.executors.serial import SerialExecutor
@@ -123,13 +123,18 @@ def test_errors_widen_the_interval_of_the_change():
     sound, broken = pairs(problem(1.0), problem(0.9)), pairs(problem(1.0), problem(0.9, breaks=2.0))
     assert broken.errors > 0
     assert broken.count + broken.errors == 400
+    assert any("; the first: NaN in signal gap, of the second version" in note for note in broken.notes), (
+        broken.notes
+    )
     share = broken.errors / 400
     wide, narrow = np.diff(broken.interval(0.95))[0], np.diff(sound.interval(0.95))[0]
     assert wide > narrow + 1.9 * share
 
 
 def test_all_rollouts_end_with_errors():
-    pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf))
+    with pytest.raises(EveryRolloutBroke, match="second version: each of the first 200 rollouts"):
+        pairs(problem(1.0), problem(1.0, breaks=-np.inf))
+    pair = pairs(problem(1.0), problem(1.0, breaks=-np.inf), rollouts=199)
     assert np.isnan(pair.difference)
     assert pair.interval(0.95) == (-1.0, 1.0)
 
