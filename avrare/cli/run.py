@@ -34,7 +34,7 @@ from avrare.output.terminal.result_table import (
 from avrare.plugin.registry import default_registry
 from avrare.results import run_folder as rundir
 from avrare.results.callbacks import call_back
-from avrare.results.run import Run
+from avrare.results.run import RESULT, Run
 from avrare.rollout.child_process import SystemCrashed
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import Executor, build_executor
@@ -78,6 +78,9 @@ def execute(args: argparse.Namespace) -> int:
         rundir.make_folder(home, names[0], several=False)
         with rundir.begin_checkpoint(home, scenarios, budget, args.resume) as checkpoint:
             folders = [rundir.make_folder(home, name, len(scenarios) > 1) for name in names]
+            for folder in folders:
+                if (folder / RESULT).exists() and not args.resume:
+                    say(f"{folder}: its results are replaced when this run is finished", error=True)
             runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:

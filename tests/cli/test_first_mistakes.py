@@ -172,3 +172,9 @@ def test_a_step_is_a_positive_number(dt):
     system = type("Odd", (Walk,), {"dt": dt})()
     with pytest.raises(UsageError, match=r"Odd.dt must be a positive number, not"):
         avrare.Problem(system, stl("always (x < 3)"), steps=20)
+
+
+def test_a_run_says_that_it_replaces_results(said):
+    words = ("run", "t.yaml", "--out", "seen")
+    assert "replaced" not in said(*words, code=0)
+    assert "seen: its results are replaced when this run is finished\n" in said(*words, code=0)
