@@ -34,7 +34,7 @@ from avrare.logic.formula import Formula
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem
-from avrare.scenario.schema import CrossCheck
+from avrare.scenario.cross_check import CrossCheck
 from avrare.scenario.validation import check_options
 
 

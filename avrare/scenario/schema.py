@@ -18,11 +18,12 @@ from pydantic import (
 )
 
 from avrare.base import version
-from avrare.base.errors import PluginError, UsageError
+from avrare.base.errors import UsageError
 from avrare.plugin.component import Component
 from avrare.plugin.options import Options
 from avrare.plugin.registry import default_registry
 from avrare.scenario.aeb import Aeb
+from avrare.scenario.cross_check import CrossCheck, as_cross_check
 from avrare.scenario.draws import Draws
 from avrare.scenario.exposure import Exposure
 from avrare.scenario.timing import Actuators, Timing
@@ -142,50 +143,6 @@ class Regression(_Model):
         return 2.0 * self.ratio if self.exclude is None else self.exclude
 
 
-def _checker(name: str) -> str:
-    try:
-        component = default_registry().get("estimator", name)
-    except PluginError as error:
-        raise error_with_hint(error.message, error.hint) from None
-    if component.cross_check is None:
-        names = ", ".join(checker.name for checker in default_registry().checkers())
-        raise error_with_hint(f"estimator {name!r} checks no others", f"estimators that do: {names}")
-    return name
-
-
-class CrossCheck(_Model):
-    """A second, smaller estimate by an estimator of another family, which the first must agree with."""
-
-    estimator: Annotated[str, AfterValidator(_checker)] | None = Field(
-        default=None,
-        description="estimator that checks; default: the first of another family that can run the system; mc "
-        "where failures are not rare",
-    )
-    share: float = Field(
-        default=0.15, gt=0.0, le=1.0, description="cost of the check as a share of the estimate's own"
-    )
-
-    @property
-    def versions(self) -> dict[str, str]:
-        """Versions of the installed distributions that the checking estimator may come from."""
-        registry = default_registry()
-        checkers = registry.checkers()
-        return registry.versions(each for each in checkers if self.estimator in (None, each.name))
-
-    def find_conflict(self, estimator: str) -> str | None:
-        """Return why this check cannot be that of ``estimator``, None where it can."""
-        family = default_registry().family
-        if self.estimator is None or family(self.estimator) != family(estimator):
-            return None
-        return f"{self.estimator} is of the same family as {estimator}"
-
-
-def _as_cross_check(value: object) -> object:
-    if isinstance(value, bool):
-        return CrossCheck() if value else None
-    return value
-
-
 def _suppressible(name: str) -> str:
     try:
         default_registry().check_suppressed((name,))
@@ -276,7 +233,7 @@ class Document(_Model):
     confidence: Probability = Field(0.95, description="confidence level of the reported intervals, in (0, 1)")
     suppress: tuple[HealthWarning, ...] = Field((), description="names of health warnings to suppress")
     cross_check: Annotated[
-        CrossCheck | None, BeforeValidator(_as_cross_check, json_schema_input_type=bool | CrossCheck)
+        CrossCheck | None, BeforeValidator(as_cross_check, json_schema_input_type=bool | CrossCheck)
     ] = Field(
         None,
         description="check each estimate by a smaller one of another family: true, or options",

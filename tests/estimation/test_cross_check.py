@@ -15,7 +15,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.settings import Settings
 from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.scenario.schema import CrossCheck
+from avrare.scenario.cross_check import CrossCheck
 from avrare.testing import faulty_systems as systems
 
 SMALL = {"particles": 90, "discard": 20, "runs": 2}

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from avrare.base.errors import ScenarioError
+from avrare.scenario.cross_check import CrossCheck
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
-from avrare.scenario.schema import CrossCheck, Formula
+from avrare.scenario.schema import Formula
 from avrare.scenario.yaml import dump
 
 

@@ -28,7 +28,7 @@ from avrare.estimation.result.result import CrossCheckResult, Result
 from avrare.plugin.component import Component
 from avrare.plugin.registry import default_registry
 from avrare.rollout.problem import Problem
-from avrare.scenario.schema import CrossCheck
+from avrare.scenario.cross_check import CrossCheck
 from avrare.scenario.validation import check_options
 
 ABOVE, BELOW = 0.95, 0.99

@@ -16,7 +16,7 @@ from avrare.estimation.result.result import Result
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor
 from avrare.rollout.problem import Problem
-from avrare.scenario.schema import CrossCheck
+from avrare.scenario.cross_check import CrossCheck
 
 _CHECK = "+check"
 """End of the name of a cross-check's journal; no specification has a "+" in its name."""

@@ -135,9 +135,10 @@ def _claim_rates(source: Source, rates: CatalogueRates) -> Iterator[Statement]:
             yield _claim(source, text, Measure(rate.rule, *numbers, *bounds), source.file, "own/", "scenes/")
     for balance in rates.balances:
         ratio = None if math.isnan(balance.ratio) else balance.ratio
-        words = ("times as often", None, "less often", _OF_BALANCES[balance.verdict])
+        low, high = balance.interval
+        verdict = _OF_BALANCES[balance.verdict]
         text = f"{source.name}: the stack breaks {balance.rule} {{}} than {rates.driver}"
-        measure = Measure(balance.rule, ratio, *balance.interval, *words)
+        measure = Measure(balance.rule, ratio, low, high, "times as often", None, "less often", verdict)
         yield _claim(source, text, measure, source.file, "")
 
 
