@@ -115,10 +115,10 @@ def by_riccati(solver: RiccatiSolver, given: Programmes) -> tuple[Answers, Any]:
     """Solve all at once; the second value has iterations and restarts."""
     rows = np.arange(len(given.start))
     began = time.process_time()
-    found = solver.solve(given.start, given.other_x, given.other_y, rows, given.inputs)
+    plans = solver.solve(given.start, given.other_x, given.other_y, rows, given.inputs)
     seconds = time.process_time() - began
-    cost = np.where(found.found, found.cost, np.inf)
-    return Answers(found.states, found.inputs, cost, seconds), found
+    cost = np.where(plans.feasible, plans.cost, np.inf)
+    return Answers(plans.states, plans.inputs, cost, seconds), plans
 
 
 def lost_constraints(config: MpcConfig, answers: Answers) -> int:

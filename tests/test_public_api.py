@@ -174,7 +174,7 @@ def test_usage_errors_have_a_message_and_a_hint(name):
         ({"steps": True}, "steps"),
         ({"score": "margine"}, "margine"),
         ({"chunk": 0}, "chunk"),
-        ({"specification": "always (x < 4)"}, "no specification"),
+        ({"specification": "always (x < 4)"}, "not a specification"),
         ({"specification": {}}, "specification"),
         ({"system": object()}, "noise_size, initial, step, signals"),
     ],

@@ -26,8 +26,8 @@ MESSAGES = {
     "the last digits",
     "all_failed": "every rollout failed: the scenario cannot show how rare failures are",
     "single_run": "only one run: its interval relies on its genealogy and is too narrow for rare events",
-    "contradicted": "{reason}: at least one of them misses failures, and the interval is opened to what the "
-    "rollouts drawn from the target allow; use mc, or repeat both with more rollouts or another score",
+    "contradicted": "{reason}: at least one of them misses failures, and the interval is opened as far as "
+    "the rollouts drawn from the target allow; use mc, or repeat both with more rollouts or another score",
     "model_unknown": "a member of the ensemble met no failure: its part of the interval is a rough one; use "
     "more rollouts",
 }

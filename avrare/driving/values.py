@@ -69,7 +69,7 @@ class Crossing:
         half_width: Half the width of the other way [m].
         users: Indices of the other vehicles that take this way, as seen afterwards; None: unknown, any may.
         way: Number of the other way in the signal ``others_way``, which marks who takes it; or None.
-        own: The ego's way, in the plane; None: stations are the x of the road.
+        ego_line: The ego's way, in the plane; None: stations are the x of the road.
     """
 
     reason: Literal["right", "sign", "oncoming"]
@@ -81,7 +81,7 @@ class Crossing:
     half_width: float
     users: tuple[int, ...] | None = None
     way: int | None = None
-    own: ReferenceLine | None = None
+    ego_line: ReferenceLine | None = None
 
 
 GREEN, YELLOW, RED = 0.0, 1.0, 2.0

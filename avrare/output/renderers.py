@@ -57,7 +57,7 @@ def plot(
         case ResultMapping():
             return plot_results(list(value.values()))
     hint = "plot a result, a run (avrare.Run.read of a folder), a trace, a comparison or a monitored drive"
-    raise UsageError(f"there is no plot of {type(value).__name__}", hint)
+    raise UsageError(f"a {type(value).__name__} has no plot", hint)
 
 
 def report(source: Source, path: str | os.PathLike[str] | None = None) -> Path:

@@ -91,16 +91,17 @@ def _files(name: str, kinds: Sequence[str], driving: bool) -> dict[str, str]:
     words = {"name": name, "distribution": package.replace("_", "-"), "package": package, "title": title}
     files, components, sections = {}, "", ""
     for kind in kinds:
-        own = {**words, **_placeholders(name, kind, driving)}
-        variant = own["variant"]
-        own |= {
-            part: _fill(f"{part}_{variant}.txt", own).rstrip("\n") for part in ("test", "example", "config")
+        kind_words = {**words, **_placeholders(name, kind, driving)}
+        variant = kind_words["variant"]
+        kind_words |= {
+            part: _fill(f"{part}_{variant}.txt", kind_words).rstrip("\n")
+            for part in ("test", "example", "config")
         }
-        files[f"src/{package}/{kind}_config.py"] = _fill("config.py.txt", own)
-        files[f"src/{package}/{kind}.py"] = _fill(f"part_{variant}.txt", own)
-        files[f"tests/test_{package}_{kind}.py"] = _fill("test.py.txt", own)
-        components += _fill("component.txt", own)
-        sections += "\n" + _fill("section.md.txt", own)
+        files[f"src/{package}/{kind}_config.py"] = _fill("config.py.txt", kind_words)
+        files[f"src/{package}/{kind}.py"] = _fill(f"part_{variant}.txt", kind_words)
+        files[f"tests/test_{package}_{kind}.py"] = _fill("test.py.txt", kind_words)
+        components += _fill("component.txt", kind_words)
+        sections += "\n" + _fill("section.md.txt", kind_words)
     return {
         "pyproject.toml": _fill("pyproject.toml.txt", words),
         "README.md": _fill("README.md.txt", words) + sections,

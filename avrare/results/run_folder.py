@@ -91,7 +91,7 @@ def begin_checkpoint(
     if len(scenarios) > 1 and any(scenario.name == FOLDER for scenario in scenarios):
         raise UsageError(
             f"{folder}: reserved for the checkpoint, but a scenario has the same name",
-            "run the scenario by itself, or rename it",
+            "run the scenario alone, or rename it",
         )
     if resume:
         refuse_links(out.rglob("*"))

@@ -170,13 +170,13 @@ def _read_work(child: int) -> str:
     return ""
 
 
-def _close_connections(kept: Connection) -> None:
+def _close_connections(result_pipe: Connection) -> None:
     """Close the sockets and pipes that a child shares with its parent, whose other ends would advance."""
     for name in os.listdir("/proc/self/fd"):
         number = int(name)
         with suppress(OSError):
             is_connection = os.readlink(f"/proc/self/fd/{name}").startswith(("socket:", "pipe:"))
-            if is_connection and number > 2 and number != kept.fileno():
+            if is_connection and number > 2 and number != result_pipe.fileno():
                 os.close(number)
 
 

@@ -355,7 +355,7 @@ def read_tape(noise: object) -> Floats:
     try:
         numbers = np.asarray(noise, dtype=np.float64)
     except (TypeError, ValueError):
-        raise UsageError(f"the noise is no array of numbers, but {type(noise).__name__}", hint) from None
+        raise UsageError(f"the noise is not an array of numbers, but {type(noise).__name__}", hint) from None
     if np.isnan(numbers).any():
         raise UsageError("the noise holds NaN", hint)
     return numbers
@@ -386,7 +386,7 @@ def _as_monitor(specification: Formula | Specification, dt: float | None) -> Spe
         return FormulaMonitor(formula if dt is None else formula.at(dt))
     if not (hasattr(specification, "start") and hasattr(specification, "update")):
         raise UsageError(
-            f"{specification!r} is no specification",
+            f"{specification!r} is not a specification",
             'write avrare.stl("always (x < 4)") or give an object with start and update',
         )
     return adapt(Specification, specification)

@@ -42,14 +42,14 @@ class TapeDrawer:
 
     def __call__(self, rows: Integers, t: int) -> Floats:
         """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
-        found = self._numbers(rows, t)
+        noise = self._numbers(rows, t)
         if self.request.tape_law is not None:
-            terms, values = self.request.tape_law.proposal.evidence(found, t)
+            terms, values = self.request.tape_law.proposal.evidence(noise, t)
             if len(rows) == self.request.rows:
                 self.sums[terms] += values
             else:
                 self.sums[np.ix_(terms, rows)] += values
-        return found
+        return noise
 
     def log_ratio(self) -> Floats:
         """Return log p/q (M,) of each row's steps."""

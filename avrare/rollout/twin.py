@@ -61,14 +61,16 @@ def check_twin(problem: Any, twin: Any, cost: float | None) -> None:
 
 
 def _describe_tapes(problem: Any, twin: Any) -> str:
-    found = []
+    differences = []
     if problem.steps != twin.steps:
-        found.append(f"{twin.steps} steps instead of {problem.steps}")
+        differences.append(f"{twin.steps} steps instead of {problem.steps}")
     parts, others = _sizes(problem.system), _sizes(twin.system)
     for name in dict.fromkeys((*parts, *others)):
         if parts.get(name, 0) != others.get(name, 0):
-            found.append(f"{name} reads {others.get(name, 0)} numbers a step instead of {parts.get(name, 0)}")
-    return "; ".join(found)
+            differences.append(
+                f"{name} reads {others.get(name, 0)} numbers a step instead of {parts.get(name, 0)}"
+            )
+    return "; ".join(differences)
 
 
 def _sizes(system: System) -> dict[str, int]:
@@ -76,16 +78,16 @@ def _sizes(system: System) -> dict[str, int]:
     if not isinstance(system, ClosedLoop):
         return {"system": system.noise_size}
     drawn = system.world_noise - system.simulator.noise_size
-    own = system.noise_size - system.world_noise
-    return {"draws": drawn, "simulator": system.simulator.noise_size, "perception": own}
+    perception = system.noise_size - system.world_noise
+    return {"draws": drawn, "simulator": system.simulator.noise_size, "perception": perception}
 
 
 def measure_cost(problem: Any, twin: Any) -> float:
     """Return the time of a rollout of a twin over that of the stack, as the nearest power of 2."""
     seconds: dict[int, list[float]] = {0: [], 1: []}
     for _ in range(_REPEATS):  # in turns, and the least of them: other work on the machine only adds
-        for which, one in enumerate((twin, problem)):
-            seconds[which].append(_seconds(one))
+        for which, variant in enumerate((twin, problem)):
+            seconds[which].append(_seconds(variant))
     return float(2.0 ** round(math.log2(max(min(seconds[0]) / min(seconds[1]), 2.0**-20))))
 
 

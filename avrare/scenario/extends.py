@@ -73,6 +73,6 @@ def _similar_files(path: str, named_at: Mark | None) -> str | None:
         names = os.listdir(folder or ".")
     except OSError:
         missing = f"there is no folder {printable(folder)}"
-        return f"{missing}: a copy of a scenario needs a copy of what it extends" if named_at else missing
+        return f"{missing}: copy the scenarios that it extends, too" if named_at else missing
     files = [file for file in names if file.endswith((".yaml", ".yml"))]
     return did_you_mean(path, [os.path.join(folder, file) for file in files]) if name else None

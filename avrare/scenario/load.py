@@ -143,7 +143,7 @@ def _resolve_members(tree: Node, document: Document, path: str, registry: Regist
         part, *options = key.split(".")
         if part not in TWIN_PARTS or not options or not all(options):
             hint = f"a draw changes an option of {', '.join(TWIN_PARTS)}, such as perception.miss_scale"
-            text = "is no path in the stack"
+            text = "is not a path in the stack"
             mistakes.append(Mistake(values.name_mark, ("ensemble", key), text, hint))
     sizes = {len(values) for values in document.ensemble.values()}
     if len(sizes) > 1 or min(sizes) < _FEWEST_MEMBERS:

@@ -135,7 +135,7 @@ def _code_refusal(text: str, row: Row, is_code: bool) -> str | None:
         return None
     if top in _plugin_modules(row):
         return None
-    return f"{text!r} would import {top!r}, which is no installed plugin"
+    return f"{text!r} would import {top!r}, which is not an installed plugin"
 
 
 def _is_module(name: str) -> bool:

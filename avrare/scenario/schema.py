@@ -207,7 +207,7 @@ class Document(_Model):
     )
     ensemble: dict[str, tuple[Any, ...]] = Field(
         {},
-        description="draws of what is not known of the model: parameter path -> its value in each draw, such "
+        description="draws of uncertain parameters of the model: path -> value in each draw, such "
         "as perception.member: [1, 2, 3]; the interval then includes the model",
     )
     thresholds: tuple[Threshold, ...] = Field((), description="bounds that `avrare check` decides")
@@ -224,7 +224,7 @@ class Document(_Model):
         None,
         gt=0.0,
         allow_inf_nan=False,
-        description="seconds that a rollout may take by itself, else it is an error; all run in worker "
+        description="seconds that a single rollout may take, else it is an error; all run in worker "
         "processes, so one that ends its process is an error, too",
     )
     max_error_rate: float = Field(

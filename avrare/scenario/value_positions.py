@@ -150,7 +150,7 @@ def put(node: Node, path: Path, value: Node, mark: Mark) -> Node:
         items[index] = put(items[index], rest, value, mark)
         return Node(items, node.mark, node.key)
     if node.value is not None and not isinstance(node.value, dict):
-        raise mark.error(f"there is no {step!r} inside {node.value!r}", "shorten the path")
+        raise mark.error(f"{node.value!r} has nothing named {step!r}", "shorten the path")
     entries = node.entries
     if step == "plugin" and not rest and step in entries and entries[step].value != value.value:
         entries = {}  # the options of one plugin mean nothing to another

@@ -53,7 +53,7 @@ def families() -> Mapping[str, Callable[..., ReferenceProblem]]:
 @lru_cache(maxsize=1)
 def reference_problems() -> tuple[ReferenceProblem, ...]:
     """Return all reference problems, with their probabilities to nine digits or more."""
-    return tuple(replace(problem, id=name, known=p) for name, p, problem in _table())
+    return tuple(replace(problem, id=name, published=p) for name, p, problem in _table())
 
 
 def reference_problem(id: str) -> ReferenceProblem:

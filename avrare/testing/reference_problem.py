@@ -27,7 +27,7 @@ class ReferenceProblem:
         relation: Robustness of failures: "<=0", or "<0" where 0 passes (or has no probability).
         exact: Function that computes the probability, to nine digits or more.
         score: Score for splitting where minus the robustness is a poor one, else None.
-        known: Published probability, None to compute it.
+        published: Published probability, None to compute it.
     """
 
     id: str
@@ -39,12 +39,12 @@ class ReferenceProblem:
     relation: str
     exact: Callable[[], float]
     score: ScoreFunction | None = None
-    known: float | None = None
+    published: float | None = None
 
     @cached_property
     def probability(self) -> float:
         """Exact failure probability."""
-        return self.exact() if self.known is None else self.known
+        return self.exact() if self.published is None else self.published
 
     def problem(self, score: ScoreFunction | str | None = None, **keywords: Any) -> Problem:
         """Return the problem as estimators take it.

@@ -28,8 +28,8 @@ class World(ABC):
         noise_size: Number of standard normal numbers of a reset, and of every step.
         noise_names: Name of each of them, for reports. Default: None, numbered.
         lacks: Reasons by missing capability (``avrare.protocols.System``). Default: none.
-        has_table: True where ``numbers`` and ``split_table`` are read in place of ``signals`` and
-            ``observation``, for speed. Default: False.
+        has_table: True: ``numbers`` and ``split_table`` replace ``signals`` and ``observation``, for speed.
+            Default: False.
     """
 
     noise_size: int

@@ -11,7 +11,7 @@ from avrare.protocols import Controller, Floats, Simulator
 
 
 class WorldController(Controller):
-    """Controller in which each rollout has a world: its input is what is seen, its observation is the action.
+    """Controller with a world for each rollout: its input is the observation, its output the action.
 
     Args:
         worlds: Simulator without noise, whose states have ``ego`` (N, d).

@@ -117,7 +117,7 @@ def test_noise_that_is_nan_is_refused():
 def test_noise_that_is_no_array_is_refused(noise):
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
     for take in (partial(avrare.trace, problem), problem.robustness):
-        with pytest.raises(UsageError, match="the noise is no array of numbers"):
+        with pytest.raises(UsageError, match="the noise is not an array of numbers"):
             take(noise)
 
 

@@ -197,7 +197,7 @@ def test_rules():
     assert goal.may_try(12_000, FreshRows(3000, 1))
     assert not goal.may_try(13_000, FreshRows(3000, 1))
     # learning in vain costs at most 0.3 of what Monte Carlo then needs
-    assert 3 * goal.pilot / goal.needed(FreshRows(3000, 1)) < 0.3
+    assert 3 * goal.pilot / goal.estimate_need(FreshRows(3000, 1)) < 0.3
     assert promised_gain(FreshRows(3000, 0), 0.0, float("nan"), 100.0) == 0.0
     assert promised_gain(FreshRows(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
     assert promised_gain(FreshRows(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more

@@ -93,7 +93,7 @@ def test_an_ensemble_has_a_scenario_for_each_draw(read, fails, good):
 @pytest.mark.parametrize("path", ["seed", "estimator.rollouts", "thresholds.0", "tracker", "tracker..delay"])
 def test_a_draw_changes_the_stack_alone(fails, good, path):
     lines, _ = fails(good + f"ensemble:\n  {path}: [1, 2, 3]\n")
-    assert lines[0].startswith(f"s.yaml:15:3: ensemble.{path}: is no path in the stack")
+    assert lines[0].startswith(f"s.yaml:15:3: ensemble.{path}: is not a path in the stack")
 
 
 def test_the_fingerprint_covers_everything_but_seed_and_exposure(read, good):

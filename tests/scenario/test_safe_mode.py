@@ -144,7 +144,7 @@ def test_options_that_are_handed_on_name_no_code_and_no_file(folder, options, sa
 
 def test_a_module_of_an_environment_is_that_of_a_plugin(folder):
     write(env="os:Env-v0")
-    assert "'os:Env-v0' would import 'os', which is no installed plugin" in refusals()
+    assert "'os:Env-v0' would import 'os', which is not an installed plugin" in refusals()
 
 
 def test_a_block_inside_a_block_is_looked_into(folder):

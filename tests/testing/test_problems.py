@@ -159,7 +159,7 @@ def test_reference_problems_against_monte_carlo(problem):
 
 def test_generated_and_tabled_problems_agree():
     assert walk(2.5).probability == pytest.approx(reference_problem("d_rw_L2.5").probability, rel=1e-12)
-    assert walk(2.5).known is None
+    assert walk(2.5).published is None
 
 
 def test_a_custom_score_replaces_the_suggested_one():

@@ -1,8 +1,8 @@
 """Probe for failures that one extreme noise number decides, which a rare-event estimate may never meet.
 
-A start that is drawn once in ten thousand, or an outlier that breaks the rule by itself, shows in no score
-beforehand. A few rollouts with one number drawn from the tail of its law tell how often it fails then, and so
-how likely such failures are at least. They are no part of any estimate: where they contradict its interval,
+A start that is drawn once in ten thousand, or an outlier that breaks the rule alone, shows in no score
+beforehand. A few rollouts with one number drawn from the tail of its law show how often it fails then, and so
+a least probability of these failures. They do not count in the estimate: where they contradict its interval,
 the estimate has missed them.
 """
 
@@ -60,7 +60,7 @@ def probe_outliers(
 
     A tail is a channel, a side, and the first step or one of the later ones; it has one of the probabilities
     ``DEPTHS * upper`` (the chance that a number lies so far out, at any of its steps). With h failures in n
-    rollouts that begin with such a number, about h / n of that probability is failure. Tails are chosen by
+    rollouts that begin with this number, about h / n of that probability is failure. Tails are chosen by
     the first rollouts, each at one depth, and judged by fresh ones.
 
     Args:
@@ -115,12 +115,12 @@ def find_failures(
         wanted: What is extreme in each (M, ...).
         tapes: Function of some numbers of rollouts (m,) and their part of ``wanted`` to tapes (m, T + 1, C).
     """
-    found = []
+    failing = []
     for begin in range(0, len(wanted), problem.chunk):
         part = wanted[begin : begin + problem.chunk]
         outcome = problem.replay(tapes(np.arange(begin, begin + len(part)), part))
-        found.append(outcome.violated[:, column] & ~outcome.error)
-    return np.concatenate(found)
+        failing.append(outcome.violated[:, column] & ~outcome.error)
+    return np.concatenate(failing)
 
 
 def _tapes(problem: Problem, seed: int, stage: int, sizes: Floats, rows: Integers, tails: Integers) -> Floats:

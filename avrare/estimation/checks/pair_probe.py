@@ -106,13 +106,13 @@ def _count_tries(channels: int) -> int:
 
 def _pairs_of(groups: Integers) -> Integers:
     """Return the different pairs (P, C) of extreme numbers in groups of them (G, C), as sides."""
-    found = {
+    signed_pairs = {
         (a, int(sides[a]), b, int(sides[b]))
         for sides in groups
         for a, b in combinations(np.flatnonzero(sides), 2)
     }
-    pairs = np.zeros((len(found), groups.shape[1]), dtype=np.int64)
-    for row, (a, side, b, other) in enumerate(sorted(found)):
+    pairs = np.zeros((len(signed_pairs), groups.shape[1]), dtype=np.int64)
+    for row, (a, side, b, other) in enumerate(sorted(signed_pairs)):
         pairs[row, a], pairs[row, b] = side, other
     return pairs
 

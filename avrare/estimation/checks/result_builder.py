@@ -1,4 +1,4 @@
-"""Results: assembly from what an estimator has computed, and the health checks that need the problem."""
+"""Results: assembly from the numbers of an estimator, and the health checks that need the problem."""
 
 from __future__ import annotations
 
@@ -89,22 +89,22 @@ def examine(
     again: Sequence[float] = ()
     if replay and "not_deterministic" not in on_system:
         tapes = [result.worst.noise for result in results]
-        again = run_errand(executor, _REPLAY, _replayed, tapes)
+        again = run_errand(executor, _REPLAY, _replay_tapes, tapes)
     complete = []
     for column, result in enumerate(results):
-        found = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
-        found |= contradict(result)
+        findings = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
+        findings |= contradict(result)
         least_upper = 0.0
         if result.blind_bound is not None and result.blind_bound > FAR_OFF * result.interval[1]:
             flat = _flat_part(executor, column, result)
             outliers, least_upper = ({}, 0.0) if flat else _outliers(executor, problem, column, result, seed)
-            found |= flat | outliers
-        if again and "not_deterministic" not in found:
-            found |= _reproduction(executor, result, column, again[column], rounds="rounding" in found)
-        kept = {name: text for name, text in found.items() if name not in suppress}
+            findings |= flat | outliers
+        if again and "not_deterministic" not in findings:
+            findings |= _reproduction(executor, result, column, again[column], rounds="rounding" in findings)
+        reported = {name: text for name, text in findings.items() if name not in suppress}
         notes = (*result.notes, *describe_blind_bound(result.blind_bound), *describe_counts(result.counts))
-        result = open_interval(result, found, least_upper)
-        complete.append(replace(result, health=kept, notes=notes))
+        result = open_interval(result, findings, least_upper)
+        complete.append(replace(result, health=reported, notes=notes))
     return complete
 
 
@@ -156,11 +156,11 @@ def _outliers(
         cost += most(problem)
         if result.rollouts < _LOOK_SHARE * cost:
             break
-        found = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
-        if found is not None:
-            what, when = numbers.format(found.noise), _WHEN[found.step]
-            warning = health.warn("outliers", what=what, when=when, low=found.low, upper=upper)
-            return warning, upper + found.low
+        outlier = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
+        if outlier is not None:
+            what, when = numbers.format(outlier.noise), _WHEN[outlier.step]
+            warning = health.warn("outliers", what=what, when=when, low=outlier.low, upper=upper)
+            return warning, upper + outlier.low
     return {}, 0.0
 
 
@@ -194,7 +194,7 @@ def _replayed_alone(problem: Problem, tape: Floats, column: int) -> float:
     return math.nan if outcome.error[0] else float(outcome.robustness[0, column])
 
 
-def _replayed(problem: Problem, tapes: Sequence[Floats]) -> list[float]:
+def _replay_tapes(problem: Problem, tapes: Sequence[Floats]) -> list[float]:
     # Robustness of specification k on tape k; specifications often share their worst rollout.
     rows: dict[bytes, int] = {}
     place = [rows.setdefault(tape.tobytes(), len(rows)) for tape in tapes]

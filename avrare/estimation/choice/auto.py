@@ -1,7 +1,8 @@
 """Estimator ``auto``: a Monte Carlo pilot of all specifications, then the estimator that suits each of them.
 
 Pilot, learning and trials draw from seeds of their own and count in no estimate, only in the cost. The
-pilot's rollouts also count in the blind bound and in the checks of what is chosen: they see every failure.
+pilot's rollouts also count in the blind bound and in the checks of the chosen estimator: they see every
+failure.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ class Auto(MonteCarlo):
         return work.estimate()
 
     def _aim(self, problem: Problem, settings: Settings) -> tuple[Aim, str]:
-        """Return what to reach, and why no pilot is worth its cost (empty where it is)."""
+        """Return the aim, and why no pilot is worth its cost (empty where it is)."""
         given, budget = self.choice, settings.budget
         goal, rollouts = given.relative_error, float(given.rollouts or ROLLOUTS)
         if goal is None and given.rollouts is None and budget is None:
@@ -176,7 +177,7 @@ class _Work:
         return self._monte_carlo(self.problem, [], "mc")
 
     def add_choice(self, result: Result, reason: str, spent: Sequence[_Attempt]) -> Result:
-        """Return a result with the cost of what was tried before, and why its estimator was chosen."""
+        """Return a result with the cost of the earlier attempts, and why its estimator was chosen."""
         choice = {
             "estimator": result.estimator,
             "reason": reason,
@@ -214,12 +215,14 @@ class _Work:
             return self.add_choice(result, f"{reason}; tried in vain: {tried}", spent)
         # 4. What leaves a doubt is not accepted while budget is left: an unlike witness answers it.
         together = [*spent, _Attempt.of(first, "")]
-        if self._left(problem, together) < LEAST_SECOND or not (self.aim.goal is None or in_doubt(first)):
+        if self._rollouts_left(problem, together) < LEAST_SECOND or not (
+            self.aim.goal is None or in_doubt(first)
+        ):
             return self.add_choice(first, reason, spent)
         second = self._second_witness(first, problem, together)
         result, outcome, words = reconcile(first, second, self.settings.confidence)
         together.append(_Attempt.of(second, ""))
-        if outcome == "disagree" and self._left(problem, together) >= LEAST_SECOND:
+        if outcome == "disagree" and self._rollouts_left(problem, together) >= LEAST_SECOND:
             # 5. They disagree: the one that finds more must find it again, on rollouts of its own.
             less, more = sorted((first, second), key=lambda witness: witness.probability)
             attempts = list(together)
@@ -231,7 +234,7 @@ class _Work:
         return self.add_choice(result, f"{reason}; {words}", spent)
 
     def _repeat(self, witness: Result, problem: Problem, spent: list[_Attempt]) -> Result | None:
-        """Return another estimate by the method of a witness from what is left; None where it gives up."""
+        """Return a second estimate by a method, from the rest of the budget; None where it gives up."""
         settings = replace(self._of_phase("again"), budget=self._budget(problem, spent))
         for component, role in default_registry().candidates():
             if component.name == witness.estimator:
@@ -254,12 +257,12 @@ class _Work:
         return None
 
     def _second_witness(self, first: Result, problem: Problem, spent: list[_Attempt]) -> Result:
-        """Return an estimate by another method from what is left: by one that fits, or Monte Carlo.
+        """Return an estimate by another method from the rest of the budget: by one that fits, or Monte Carlo.
 
         Monte Carlo, which sees every failure, goes first where it is to meet some.
         """
         settings = replace(self._of_phase("witness"), budget=self._budget(problem, spent))
-        failures = first.probability * self._left(problem, spent)
+        failures = first.probability * self._rollouts_left(problem, spent)
         for component, role in _list_unlike(problem, first.estimator) if failures < FEW_FAILURES else ():
             name = f"witness-{component.name}"
             second = self._run(name, self._build(component, role), problem, settings, spent)
@@ -274,7 +277,7 @@ class _Work:
         self, estimator: Estimator, problem: Problem, evidence: FreshRows, spent: list[_Attempt]
     ) -> bool:
         rollouts = min(_TRIAL, self.aim.pilot)
-        if not self.aim.may_try(rollouts + self.aim.rollouts - self._left(problem, spent), evidence):
+        if not self.aim.may_try(rollouts + self.aim.rollouts - self._rollouts_left(problem, spent), evidence):
             return False
         sized = estimator.scaled(rollouts, max(evidence.failures, 0.3) / evidence.rows)
         if sized is None:
@@ -305,21 +308,24 @@ class _Work:
             options |= {"threshold": given.threshold}
             options |= {"rollouts": given.rollouts} if given.rollouts else {}
         else:
-            options |= {"relative_error": self.aim.goal, "rollouts": self._left(problem, spent)}
+            options |= {"relative_error": self.aim.goal, "rollouts": self._rollouts_left(problem, spent)}
         if budget is not None and budget.kind != "seconds":
             budget = self._budget(problem, spent)
         return self.execute(
             problem, MonteCarlo(McConfig(**options)), replace(self.settings, budget=budget), name
         )
 
-    def _left(self, problem: Problem, spent: Sequence[_Attempt]) -> int:
+    def _rollouts_left(self, problem: Problem, spent: Sequence[_Attempt]) -> int:
         """Return the complete rollouts that are left."""
         budget = self._budget(problem, spent)
         return int(budget.amount / (problem.steps if budget.kind == "steps" else 1))
 
     def _first_budget(self, problem: Problem, name: str, spent: Sequence[_Attempt]) -> Budget:
         """Return the budget of a first witness, which leaves enough for an unlike one where it can."""
-        budget, left = self._budget(problem, spent), (1.0 - FIRST_SHARE) * self._left(problem, spent)
+        budget, left = (
+            self._budget(problem, spent),
+            (1.0 - FIRST_SHARE) * self._rollouts_left(problem, spent),
+        )
         pays_second = left >= LEAST_SECOND and bool(_list_unlike(problem, name))
         return replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
 

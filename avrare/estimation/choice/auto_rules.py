@@ -22,7 +22,7 @@ PILOT = 3000
 _SHARE = 15
 """Share of a budget of rollouts: the pilot takes at most 1 / 15 of it, and learning in vain twice as much."""
 FIRST_SHARE = 0.7
-"""Share of what is left that a first witness may take."""
+"""Share of the remaining budget that a first witness may take."""
 FEW_FAILURES = 2.0
 """Failures below which Monte Carlo, as a second witness, would say too little."""
 LEAST_SECOND = 5000
@@ -71,7 +71,7 @@ class Aim:
         needed = _ENOUGH if self.goal is None else self.goal**-2
         return min(10, max(3, round(needed / 5)))
 
-    def needed(self, evidence: FreshRows) -> float:
+    def estimate_need(self, evidence: FreshRows) -> float:
         """Return the rollouts that Monte Carlo is expected to need.
 
         A pilot that ended before its failures gets one more: too few are likelier than too many.
@@ -82,22 +82,22 @@ class Aim:
     def is_frequent(self, evidence: FreshRows) -> bool:
         """Return whether Monte Carlo is the estimator: nothing can pay for the attempt to learn."""
         if self.goal is None:
-            return self.needed(evidence) <= self.rollouts
-        return self.needed(evidence) <= _TIMES * 2 * self.pilot
+            return self.estimate_need(evidence) <= self.rollouts
+        return self.estimate_need(evidence) <= _TIMES * 2 * self.pilot
 
     def may_try(self, cost: float, evidence: FreshRows) -> bool:
         """Return whether choosing may cost so many rollouts, should it all be in vain."""
-        needed = self.needed(evidence) if self.goal is not None else self.rollouts
+        needed = self.estimate_need(evidence) if self.goal is not None else self.rollouts
         return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
 
     def describe(self, evidence: FreshRows) -> str:
-        """Return what the pilot saw, and what Monte Carlo would need after it."""
+        """Describe the failures of the pilot, and the rollouts that Monte Carlo would need after it."""
         seen = f"{evidence.failures:,} failures" if evidence.failures != 1 else "1 failure"
         at_least = "" if evidence.failures else "at least "
         wanted = format_percent(0.1 if self.goal is None else self.goal)
         return (
             f"{seen} in {evidence.rows:,} rollouts of the pilot, so Monte Carlo needs {at_least}about "
-            f"{round_to_two_digits(self.needed(evidence)):,} rollouts for a relative error of {wanted}"
+            f"{round_to_two_digits(self.estimate_need(evidence)):,} rollouts for a relative error of {wanted}"
         )
 
 

@@ -34,7 +34,7 @@ from avrare.scenario.validation import check_options
 ABOVE, BELOW = 0.95, 0.99
 """Levels of the intervals that the test compares where the check lies above the estimate, and below it.
 
-Estimates by levels are skewed: a small one that misses something, or is just unlucky, reads too low. Such a
+Estimates by levels are skewed: a small one that misses something, or is just unlucky, reads too low. This
 check says less of the estimate, and asks for more (docs/cross-check.md has the rate of false alarms).
 """
 NOTICED = 10.0
@@ -148,10 +148,10 @@ def _can_run(estimator: Estimator, problem: Problem, settings: Settings) -> bool
     return True
 
 
-def compare(result: Result, found: Result) -> tuple[str, float]:
+def compare(result: Result, second: Result) -> tuple[str, float]:
     """Return "agree", "disagree" or "inconclusive", and the factor between them that would be noticed."""
-    small, large = sorted((result, found), key=lambda one: one.probability)
-    level = ABOVE if large is found else BELOW
+    small, large = sorted((result, second), key=lambda estimate: estimate.probability)
+    level = ABOVE if large is second else BELOW
     high, low = small.interval_at(level)[1], large.interval_at(level)[0]
     if not large.probability:
         return "inconclusive", math.inf

@@ -1,7 +1,7 @@
 """Estimates over an ensemble: the interval of a probability includes what is not known of its model.
 
-The rollouts of the scenario's own model are reweighed for each member by the density ratio of what the
-perception error model observes, where enough effective failures are left; other members are run anew.
+The rollouts of the scenario's own model are reweighed for each member by the density ratio of the
+observations, where enough effective failures are left; other members are run anew.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def reweigh(result: Result, log_ratio: Floats) -> Reweighed:
 
     Args:
         result: Estimate under the scenario's own model.
-        log_ratio: (F, K) log density ratios of the models for what was observed in the failures.
+        log_ratio: (F, K) log density ratios of the models for the observations in the failures.
     """
     count = max(len(log_ratio), 1)
     parts = np.exp(log_ratio) * (result.probability / count)
@@ -68,21 +68,21 @@ def include_model(scenario: LoadedScenario, results: Sequence[Result], run: RunM
         results: Estimates under its own model.
         run: Runs a member whose rollouts cannot be reweighed.
     """
-    members = [LoadedScenario(one) for one in scenario.definition.members]
-    found = []
+    members = [LoadedScenario(member) for member in scenario.definition.members]
+    combined = []
     for result in results:
         problem = scenario.problem(result.specification)
         others = _perceptions(problem, members) if _reweighable(scenario, result) else None
-        known = None
+        reweighed = None
         if others is not None:
-            known = reweigh(result, log_ratios(problem, others, result.failures.noise))
+            reweighed = reweigh(result, log_ratios(problem, others, result.failures.noise))
         fresh = {
             k: run(k, result.specification)
             for k in range(len(members))
-            if known is None or math.isnan(known.probabilities[k])
+            if reweighed is None or math.isnan(reweighed.probabilities[k])
         }
-        found.append(combine(result, len(members), known, fresh))
-    return found
+        combined.append(combine(result, len(members), reweighed, fresh))
+    return combined
 
 
 def _reweighable(scenario: LoadedScenario, result: Result) -> bool:
@@ -96,30 +96,30 @@ def _perceptions(problem: Problem, members: Sequence[LoadedScenario]) -> list[Pe
     return [member.stack.loop.perception for member in members if member.stack.loop.perception is not None]
 
 
-def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> Result:
+def combine(result: Result, size: int, reweighed: Reweighed | None, fresh: dict[int, Result]) -> Result:
     """Return a result over K models.
 
     Args:
         result: Estimate under the scenario's own model.
         size: K.
-        known: Estimates by reweighing, if any.
+        reweighed: Estimates by reweighing, if any.
         fresh: Results of the models that were run anew, by number.
     """
-    share = _share(result, size, known, fresh)
-    errors = max(_error_share(one) for one in (result, *fresh.values()))
+    share = _share(result, size, reweighed, fresh)
+    errors = max(_error_share(estimate) for estimate in (result, *fresh.values()))
 
-    doubted = [one for one in (result, *fresh.values()) if one.unopened_at]
+    doubted = [estimate for estimate in (result, *fresh.values()) if estimate.unopened_at]
 
     def interval_at(confidence: float) -> Interval:
         low, high = share.interval(confidence)
-        ends = [(low, min(1.0, high + errors)), *(one.interval_at(confidence) for one in doubted)]
+        ends = [(low, min(1.0, high + errors)), *(estimate.interval_at(confidence) for estimate in doubted)]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     runs = list(fresh.values())
     mean = float(share.probabilities.mean())
     variance = (share.model * (1.0 + 1.0 / size)) + share.sampling
-    warnings = {name: text for one in runs for name, text in one.health.items()} | result.health
-    if min([result.failures.count, *(one.failures.count for one in runs)]) == 0:
+    warnings = {name: text for estimate in runs for name, text in estimate.health.items()} | result.health
+    if min([result.failures.count, *(estimate.failures.count for estimate in runs)]) == 0:
         warnings |= health.warn("model_unknown")
     return replace(
         result,
@@ -129,10 +129,10 @@ def combine(result: Result, size: int, known: Reweighed | None, fresh: dict[int,
         members=size,
         interval_at=interval_at,
         relative_error=math.sqrt(math.expm1(min(variance, 50.0))) if mean else math.nan,
-        rollouts=result.rollouts + sum(one.rollouts for one in runs),
-        simulated_steps=result.simulated_steps + sum(one.simulated_steps for one in runs),
-        errors=result.errors + sum(one.errors for one in runs),
-        seconds=result.seconds + sum(one.seconds for one in runs),
+        rollouts=result.rollouts + sum(estimate.rollouts for estimate in runs),
+        simulated_steps=result.simulated_steps + sum(estimate.simulated_steps for estimate in runs),
+        errors=result.errors + sum(estimate.errors for estimate in runs),
+        seconds=result.seconds + sum(estimate.seconds for estimate in runs),
         health=warnings,
         notes=(*result.notes, Note("model", share.describe())),
         diagnostics={**result.diagnostics, "model": share.to_dict()},
@@ -144,20 +144,22 @@ def _error_share(result: Result) -> float:
     return result.errors / max(result.rollouts, 1) if share is None else share
 
 
-def _share(result: Result, size: int, known: Reweighed | None, fresh: dict[int, Result]) -> ModelShare:
+def _share(result: Result, size: int, reweighed: Reweighed | None, fresh: dict[int, Result]) -> ModelShare:
     values, covariance = np.zeros(size), np.zeros((size, size))
     logs = np.zeros(size)
-    kept = [k for k in range(size) if k not in fresh]
-    if known is not None and kept:
-        values[kept] = known.probabilities[kept]
-        logs[kept] = np.log(values[kept])
-        parts = known.contributions[:, kept] / values[kept]
+    reused = [k for k in range(size) if k not in fresh]
+    if reweighed is not None and reused:
+        values[reused] = reweighed.probabilities[reused]
+        logs[reused] = np.log(values[reused])
+        parts = reweighed.contributions[:, reused] / values[reused]
         # That of the estimate itself, which all share, and that of the mean weights of the kept failures.
-        covariance[np.ix_(kept, kept)] = parts.T @ parts - 1.0 / len(parts) + result.relative_error**2
-    for k, one in fresh.items():
-        values[k] = one.probability
-        logs[k], covariance[k, k] = _log_of(one)
-    return ModelShare(values, logs, covariance, len(kept) if known is not None else 0, result.probability)
+        covariance[np.ix_(reused, reused)] = parts.T @ parts - 1.0 / len(parts) + result.relative_error**2
+    for k, estimate in fresh.items():
+        values[k] = estimate.probability
+        logs[k], covariance[k, k] = _log_of(estimate)
+    return ModelShare(
+        values, logs, covariance, len(reused) if reweighed is not None else 0, result.probability
+    )
 
 
 def _log_of(result: Result) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """Uncertainty of a probability that comes from its model, and that from sampling, as one interval.
 
-K models are drawn from what is known of the true one: a bootstrap, or a posterior. With p_k the probability
+K models are drawn from a bootstrap, or from a posterior of the true one. With p_k the probability
 under model k, log p_k is taken as normal with mean mu and variance tau^2, and so is that under the true
 model. What is estimated are y_k = log p_k + e_k, with errors of a known covariance C: those of members that
 were reweighed from the same rollouts are correlated.
@@ -26,7 +26,7 @@ _FAR = 40.0
 
 @dataclass(frozen=True)
 class ModelShare:
-    """Probability under several models, and what makes it uncertain.
+    """Probability under several models, and the sources of its uncertainty.
 
     Attributes:
         probabilities: (K,) estimate under each model.
@@ -67,15 +67,15 @@ class ModelShare:
     @property
     def share(self) -> float:
         """Share of the model in the variance of the logarithm: total = model (1 + 1 / K) + sampling."""
-        own = self.model * (1.0 + 1.0 / self.size)
-        return own / (own + self.sampling) if own + self.sampling > 0.0 else 0.0
+        model = self.model * (1.0 + 1.0 / self.size)
+        return model / (model + self.sampling) if model + self.sampling > 0.0 else 0.0
 
     @cached_property
     def _spreads(self) -> list[float]:
         # (K - 1) V / (tau^2 + noise) is chi-square: each of its quantiles stands for an equally likely tau.
         total = (self.size - 1) * float(self.logs.var(ddof=1)) / _chi_square(self.size - 1)
         model = np.maximum(total - self.noise, 0.0) * (1.0 + 1.0 / self.size)
-        return [math.sqrt(one) for one in model + self.sampling]
+        return [math.sqrt(variance) for variance in model + self.sampling]
 
     def interval(self, confidence: float) -> Interval:
         """Return the interval of the probability under the true model.
@@ -86,9 +86,11 @@ class ModelShare:
         centre, tail = float(self.logs.mean()), (1.0 - confidence) / 2.0
 
         def below(distance: float) -> float:
-            return sum(0.5 * math.erfc(-distance / (one * math.sqrt(2.0))) for one in spreads) / len(spreads)
+            return sum(0.5 * math.erfc(-distance / (spread * math.sqrt(2.0))) for spread in spreads) / len(
+                spreads
+            )
 
-        spreads = [one for one in self._spreads if one > 0.0]
+        spreads = [spread for spread in self._spreads if spread > 0.0]
         half = bisect(below, 1.0 - tail, 0.0, _FAR) if spreads else 0.0
         mean = float(self.probabilities.mean())
         low, high = math.exp(centre - half), math.exp(min(centre + half, 0.0))
@@ -97,12 +99,12 @@ class ModelShare:
     def describe(self) -> str:
         """Return the shares as a sentence."""
         percent = round(100.0 * self.share)
-        own, rest = f"{percent} %", f"{100 - percent} %"
+        model, rest = f"{percent} %", f"{100 - percent} %"
         ways = f"{self.reused} by reweighing" if self.reused else "each run anew"
         if 0 < self.reused < self.size:
             ways += f", {self.size - self.reused} run anew"
         return (
-            f"Uncertainty: {own} from the model, {rest} from sampling ({self.size} models, {ways}); "
+            f"Uncertainty: {model} from the model, {rest} from sampling ({self.size} models, {ways}); "
             "the interval has both."
         )
 

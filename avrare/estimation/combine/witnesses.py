@@ -1,7 +1,7 @@
 """Two witnesses of one probability: estimates by unlike methods, which share no failure that they would miss.
 
 Where they agree, and would mostly have disagreed if one had missed something, the estimate is the mean of the
-two, and each answers for what the other is in doubt of. Where they disagree, one of them has missed failures.
+two, and each answers the doubts about the other. Where they disagree, one of them has missed failures.
 """
 
 from __future__ import annotations
@@ -80,8 +80,10 @@ def _mean(first: Result, second: Result) -> Result:
     variance = sum((witness.relative_error * witness.probability / mean / 2.0) ** 2 for witness in pair)
     errors = max(witness.errors / max(witness.rollouts, 1) for witness in pair)
     answered = _ANSWERED if first.estimator != second.estimator else frozenset[str]()
-    kept = [{name: text for name, text in witness.health.items() if name not in answered} for witness in pair]
-    doubted = (witness for witness, health in zip(pair, kept, strict=True) if DOUBTS.intersection(health))
+    warnings = [
+        {name: text for name, text in witness.health.items() if name not in answered} for witness in pair
+    ]
+    doubted = (witness for witness, health in zip(pair, warnings, strict=True) if DOUBTS.intersection(health))
     weights = first.failures.weights
     if weights is not None:
         weights = weights * (mean / first.probability)
@@ -93,7 +95,7 @@ def _mean(first: Result, second: Result) -> Result:
         interval_at=partial(intervals.log_normal, mean, variance, freedom=_FREEDOM, errors=errors),
         unopened_at=None,
         least_upper=max((witness.least_upper for witness in doubted), default=0.0),
-        health=kept[1] | kept[0],
+        health=warnings[1] | warnings[0],
         failures=replace(first.failures, weights=weights),
     )
 

@@ -95,7 +95,7 @@ class Checkpoint:
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""
-        folder = _prepared(self.folder / name)
+        folder = _prepare_folder(self.folder / name)
         owner = hashlib.sha256(json.dumps([self.task, name], sort_keys=True).encode()).hexdigest()[:32]
         return FileJournal(folder, owner)
 
@@ -160,7 +160,7 @@ class FileJournal:
     def part(self, name: str) -> FileJournal:
         """Return the journal of a part of the estimate, in a folder of its own."""
         owner = hashlib.sha256(f"{self.owner} {name}".encode()).hexdigest()[:32]
-        return FileJournal(_prepared(self.folder / name), owner)
+        return FileJournal(_prepare_folder(self.folder / name), owner)
 
     def has(self, stage: int) -> bool:
         """Return whether chunks of a stage are stored."""
@@ -185,7 +185,7 @@ class FileJournal:
         return f"{self.owner}-{digest(chunk)}"
 
 
-def _prepared(folder: Path) -> Path:
+def _prepare_folder(folder: Path) -> Path:
     with _explain_folder_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for temporary in folder.glob(".*.npz.*"):  # left by a killed process
@@ -246,12 +246,12 @@ def differences(before: object, after: object, path: str = "") -> list[str]:
         names = dict.fromkeys([*before, *after])
         parts = [(name, before.get(name), after.get(name)) for name in names]
     elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
-        parts = [(str(i), one, two) for i, (one, two) in enumerate(zip(before, after, strict=True))]
+        parts = [(str(i), old, new) for i, (old, new) in enumerate(zip(before, after, strict=True))]
     else:
         old, new = json.dumps(before), json.dumps(after)  # 1 is not 1.0, and NaN is NaN
         return [f"{path} {old} -> {new}"] if old != new else []
     prefix = f"{path}." if path else ""
-    return [line for name, one, two in parts for line in differences(one, two, prefix + name)]
+    return [line for name, old, new in parts for line in differences(old, new, prefix + name)]
 
 
 def digest(chunk: Request) -> str:
@@ -278,7 +278,7 @@ def digest(chunk: Request) -> str:
 def encode(outcome: Rollouts, key: str, seconds: float) -> bytes:
     """Encode an outcome as an ``.npz`` file, without its carries and without pickled objects."""
     arrays: dict[str, Any] = {name: getattr(outcome, name) for name in ARRAYS}
-    arrays |= {name: found for name in WANTED_ARRAYS if (found := getattr(outcome, name)).shape[1]}
+    arrays |= {name: values for name in WANTED_ARRAYS if (values := getattr(outcome, name)).shape[1]}
     arrays |= {_COUNT + name: values for name, values in outcome.counts.items()}
     arrays |= {
         _KEY: np.array(key),

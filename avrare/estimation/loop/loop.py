@@ -49,10 +49,10 @@ def run(
     if results is not None:
         return results
     with clear_estimate(problem, estimator, settings, executor) as clearance:
-        return _run_cleared(clearance, executor, progress, journal, stop)
+        return _run_loop(clearance, executor, progress, journal, stop)
 
 
-def _run_cleared(
+def _run_loop(
     clearance: Clearance,
     executor: Executor,
     progress: Progress | None,
@@ -84,7 +84,7 @@ def _run_cleared(
 
 @dataclass
 class _Parts:
-    """The parts of an estimate, run one after another; the progress goes on from one to the next."""
+    """The parts of an estimate, run one after another, with a progress that counts them all."""
 
     executor: Executor
     progress: Progress | None
@@ -107,7 +107,7 @@ class _Parts:
             except UsageError as error:
                 raise Refused(error.message, error.hint) from None
             try:
-                return _run_cleared(clearance, self.executor, watch, journal, self.stop)
+                return _run_loop(clearance, self.executor, watch, journal, self.stop)
             finally:
                 self.before = before.before(last)
 
@@ -140,7 +140,7 @@ class _Loop:
         while not self._out_of_time(info) and (request := self.estimator.ask(state)) is not None:
             parts, so_far = [], info
             for part in self._outcomes(stage, request):
-                parts.append(self._needed(part))
+                parts.append(self._drop_unused_scores(part))
                 so_far = so_far.plus(part)
                 hopeless = FIRST_ROLLOUTS <= so_far.errors == so_far.rollouts
                 if hopeless and (stage == 0 or request.is_fresh):
@@ -163,13 +163,13 @@ class _Loop:
             info = replace(info, forecast=forecast)
         self.progress(replace(info, stage_rows=rows if done < rows else 0, stage_done=done))
 
-    def _needed(self, part: Rollouts) -> Rollouts:
+    def _drop_unused_scores(self, part: Rollouts) -> Rollouts:
         return replace(part, scores=part.scores[:, -1:].copy()) if self.estimator.final_scores else part
 
     def _outcomes(self, stage: int, request: Request) -> Iterator[Rollouts]:
         journal = self.journal if self._can_store(request) else None
         index = done = 0
-        for outcome in self._stored(journal, stage, request) if journal else ():
+        for outcome in self._read_journal(journal, stage, request) if journal else ():
             index, done = index + 1, done + len(outcome.error)
             yield outcome
         if journal and self._timed and journal.has(stage + 1):
@@ -211,7 +211,7 @@ class _Loop:
     def _can_store(self, request: Request) -> bool:
         return not request.keep_carries or self.estimator.rebuilds_carries
 
-    def _stored(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
+    def _read_journal(self, journal: Journal, stage: int, request: Request) -> Iterator[Rollouts]:
         for index, (chunk, outcome, seconds) in enumerate(journal.read(stage, request)):
             self._check_shape(f"{stage:06d}-{index:06d}", chunk, outcome)
             # A law that was learnt again may differ: check each stage that draws under one.

@@ -14,7 +14,7 @@ _CONVERGENCE_POINTS = 60
 
 
 def draw_charts(result: Result) -> tuple[Chart, ...]:
-    """Return histogram and running estimate; the latter only where robustness tells the failures apart."""
+    """Return histogram and running estimate; the latter only where robustness marks the failures."""
     return *draw_histogram(result), *_draw_convergence(result)
 
 

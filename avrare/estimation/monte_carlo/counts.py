@@ -111,22 +111,22 @@ class Counts:
         return np.concatenate([before[:first], sums])
 
     def _failing(self, violated: Bools, robustness: Floats) -> tuple[Rows, ...]:
-        found = list(self.failing or [_NONE] * violated.shape[1])
+        failing = list(self.failing or [_NONE] * violated.shape[1])
         for column in np.flatnonzero(violated.any(axis=0)):
-            rows = np.flatnonzero(violated[:, column])[: max(0, self.keep - len(found[column].index))]
-            found[column] = found[column].plus(self.trials + rows, robustness[rows, column])
-        return tuple(found)
+            rows = np.flatnonzero(violated[:, column])[: max(0, self.keep - len(failing[column].index))]
+            failing[column] = failing[column].plus(self.trials + rows, robustness[rows, column])
+        return tuple(failing)
 
     def _records(self, robustness: Floats) -> tuple[Rows, ...]:
-        found = list(self.records or [_NONE] * robustness.shape[1])
-        known = np.array([rows.robustness[-1] if len(rows.index) else np.nan for rows in found])
-        before = np.fmin.accumulate(np.concatenate([known[None], robustness]))[:-1]
+        records = list(self.records or [_NONE] * robustness.shape[1])
+        least = np.array([rows.robustness[-1] if len(rows.index) else np.nan for rows in records])
+        before = np.fmin.accumulate(np.concatenate([least[None], robustness]))[:-1]
         less = (robustness < before) | (np.isnan(before) & ~np.isnan(robustness))
         for column in np.flatnonzero(less.any(axis=0)):
             rows = np.flatnonzero(less[:, column])[None if self.ordered else -1 :]
-            kept = found[column] if self.ordered else _NONE
-            found[column] = kept.plus(self.trials + rows, robustness[rows, column])
-        return tuple(found)
+            earlier = records[column] if self.ordered else _NONE
+            records[column] = earlier.plus(self.trials + rows, robustness[rows, column])
+        return tuple(records)
 
 
 def monte_carlo_cost(probability: float, relative_error: float) -> int | None:

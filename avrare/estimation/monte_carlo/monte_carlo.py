@@ -85,15 +85,15 @@ class MonteCarlo(Estimator):
         """Return the memory of the verdicts, the kept failures and one stage."""
         state, specs = self.init(plan)[0], len(plan.names)
         rows = 0 if state.info.goal is None and not self.config.sequential else state.total
-        kept = 16 * min(rows or MOST_ROBUSTNESS, MOST_ROBUSTNESS) * specs
+        robustness = 16 * min(rows or MOST_ROBUSTNESS, MOST_ROBUSTNESS) * specs
         stage = 2 * min(_STAGE, rows or _STAGE) * (9 * specs + 9)
         verdicts = 2 * rows * (specs + 1) if self.config.sequential else 0
-        return Demand(kept + stage + verdicts, self.config.memory, "rollouts")
+        return Demand(robustness + stage + verdicts, self.config.memory, "rollouts")
 
     def ask(self, state: McState) -> Request | None:
         """Return the next stage of independent rollouts, None when done."""
         done, size = state.info.rollouts, _STAGE
-        if done >= state.total or self._all_stopped(state):
+        if done >= state.total or self._has_stopped(state):
             return None
         if self.config.sequential:  # few rollouts are wasted, and few looks read all of them
             size = max(_FIRST_STAGE, done // _LOOK)
@@ -113,14 +113,14 @@ class MonteCarlo(Estimator):
         """Return one result per specification, all from the same rollouts."""
         stopping = self._stopping(state.plan)
         if stopping is None:
-            return [self._fixed(state, column) for column in range(len(state.plan.names))]
+            return [self._estimate_from_all(state, column) for column in range(len(state.plan.names))]
         violated, error = state.counts.joined_verdicts()
         return [
-            self._stopped(state, column, stopping, violated[:, column], error)
+            self._estimate_from_stop(state, column, stopping, violated[:, column], error)
             for column in range(len(state.plan.names))
         ]
 
-    def _fixed(self, state: McState, column: int) -> Result:
+    def _estimate_from_all(self, state: McState, column: int) -> Result:
         counts = state.counts
         assert counts.failures is not None
         failures = int(counts.failures[:, column].sum())
@@ -130,7 +130,7 @@ class MonteCarlo(Estimator):
         )
         return replace(result, trials=counts.trials)
 
-    def _stopped(
+    def _estimate_from_stop(
         self, state: McState, column: int, stopping: Stopping, violated: Bools, error: Bools
     ) -> Result:
         stop = stopping.at(violated, error)
@@ -160,20 +160,20 @@ class MonteCarlo(Estimator):
         warnings = health.check_errors(errors, trials, plan.max_error_rate, counts.messages)
         if failures == trials:
             warnings |= health.warn("all_failed")
-        kept, least = counts.failing[column].before(trials), counts.records[column].before(trials)
+        first_failures, least = counts.failing[column].before(trials), counts.records[column].before(trials)
         worst = missing_worst(plan)
         if len(least.index):
             worst = Worst(self._tapes(state, least.index[-1:])[0], float(least.robustness[-1]))
-        known = probability > 0.0
+        failed = probability > 0.0
         return build_result(
             plan,
             self.name,
             replace(state.info, errors=errors),
             values,
             interval_at=partial(interval, failures, trials, errors=errors),
-            relative_error=math.sqrt((1 - probability) / (probability * trials)) if known else math.nan,
+            relative_error=math.sqrt((1 - probability) / (probability * trials)) if failed else math.nan,
             health=warnings,
-            failures=Failures(self._tapes(state, kept.index), kept.robustness, failures),
+            failures=Failures(self._tapes(state, first_failures.index), first_failures.robustness, failures),
             worst=worst,
             robustness=counts.joined_robustness(column, trials),
             column=column,
@@ -190,10 +190,10 @@ class MonteCarlo(Estimator):
         if counts is None:
             return CostForecast("rollouts", min(wanted, total), total)
         violated, error = counts.joined_verdicts()
-        found, trials = int(violated.sum(axis=0).min()), len(error)
-        low, high = intervals.clopper_pearson(found, trials, plan.confidence)
+        failures, trials = int(violated.sum(axis=0).min()), len(error)
+        low, high = intervals.clopper_pearson(failures, trials, plan.confidence)
         least, most = (min(wanted / p if p else math.inf, total) for p in (high, low))
-        return CostForecast("rollouts", least, most, f"{found} of {wanted} failures")
+        return CostForecast("rollouts", least, most, f"{failures} of {wanted} failures")
 
     def _stopping(self, plan: Plan) -> Stopping | None:
         if self.config.relative_error is not None:
@@ -202,7 +202,7 @@ class MonteCarlo(Estimator):
             return AtThreshold(self.config.threshold, plan.confidence)
         return None
 
-    def _all_stopped(self, state: McState) -> bool:
+    def _has_stopped(self, state: McState) -> bool:
         stopping = self._stopping(state.plan)
         if not (stopping and state.counts.trials):
             return False

@@ -8,7 +8,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class CostForecast:
-    """Whole cost of an estimate, as far as it can be told before its end.
+    """Whole cost of an estimate, as far as it is certain before its end.
 
     Attributes:
         kind: Unit of the amounts: "rollouts", "steps" (simulated ones) or "seconds".

@@ -18,7 +18,7 @@ from avrare.rollout.request import Carry
 _NOISE_BLOCK = 2**17 * 8 * 16
 """Bytes to draw a block of noise."""
 _STATES = 4
-"""States of a chunk that are alive at once: the old one, the new one, and what a step computes on the way."""
+"""States of a chunk that are alive at once: the old one, the new one, and the arrays of a step."""
 
 
 @dataclass(frozen=True)
@@ -78,25 +78,25 @@ def forecast(estimator: Estimator, plan: Plan, carry: int) -> Forecast:
             f"raise it to {math.ceil(held / 2**20)}, or lower {demand.sizes}",
         )
     rows = _STATES * carry + 8 * (plan.steps + 1)
-    found = Forecast(held, plan.chunk * rows + _NOISE_BLOCK, used_memory())
-    if found.total > (usable := usable_memory()):
-        smaller = f"lower {demand.sizes}" if held > found.chunk else "lower chunk"
+    memory = Forecast(held, plan.chunk * rows + _NOISE_BLOCK, used_memory())
+    if memory.total > (usable := usable_memory()):
+        smaller = f"lower {demand.sizes}" if held > memory.chunk else "lower chunk"
         raise UsageError(
-            f"{needed} about {format_memory(found.total)} of memory, and this process may use "
+            f"{needed} about {format_memory(memory.total)} of memory, and this process may use "
             f"{format_memory(usable)}",
             f"{smaller}, or run it on a larger machine",
         )
-    return found
+    return memory
 
 
 def measure_carry(problem: Problem) -> int:
-    """Return the bytes of a particle's carry at the start; 0 where it cannot be told without error."""
+    """Return the bytes of a particle's carry at the start; 0 where it cannot be measured without error."""
     try:
         state = problem.system.initial(np.zeros((1, problem.noise_size)))
         signals = problem.system.signals(state)
         updates = [spec.update(spec.start(1), signals) for spec in problem.monitors]
         carry = Carry(state, tuple(u[0] for u in updates), tuple(u[1] for u in updates))
         leaves: list[Any] = [*batch.leaves(carry), *map(np.asarray, signals.values())]
-    except (Exception, SystemExit):  # it is told where it matters: at the first rollout
+    except (Exception, SystemExit):  # reported where it matters: at the first rollout
         return 0
     return sum(leaf.nbytes for leaf in leaves)

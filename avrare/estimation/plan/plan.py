@@ -114,7 +114,7 @@ class Info:
         )
 
     def before(self, other: Info) -> Info:
-        """Return what to show of a later part of the same estimate: its progress, at the cost of both."""
+        """Return the progress of a later part of the same estimate, at the cost of both."""
         counts = Counter(self.counts)
         counts.update(other.counts)
         return replace(
@@ -180,7 +180,7 @@ class StoredChunk(NamedTuple):
 class Journal(Protocol):
     """Store of chunk outcomes, from which an interrupted estimate resumes.
 
-    An estimator is a deterministic function of the outcomes that it is told: its state is not stored. Nor are
+    An estimator is a deterministic function of the outcomes that it gets: its state is not stored. Nor are
     carries: a stage whose request asks for them is run again, unless the estimator has
     ``rebuilds_carries = True`` and so manages without them.
     """

@@ -144,8 +144,8 @@ class Tabulated:
     def interval_at(self, confidence: float) -> Interval:
         """Return the next wider interval of the table; (0, 1) beyond its end."""
         tail = (1.0 - confidence) * (1.0 + 1e-9)
-        found = next((i for i, known in enumerate(self.tails) if known <= tail), None)
-        return (0.0, 1.0) if found is None else (self.lower[found], self.upper[found])
+        row = next((i for i, level in enumerate(self.tails) if level <= tail), None)
+        return (0.0, 1.0) if row is None else (self.lower[row], self.upper[row])
 
     def p_value_at_most(self, value: float) -> float:
         """Return the tail of the last interval whose lower end excludes ``value``."""
@@ -180,8 +180,8 @@ def derive_distribution(result: Result) -> ConfidenceDistribution:
     at = result.interval_at
     if isinstance(at, partial) and at.func in _LAWS_BY_INTERVAL:
         fields = {_FIELDS.get(name, name): value for name, value in at.keywords.items()}
-        found: ConfidenceDistribution = _LAWS_BY_INTERVAL[at.func](*at.args, **fields)
-        return found
+        law: ConfidenceDistribution = _LAWS_BY_INTERVAL[at.func](*at.args, **fields)
+        return law
     owner = at.__self__ if isinstance(at, MethodType) else None
     if isinstance(owner, (Binomial, InverseBinomial, LogNormal, Tabulated)):
         return owner
@@ -199,11 +199,11 @@ def decode_distribution(content: Mapping[str, Any]) -> ConfidenceDistribution:
     """Return the distribution that ``encode_distribution`` wrote; UsageError if it is not valid."""
     try:
         fields = {key: tuple(v) if isinstance(v, list) else v for key, v in content.items() if key != "law"}
-        found: ConfidenceDistribution = _LAWS[content["law"]](**fields)
-        low, high = found.interval_at(0.95)
-        p_values = found.p_value_at_most(0.5) + found.p_value_at_least(0.5)
+        law: ConfidenceDistribution = _LAWS[content["law"]](**fields)
+        low, high = law.interval_at(0.95)
+        p_values = law.p_value_at_most(0.5) + law.p_value_at_least(0.5)
         if not (0.0 <= low <= high <= 1.0 and 0.0 <= p_values <= 2.0):
-            raise ValueError(f"its interval {low} .. {high} or its p-values are no probabilities")
+            raise ValueError(f"its interval {low} .. {high} or its p-values are not probabilities")
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         raise UsageError(f"not an estimate: {error}") from None
-    return found
+    return law

@@ -34,7 +34,7 @@ DOUBTS = MAY_MISS_FAILURES | MAY_SCATTER
 def open_interval(result: Result, warnings: Collection[str], least_upper: float = 0.0) -> Result:
     """Return a result whose interval holds whatever its warnings doubt; one that is open already only widens.
 
-    The upper end is at least the exact one of all rollouts drawn from the target, and what a check allows.
+    The upper end is at least the exact one of all rollouts drawn from the target, and the bound of a check.
     The lower end, where the estimate may be too high, is that of Markov's inequality: an unbiased estimate
     that is not negative exceeds p / a with probability at most a.
 
@@ -43,11 +43,11 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
         warnings: Names of all its warnings, also of those that are not shown.
         least_upper: Probability that a check of the estimate allows.
     """
-    found = DOUBTS.intersection(warnings)
-    if not found or result.fresh is None:
+    doubts = DOUBTS.intersection(warnings)
+    if not doubts or result.fresh is None:
         return result
-    scatters, mean, at = bool(MAY_SCATTER & found), result.probability, result.interval_at
-    if "weight_degenerate" in found and result.unopened_at is None:  # their scatter says nothing
+    scatters, mean, at = bool(MAY_SCATTER & doubts), result.probability, result.interval_at
+    if "weight_degenerate" in doubts and result.unopened_at is None:  # their scatter says nothing
         at = partial(_point, mean)
     least_upper = max(least_upper, result.least_upper)
     opened = partial(_open, mean, at, result.fresh, scatters, least_upper)
@@ -58,7 +58,7 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
 def answer_doubts(result: Result) -> Result:
     """Return a result whose doubts of missed failures are notes where its rollouts of the target answer them.
 
-    They do where the interval, which is open to what they allow, ends at most three times as high for it.
+    They do where the interval, which is open as far as they allow, ends at most three times as high for it.
     """
     doubts = MAY_MISS_FAILURES.intersection(result.health)
     if not doubts or not result.probability or result.unopened_at is None or result.fresh is None:

@@ -51,7 +51,7 @@ def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, a
     _, b = mixture(around)
     least = -math.log(1.0 - confidence)
 
-    def mixed(failed: int) -> float:
+    def log_mixture(failed: int) -> float:
         # log B(1 + failed, b + held) / B(1, b): a difference of log-gammas would cancel for a huge b
         begun = b + trials - failed
         return (
@@ -65,7 +65,7 @@ def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, a
         return of_mixture[failed] - log_p
 
     low, high, worst = 0.0, 1.0, failures + errors
-    of_mixture = {failed: mixed(failed) for failed in {failures, worst}}
+    of_mixture = {failed: log_mixture(failed) for failed in {failures, worst}}
     if failures:
         low = bisect(lambda p: -evidence(failures, p) if p else -math.inf, -least, 0.0, failures / trials)
     if worst < trials:
@@ -109,15 +109,17 @@ def log_normal(
     return min(math.exp(low), mean), min(1.0, max(math.exp(min(high, 0.0)), mean) + errors)
 
 
-def scaled_counts(mean: float, found: int, trials: int, confidence: float) -> Interval:
+def scaled_counts(mean: float, failures: int, trials: int, confidence: float) -> Interval:
     """Return the exact binomial interval of a count, in proportion to an estimate that rests on it."""
-    low, high = clopper_pearson(found, trials, confidence)
-    return mean * low * trials / found, min(1.0, mean * high * trials / found)
+    low, high = clopper_pearson(failures, trials, confidence)
+    return mean * low * trials / failures, min(1.0, mean * high * trials / failures)
 
 
-def hull(one: Callable[[float], Interval], other: Callable[[float], Interval], confidence: float) -> Interval:
+def hull(
+    first: Callable[[float], Interval], second: Callable[[float], Interval], confidence: float
+) -> Interval:
     """Return the least interval that holds two others."""
-    (low, high), (lower, higher) = one(confidence), other(confidence)
+    (low, high), (lower, higher) = first(confidence), second(confidence)
     return min(low, lower), max(high, higher)
 
 
@@ -145,13 +147,13 @@ def weighted_counts(
         confidence: Level.
         errors: Weights of tapes that broke down; they count as failures in the upper end.
     """
-    found = math.fsum(weights), math.fsum(weights**2)
+    sums = math.fsum(weights), math.fsum(weights**2)
     broken = (0.0, 0.0) if errors is None else (math.fsum(errors), math.fsum(errors**2))
-    return matched_counts(found, trials, largest, confidence, broken)
+    return matched_counts(sums, trials, largest, confidence, broken)
 
 
 def matched_counts(
-    found: tuple[float, float],
+    sums: tuple[float, float],
     trials: int,
     largest: float,
     confidence: float,
@@ -160,28 +162,28 @@ def matched_counts(
     """Return the interval of ``weighted_counts`` from the sums of the weights and of their squares.
 
     Args:
-        found: Both sums, over the failures.
+        sums: Both sums, over the failures.
         trials: Rollouts.
         largest: Largest weight that a failure may have.
         confidence: Level.
         broken: Both sums, over rollouts that broke down.
     """
-    tail, (total, squares) = (1.0 - confidence) / 2.0, found
+    tail, (total, squares) = (1.0 - confidence) / 2.0, sums
     low = 0.0
     if total > 0.0:
-        share, size = _matched(total, squares, trials)
+        share, size = _match_moments(total, squares, trials)
         low = (
             beta_quantile(tail, share * size, size - share * size + 1.0)
             if share < 1.0
             else tail ** (1 / size)
         )
     total, squares = total + broken[0] + largest, squares + broken[1] + largest**2
-    share, size = _matched(total, squares, trials)
+    share, size = _match_moments(total, squares, trials)
     high = beta_quantile(1.0 - tail, share * size, size - share * size + 1.0) if share < 1.0 else 1.0
     return low, high
 
 
-def _matched(total: float, squares: float, trials: int) -> tuple[float, float]:
+def _match_moments(total: float, squares: float, trials: int) -> tuple[float, float]:
     """Return share and size of the binomial law with the mean and the variance of a weighted sum."""
     if total >= 1.0:
         return 1.0, float(trials)

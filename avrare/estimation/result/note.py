@@ -52,7 +52,7 @@ def describe_stop(used: int, failures: int) -> Note:
 
 
 def describe_blind_bound(bound: float | None) -> tuple[Note, ...]:
-    """Return the note on a ``Result.blind_bound``; none where there is no bound."""
+    """Return the note on a ``Result.blind_bound``; none without a bound."""
     if bound is None:
         return ()
     text = f"Failures that the score does not lead to could be as likely as {format_narrow(bound)}."

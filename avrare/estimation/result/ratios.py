@@ -8,16 +8,16 @@ Estimate = tuple[float, float, float]
 """Value, lower and upper end of the interval."""
 
 
-def subtract_estimates(one: Estimate, other: Estimate) -> tuple[float, float]:
-    """Return the interval of ``one`` minus ``other``."""
-    (value, low, high), (less, least, most) = one, other
+def subtract_estimates(minuend: Estimate, subtrahend: Estimate) -> tuple[float, float]:
+    """Return the interval of the first minus the second."""
+    (value, low, high), (less, least, most) = minuend, subtrahend
     change = value - less
     return change - math.hypot(value - low, most - less), change + math.hypot(high - value, less - least)
 
 
-def divide_estimates(one: Estimate, other: Estimate) -> tuple[float, float]:
-    """Return the interval of ``one`` over ``other``, on the logarithm; it may reach 0 and infinity."""
-    (value, low, high), (divisor, least, most) = one, other
+def divide_estimates(numerator: Estimate, denominator: Estimate) -> tuple[float, float]:
+    """Return the interval of the first over the second, on the logarithm; it may reach 0 and infinity."""
+    (value, low, high), (divisor, least, most) = numerator, denominator
     if not (value and divisor):
         return low / most if most else 0.0, high / least if least else math.inf
     ratio = value / divisor

@@ -275,7 +275,7 @@ class Result:
         """Replay the least robust rollout, or the kept failure ``index``.
 
         Raises:
-            UsageError: There is no such failure, or the result does not know its problem.
+            UsageError: The failure does not exist, or the result does not know its problem.
         """
         problem = self.require_origin().problem
         if index is None:

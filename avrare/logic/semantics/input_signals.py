@@ -96,7 +96,7 @@ def _select(signals: Mapping[str, object], names: Sequence[str]) -> dict[str, Ar
     if not isinstance(signals, Mapping):
         raise FormulaError(f"signals must be a mapping from names to arrays, not {type(signals).__name__}")
     if not names and not signals:
-        raise FormulaError("no signals are given", "give any signal: it tells the number of samples")
+        raise FormulaError("no signals are given", "give any signal: it sets the number of samples")
     arrays = {}
     for name in names or list(signals)[:1]:
         if name not in signals:

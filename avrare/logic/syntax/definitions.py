@@ -68,7 +68,7 @@ class Definitions:
             return None
         if definition.index == index:
             hint = "a definition can only use earlier ones"
-            raise make_error(self.text, place, f"{name} is defined by itself", hint)
+            raise make_error(self.text, place, f"{name} uses itself", hint)
         if definition.index > index:
             hint = f"move it up from line {definition.line}"
             raise make_error(self.text, place, f"{name} is defined below its use", hint)
@@ -103,7 +103,7 @@ class Definitions:
         last = self.last
         if last.name is not None and last.parameters:
             hint = f"add the formula that uses it, such as: forall o in others: always {last.name}(o)"
-            raise make_error(self.text, last.name, f"{last.name} is defined but there is no formula", hint)
+            raise make_error(self.text, last.name, f"{last.name} is defined, but a formula is missing", hint)
         if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= _NUMERIC:
             hint = "write == to compare; the last statement is the formula"
             raise make_error(self.text, get_token(tree, 1), "'=' defines a number, not a formula", hint)

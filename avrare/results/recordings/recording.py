@@ -142,16 +142,16 @@ def _show_contacts(signals: dict[str, Floats], scene: Scene) -> None:
     hidden = np.isfinite(contacts) & apart[:-1] & apart[1:]
     for sample, vehicle in np.argwhere(hidden).tolist():
         share = contacts[sample, vehicle]
-        own, other = (
-            interpolate(_at(one, place), _at(later, place), share)
-            for one, later, place in (
+        ego_then, other_then = (
+            interpolate(_at(earlier, place), _at(later, place), share)
+            for earlier, later, place in (
                 (before[0], after[0], sample),
                 (before[1], after[1], (sample, vehicle)),
             )
         )
         for field in FIELDS:
-            signals[f"ego_{field}"][sample + 1] = getattr(own, field)
-            signals[f"others_{field}"][sample + 1, vehicle] = getattr(other, field)
+            signals[f"ego_{field}"][sample + 1] = getattr(ego_then, field)
+            signals[f"others_{field}"][sample + 1, vehicle] = getattr(other_then, field)
 
 
 def _at(vehicles: Vehicles, place: Any) -> Vehicles:

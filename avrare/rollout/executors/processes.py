@@ -57,6 +57,6 @@ def pickle_work(work: Work) -> bytes:
     if b"__main__" in payload and not importable:
         raise UsageError("the problem is defined in a session that a worker process cannot import", HINT)
     if hasattr(main, "__file__") and not importable:
-        text = "worker processes import this script, which is no file that they can read"
+        text = "worker processes import this script, and it is not a file that they can read"
         raise UsageError(text, "save it as a file, or use workers=1")
     return payload

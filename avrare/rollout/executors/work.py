@@ -122,28 +122,28 @@ def check_reproduces(run: Callable[[Request], Rollouts], chunk: Request, stored:
 
 def _difference(stored: Rollouts, row: int, repeated: Rollouts, other: int) -> str:
     for name in _FIELDS:
-        one, two = getattr(stored, name)[row], getattr(repeated, name)[other]
-        if not _same(one, two).all():
-            return _describe(name, one, two)
+        before, after = getattr(stored, name)[row], getattr(repeated, name)[other]
+        if not _same(before, after).all():
+            return _describe(name, before, after)
     for name in sorted({*stored.counts, *repeated.counts}):
-        one, two = _count(stored, name, row), _count(repeated, name, other)
-        if one != two:
-            return f"{name} {one} -> {two}"
+        before, after = _count(stored, name, row), _count(repeated, name, other)
+        if before != after:
+            return f"{name} {before} -> {after}"
     return ""
 
 
-def _same(one: Any, two: Any) -> Any:
-    if np.shape(one) != np.shape(two):
+def _same(before: Any, after: Any) -> Any:
+    if np.shape(before) != np.shape(after):
         return np.zeros(1, dtype=bool)
-    return (one == two) | ((one != one) & (two != two))  # NaN is NaN
+    return (before == after) | ((before != before) & (after != after))  # NaN is NaN
 
 
 def _count(outcome: Rollouts, name: str, row: int) -> int:
     return int(outcome.counts[name][row]) if name in outcome.counts else 0
 
 
-def _describe(name: str, one: Any, two: Any) -> str:
-    if name == "scores" and one.shape == two.shape:
-        step = int(np.flatnonzero(~_same(one, two))[0])
-        return f"from step {step} on, score {one[step]:.17g} -> {two[step]:.17g}"
-    return f"{name} {np.ravel(one).tolist()} -> {np.ravel(two).tolist()}"
+def _describe(name: str, before: Any, after: Any) -> str:
+    if name == "scores" and before.shape == after.shape:
+        step = int(np.flatnonzero(~_same(before, after))[0])
+        return f"from step {step} on, score {before[step]:.17g} -> {after[step]:.17g}"
+    return f"{name} {np.ravel(before).tolist()} -> {np.ravel(after).tolist()}"

@@ -148,7 +148,7 @@ class WorkerPool(Executor):
             if loss.blameless or chunk.crash:
                 raise
             if len(crashes) == _HOPELESS and all(crashes):
-                raise WorkerLost(f"{loss}, as each of {_HOPELESS} rollouts by itself") from None
+                raise WorkerLost(f"{loss}, as each of {_HOPELESS} rollouts alone") from None
             how = f"takes more than {self._timeout:g} s" if loss.hangs else f"ended its process ({loss})"
             return self._run_chunk(replace(chunk, crash=f"the rollout {how}"), _CHUNK_ATTEMPTS, [])
         crashes.append(False)

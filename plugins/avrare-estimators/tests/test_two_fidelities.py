@@ -15,7 +15,7 @@ from avrare.estimation.result import intervals
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
-from avrare_estimators.two_fidelities.two_phase import plan_design, scaled
+from avrare_estimators.two_fidelities.two_phase import plan_design, scale_rates
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 
@@ -78,7 +78,7 @@ def test_a_design_reruns_what_the_twin_fails_and_little_of_the_rest():
     assert same.correlations[0] == pytest.approx(1.0)
     other = rng.standard_normal(4000) > 2.0
     assert not plan_design(violated[:, None], robustness[:, None], other[:, None], 0.01).pays
-    rows, factor = scaled(np.array([1.0, 0.1, 0.1]), 1.5)
+    rows, factor = scale_rates(np.array([1.0, 0.1, 0.1]), 1.5)
     assert rows.sum() == pytest.approx(1.5)
     assert rows[0] == 1.0
     assert factor == pytest.approx(2.5)

@@ -100,7 +100,7 @@ def test_an_invalid_covariance_is_refused_when_the_system_is_built():
 
 def test_an_input_without_effect_has_no_optimal_gain():
     costs = {"state_cost": [1, 1], "input_cost": [1]}
-    with pytest.raises(avrare.UsageError, match="feedback: there is no optimal gain"):
+    with pytest.raises(avrare.UsageError, match="feedback: no optimal gain exists"):
         from_config(config(A=[[2, 0], [0, 2]], B=[[0], [0]], feedback=costs))
 
 

@@ -61,7 +61,7 @@ def test_compiled_and_plain_python_agree(lane_change, situations, interpreted):
     some = slice(0, None, 6)
     compiled = RiccatiSolver(MpcConfig(), lane_change.scene).solve(start, x, y, rows[some], guesses[some])
     twin = interpreted(MpcConfig(), lane_change.scene).solve(start, x, y, rows[some], guesses[some])
-    assert compiled.found.all()
+    assert compiled.feasible.all()
     assert np.array_equal(compiled.iterations, twin.iterations)
     assert np.array_equal(twin.cost, compiled.cost)
     assert np.array_equal(twin.inputs, compiled.inputs)
@@ -165,7 +165,7 @@ def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     start = start_of(ego)
     old = memory.plan_states, memory.plan_inputs
     outcome = search(memory.solved, start, old, (prediction.x, prediction.y))
-    assert outcome.found.tolist() == [True]
+    assert outcome.feasible.tolist() == [True]
     assert outcome.states[0, 0].tolist() == start[0, :4].tolist()
 
 

@@ -13,7 +13,7 @@ from avrare_mpc.riccati.solver import BETTER, NEAR, QUICK, RiccatiSolver
 
 HASTY = QUICK._replace(iterations=1)
 """An attempt that always fails."""
-FIELDS = ("states", "inputs", "cost", "found", "retried", "iterations")
+FIELDS = ("states", "inputs", "cost", "feasible", "retried", "iterations")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def both(lane_change, programmes):
 def test_the_second_search_is_never_costlier_and_sometimes_cheaper(both):
     found, alone = both
     cheaper = found.cost < alone.cost
-    assert found.found.all()
+    assert found.feasible.all()
     assert (found.cost <= alone.cost).all()
     assert 3 <= cheaper.sum() < 0.1 * len(cheaper)
     assert (found.cost[cheaper] < (1.0 - BETTER / 2) * alone.cost[cheaper]).all()
@@ -77,8 +77,8 @@ def test_the_second_search_helps_where_the_first_fails(lane_change, programmes):
     """Count the first attempt as failed all the same."""
     hasty = RiccatiSolver(MpcConfig(), lane_change.scene, quick=HASTY, patient=HASTY).solve(*programmes)
     alone = RiccatiSolver(MpcConfig(), lane_change.scene, HASTY, HASTY, near=None).solve(*programmes)
-    assert not alone.found.any()
-    assert hasty.found.all()
+    assert not alone.feasible.any()
+    assert hasty.feasible.all()
     assert hasty.retried.all()
     assert np.isfinite(hasty.cost).all()
 
@@ -104,7 +104,7 @@ def test_a_rough_plan_that_is_nan_is_ignored(monkeypatch, lane_change, programme
 
     spent = with_rough(monkeypatch, lose)
     found = RiccatiSolver(MpcConfig(), lane_change.scene).solve(*programmes)
-    for name in ("states", "inputs", "cost", "found", "retried"):
+    for name in ("states", "inputs", "cost", "feasible", "retried"):
         assert np.array_equal(getattr(found, name), getattr(both[1], name))
     assert np.array_equal(found.iterations, both[1].iterations + spent[0])
 
@@ -130,7 +130,7 @@ def test_of_several_guesses_the_best_counts(lane_change, programmes, both):
         solver.improve(apart, index, *given, rows[index], turn[:, None])
     assert (together.cost < both[0].cost).any()
     assert (together.cost <= apart.cost * (1.0 + BETTER)).all()
-    assert together.found.all()
+    assert together.feasible.all()
 
 
 def test_other_memory_layouts_are_not_compiled_again(lane_change, programmes, both):

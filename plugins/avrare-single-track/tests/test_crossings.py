@@ -85,9 +85,9 @@ def test_stop_sign(simulate, before, standing, violated):
     ("lanelets", "message"),
     [
         ((77,), "no lanelet 77"),
-        ((103, 101), "the lanelets of `route` are no way"),
-        ((100, 301, 300), "the lanelets of `route` are no way"),
-        ((200, 301, 100), "the lanelets of `route` are no way"),
+        ((103, 101), "the lanelets of `route` do not lead on"),
+        ((100, 301, 300), "the lanelets of `route` do not lead on"),
+        ((200, 301, 100), "the lanelets of `route` do not lead on"),
         ((311,), "the ego does not start on the way along `route`"),
     ],
 )

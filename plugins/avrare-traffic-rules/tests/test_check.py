@@ -146,7 +146,7 @@ class TestRulesFiles:
     @pytest.mark.parametrize(
         ("lines", "message"),
         [
-            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a is defined by itself"),
+            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a uses itself"),
             (
                 ["a(p, q) = b(p, q)", "b(p, q) = a(p, q)"],
                 "in the definition of a, column 11: b is defined below",

@@ -148,5 +148,5 @@ def test_a_problem_in_place_of_a_path_is_refused(name):
 
 @pytest.mark.parametrize("value", ["runs/a", None, 3.0])
 def test_a_plot_of_something_else_is_refused(value):
-    with pytest.raises(avrare.UsageError, match=f"there is no plot of {type(value).__name__}"):
+    with pytest.raises(avrare.UsageError, match=f"a {type(value).__name__} has no plot"):
         avrare.plot(value)

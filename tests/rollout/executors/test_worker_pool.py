@@ -146,7 +146,7 @@ def test_a_chunk_may_take_longer_than_a_rollout(monkeypatch, undisturbed):
 
 def test_an_estimate_whose_rollouts_all_crash_is_given_up_soon():
     pool = Pool({row: {} for row in range(ROWS)})
-    with pytest.raises(WorkerDied, match=r"SIGSEGV, as each of 8 rollouts by itself"):
+    with pytest.raises(WorkerDied, match=r"SIGSEGV, as each of 8 rollouts alone"):
         pool.outcomes()
     assert pool.restarts < 60
 

@@ -46,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     print(f"log density of held-out samples: {fitted.held_out:.4f} nat a row (step {fitted.step})")
     print(f"log density of a normal law:     {fitted.normal:.4f}")
     if fitted.held_out < fitted.normal:
-        print("the flow is no better than a normal law: more steps, another kind, or no flow at all")
+        print("a normal law is as good as the flow: try more steps, another kind, or no flow at all")
     return int(ExitCode.PASS)
 
 

@@ -138,5 +138,5 @@ def _scipy_law(name: str, options: dict[str, float]) -> compound.Scipy:
     except TypeError as error:
         raise UsageError(f"scipy.stats.{name}: {error}") from error
     if not frozen.ppf(0.5) == frozen.ppf(0.5):
-        raise UsageError(f"scipy.stats.{name}: there is no such distribution with {options}")
+        raise UsageError(f"scipy.stats.{name}: it has no distribution with {options}")
     return compound.Scipy(frozen)

@@ -154,7 +154,7 @@ class GymnasiumConfig(Options):
     def _public(cls, attributes: dict[str, float]) -> dict[str, float]:
         for name in attributes:
             if not re.fullmatch(r"[A-Za-z]\w*", name):
-                raise ValueError(f"{name!r} is no name of a public attribute")
+                raise ValueError(f"{name!r} does not name a public attribute")
         return attributes
 
     @field_validator("signals")

@@ -41,7 +41,7 @@ def crossing_road(network: RoadNetwork, turn: str) -> Road:
     areas = [find_crossing(line, ego_way, other) for (corner, _), other in ways.items() if corner]
     names = [other.name for (corner, _), other in ways.items() if corner]
     crossings = tuple(
-        dataclasses.replace(area, way=name, own=line)
+        dataclasses.replace(area, way=name, ego_line=line)
         for area, name in zip(areas, names, strict=True)
         if area is not None
     )

@@ -82,7 +82,7 @@ class ImmConfig(Options):
     )
     association: Literal["labelled", "hungarian"] = Field(
         "labelled",
-        description="Which detection belongs to which track: given (labelled), or found by the likeliest "
+        description="Which detection belongs to which track: given (labelled), or by the most probable "
         "assignment within the gate (hungarian), so that detections may be swapped and false",
     )
     spare_tracks: Annotated[int, Field(ge=0, le=20)] = Field(

@@ -42,7 +42,7 @@ class FilterpyTracker(ImmTracker):
         super().__init__(config, scene)
         if config.association != "labelled":
             raise UsageError(
-                "the tracker 'filterpy' is told which vehicle was detected", "use the tracker imm"
+                "the tracker 'filterpy' needs to know which vehicle was detected", "use the tracker imm"
             )
         self._scene = scene
         for name, models in (("longitudinal", self.longitudinal), ("lateral", self.lateral)):

@@ -33,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
 
     if args.parameter not in _PARAMETERS:
         hint = did_you_mean(args.parameter, _PARAMETERS) or f"one of {', '.join(_PARAMETERS)}"
-        raise UsageError(f"--parameter {args.parameter}: there is no such parameter of a linear system", hint)
+        raise UsageError(f"--parameter {args.parameter}: a linear system has no parameter of this name", hint)
     scenario = avrare.load(args.scenario, args.set)
     problem = scenario.problem(_specification(args.specification, scenario.specifications))
     seed = scenario.definition.seed if args.seed is None else args.seed

@@ -26,7 +26,7 @@ def regulator(A: Floats, B: Floats, state_cost: Floats, input_cost: Floats) -> F
         input_cost: R (m, m).
 
     Raises:
-        UsageError: There is no such gain: the pair (A, B) is not stabilisable, or R is not positive.
+        UsageError: The gain does not exist: the pair (A, B) is not stabilisable, or R is not positive.
     """
     steps = max(len(A), len(B))
     if steps == 1:
@@ -55,7 +55,7 @@ def kalman(A: Floats, C: Floats, process: Floats, measurement: Floats, initial: 
         initial: (n, n) covariance of the state at t = 0; used if a matrix varies with time.
 
     Raises:
-        UsageError: There is no such gain: the pair (A, C) is not detectable, or an output has no noise.
+        UsageError: The gain does not exist: the pair (A, C) is not detectable, or an output has no noise.
     """
     steps = max(map(len, (A, C, process, measurement)))
     if steps == 1:
@@ -77,7 +77,7 @@ def _regulator_gain(a: Floats, b: Floats, cost: Floats, input_cost: Floats) -> F
     try:
         return np.asarray(np.linalg.solve(input_cost + b.T @ cost @ b, b.T @ cost @ a), dtype=np.float64)
     except np.linalg.LinAlgError as error:
-        raise UsageError(f"there is no optimal gain: {error}", "make input_cost positive") from error
+        raise UsageError(f"no optimal gain exists: {error}", "make input_cost positive") from error
 
 
 def _riccati(a: Floats, b: Floats, q: Floats, r: Floats, name: str, needed: str) -> Floats:
@@ -86,4 +86,4 @@ def _riccati(a: Floats, b: Floats, q: Floats, r: Floats, name: str, needed: str)
     try:
         return np.asarray(solve_discrete_are(a, b, q, r))
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise UsageError(f"{name}: there is no optimal gain: {error}", f"make sure that {needed}") from error
+        raise UsageError(f"{name}: no optimal gain exists: {error}", f"make sure that {needed}") from error

@@ -104,7 +104,7 @@ class MpcConfig(PlannerConfig):
     )
     lateral_lead: Literal["acceleration", "speed"] = Field(
         default="acceleration",
-        description="What the dt^2 term of the lateral clearance multiplies with sin(heading): the "
+        description="Factor of sin(heading) in the dt^2 term of the lateral clearance: the "
         "acceleration, or the speed as in the reference experiment, where it looks like a slip.",
     )
     wheelbase: Positive | None = Field(
@@ -140,7 +140,7 @@ class MpcConfig(PlannerConfig):
     )
     backend: Backend = Field(
         default_factory=installed_backend,
-        description="What solves the programme: a structured interior-point method for all particles at "
+        description="Solver of the programme: a structured interior-point method for all particles at "
         "once, compiled by numba (riccati; the default where that is installed), or CasADi's solvers, one "
         "particle after another (casadi; else the default).",
     )

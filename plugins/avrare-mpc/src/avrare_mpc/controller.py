@@ -71,7 +71,7 @@ class MpcController(Controller):
 
     def alternatives(self) -> dict[str, Controller]:
         """Return one that brakes earlier, or stops at all, and one that searches more plans."""
-        changes: dict[str, dict[str, object]] = {"stops for what it cannot pass": {"stops": True}}
+        changes: dict[str, dict[str, object]] = {"stops where it cannot pass": {"stops": True}}
         if self._config.stops:
             changes = {"brakes earlier": {"stop_braking": _EARLIER * self._config.stop_braking}}
         if self._config.search != "everywhere":
@@ -107,12 +107,12 @@ class MpcController(Controller):
         start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
         result = self._search(memory.solved, start, old, others)
-        found = result.found
-        states = np.where(found[:, None, None], result.states, old[0])
-        inputs = np.where(found[:, None, None], result.inputs, old[1])
-        age = np.where(found, 0, memory.age + 1)
-        solved = found | (memory.solved & (age < self.horizon))
-        first_plan = found & ~memory.solved
+        feasible = result.feasible
+        states = np.where(feasible[:, None, None], result.states, old[0])
+        inputs = np.where(feasible[:, None, None], result.inputs, old[1])
+        age = np.where(feasible, 0, memory.age + 1)
+        solved = feasible | (memory.solved & (age < self.horizon))
+        first_plan = feasible & ~memory.solved
         later = Memory(
             plan_states=states,
             plan_inputs=inputs,
@@ -120,7 +120,7 @@ class MpcController(Controller):
             age=age,
             solves=memory.solves + result.solves,
             retries=memory.retries + result.retries,
-            fallbacks=memory.fallbacks + ~found,
+            fallbacks=memory.fallbacks + ~feasible,
             start_policy=np.where(first_plan, result.chosen, memory.start_policy),
         )
         action = self._action(solved, inputs[:, 0], ego.speed)

@@ -54,12 +54,12 @@ class Memory:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Plans of N particles; meaningless where not ``found``.
+    """Plans of N particles; meaningless where not ``feasible``.
 
     Attributes:
         states: (N, H + 1, 4) x, y, speed, heading.
         inputs: (N, H, 2) acceleration, turn rate.
-        found: (N,) whether there is a plan.
+        feasible: (N,) whether there is a plan.
         solves: (N,) solver calls.
         retries: (N,) solver calls whose first attempt failed.
         chosen: (N,) index of the guess that gave the plan; -1 where there is none.
@@ -67,7 +67,7 @@ class SearchResult:
 
     states: Floats
     inputs: Floats
-    found: Bools
+    feasible: Bools
     solves: Integers
     retries: Integers
     chosen: Integers

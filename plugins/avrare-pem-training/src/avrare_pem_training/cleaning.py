@@ -2,7 +2,7 @@
 
 * Of rows with the same box only the first stays, and no training row that occurs among the held-out ones.
 * Some data sets match detections to annotations by the overlap of boxes that two opposite corners span along
-  the axes of the ego. For a vehicle parallel to an axis such a box has no area: up to half of them count as
+  the axes of the ego. For a vehicle parallel to an axis this box has no area: up to half of them count as
   missed even at 10 m, and the errors of the others are truncated. ``find_artefact`` looks for this; where it
   is found, the detector is fitted to vehicles ``OBLIQUE`` degrees or more off both axes, and the labels as
   delivered to all.

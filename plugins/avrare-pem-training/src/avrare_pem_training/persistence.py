@@ -75,7 +75,7 @@ def fit_persistence(variant: Variant, rows: DetectionTable) -> MeasuredPersisten
     """Fit the persistence of detection and of position; None where there are too few pairs.
 
     The predictions are those of the model itself, though it was fitted to these rows: a network that has left
-    them out is a worse model, and what it misses of a vehicle would count as lasting. For the same reason
+    them out is a worse model, and its misfit to a vehicle would count as lasting. For the same reason
     only vehicles within ``NEARBY`` count: the law is least certain at the edge of the detector's view.
     """
     rows = rows.take(rows.range < NEARBY)

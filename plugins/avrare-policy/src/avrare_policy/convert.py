@@ -79,7 +79,7 @@ def convert(
     sizes = [matrix.shape for matrix in matrices]
     if any(before[1] != after[0] for before, after in pairwise(sizes)):
         chain = ", ".join(f"{rows} -> {columns}" for rows, columns in sizes)
-        raise UsageError(f"{path}: its linear layers are no chain: {chain}", "convert a plain network")
+        raise UsageError(f"{path}: its linear layers do not form a chain: {chain}", "convert a plain network")
     squashed = layout.squash if squash is None else squash
     if squashed and not (np.isfinite(low) and np.isfinite(high)):
         low, high = -1.0, 1.0

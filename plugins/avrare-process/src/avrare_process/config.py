@@ -25,12 +25,12 @@ Words = Annotated[tuple[str, ...], BeforeValidator(_tuple)]
 
 
 class ProcessConfig(Options):
-    """Program, and what it is told."""
+    """Program, and the options that it gets."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"command": [sys.executable, str(EXAMPLE)]}]})
 
     command: Words = Field(min_length=1, description="program and its arguments; it is run")
-    options: Mapping[str, JsonValue] = Field({}, description="what `hello` tells it, by name")
+    options: Mapping[str, JsonValue] = Field({}, description="values that it gets in `hello`, by name")
     connect: Literal["stdio", "socket"] = Field(
         "stdio",
         description="stdio: messages on its standard input and output; socket: on a connection to the port "
@@ -66,7 +66,7 @@ class Hello(Options):
         noise: Name of each noise number.
         dt: Time of a step [s].
         copy_: The program knows ``copy``.
-        memory: False: an output depends on the input alone, and there is no ``reset``.
+        memory: False: an output depends on the input alone, and ``reset`` is missing.
     """
 
     outputs: Words = Field(min_length=1)

@@ -80,7 +80,7 @@ class Process:
         if not isinstance(answer, dict):
             self.end()
             raise UsageError(
-                f"{self._name} answered {line[:80]!r} to {message['do']}, which is no JSON object",
+                f"{self._name} answered {line[:80]!r} to {message['do']}, which is not a JSON object",
                 "print all else on standard error, or use `connect: socket`",
             )
         if "error" in answer:

@@ -248,7 +248,7 @@ def monitor_files(
     """Score every drive of the files on some processes; the result does not depend on their number."""
     scores: list[DriveScore] = []
     refusals: list[Refusal] = []
-    work = [part for file in files for part in _split(file, question, refusals)]
+    work = [part for file in files for part in _split_vehicles(file, question, refusals)]
     for done, (new_scores, refused) in enumerate(_run(work, question, workers), start=1):
         scores += new_scores
         refusals += refused
@@ -261,7 +261,7 @@ def monitor_files(
 Work = tuple[str, tuple[str, ...]]
 
 
-def _split(file: str, question: Question, refusals: list[Refusal]) -> Iterator[Work]:
+def _split_vehicles(file: str, question: Question, refusals: list[Refusal]) -> Iterator[Work]:
     try:
         names = _open(file, question).names
     except AvrareError as error:

@@ -167,7 +167,7 @@ def _list_doubts(specification: Specification, recording: Recording) -> list[Lin
     span = nodes.bounded_span(formula.node)
     if span >= recording.samples:
         text = f"the formula looks {span} samples ahead, and the recording has only {recording.samples}"
-        doubts.append((f"{text}: windows are clipped at its end", "the verdict is of what was recorded"))
+        doubts.append((f"{text}: windows are clipped at its end", "the verdict is of the recorded samples"))
     return doubts
 
 

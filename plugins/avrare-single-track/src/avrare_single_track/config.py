@@ -18,8 +18,8 @@ _Station = Annotated[float, Field(gt=-1e5, lt=1e5)]
 _Number = TypeVar("_Number", bound=float)
 AfterImpact = Literal["end", "go_on"]
 AFTER_IMPACT = (
-    "what follows where the ego touches a vehicle: the drive ends, and later samples count for nothing; or "
-    "it goes on through the vehicle, with contacts between two samples unseen"
+    "consequence where the ego touches a vehicle: the drive ends, and later samples count for nothing; or "
+    "it continues through the vehicle, with contacts between two samples unseen"
 )
 MOST_REACTION = 3.0
 """Longest reaction time of a driver [s]."""
@@ -174,7 +174,10 @@ class FollowingConfig(Options, Generic[_Number]):
         0.0, "standard deviation of the noise of its acceleration [m/s^2]", ge=0.0
     )
     reaction_time: _Number = _number(
-        0.0, "time from what a driver sees to the acceleration that it causes [s]", ge=0.0, le=MOST_REACTION
+        0.0,
+        "time from a driver's observation to its acceleration [s]",
+        ge=0.0,
+        le=MOST_REACTION,
     )
     reaction_sd: float = _number(0.0, "standard deviation of log(reaction time)", ge=0.0, le=1.0)
     correlation_time: float = _number(1.0, "correlation time of these noises [s]", gt=0.0)
@@ -194,7 +197,7 @@ class DriverConfig(FollowingConfig[Drawable]):
     lanes: tuple[_Lane, _Lane] | None = Field(
         default=None, description="first and last lane to choose from; default: all of the road"
     )
-    politeness: Drawable = Field(default=0.3, ge=0.0, description="weight of what followers gain and lose")
+    politeness: Drawable = Field(default=0.3, ge=0.0, description="weight of the followers' gains and losses")
     gain: Drawable = Field(default=0.2, description="least gain of a lane change [m/s^2]")
     safe_braking: Drawable = Field(
         default=3.0, gt=0.0, description="deceleration that a change may impose on anybody [m/s^2]"

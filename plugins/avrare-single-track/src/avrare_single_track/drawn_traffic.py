@@ -61,19 +61,21 @@ class DrawnTraffic:
     ) -> None:
         self.vehicles = vehicles
         self._dt, self._line = dt, road.line
-        self._steady = np.array([k for k, one in enumerate(vehicles) if one.drive is None], dtype=np.int64)
+        self._steady = np.array(
+            [k for k, vehicle in enumerate(vehicles) if vehicle.drive is None], dtype=np.int64
+        )
         self._starts = np.array([vehicles[k].x for k in self._steady], dtype=np.float64)
         self._axes: list[dict[str, Floats]] = []
         for index, vehicle in enumerate(vehicles):
             prefix = f"vehicles.{index}."
-            own = {path.removeprefix(prefix): law for path, law in laws.items() if path.startswith(prefix)}
-            if road.line is not None and vehicle.drive is not None and "x" in own:
+            drawn = {path.removeprefix(prefix): law for path, law in laws.items() if path.startswith(prefix)}
+            if road.line is not None and vehicle.drive is not None and "x" in drawn:
                 raise UsageError(
                     f"{vehicle.name!r}: its x is drawn, but it follows a script on a bent road",
                     "draw its speed or its goals, leave out its drive, or make the road straight",
                 )
-            planned = [name for name in own if not _is_shift(name, vehicle) and "driver." not in name]
-            self._axes.append({name: np.unique(own[name].at(_NODES)) for name in planned})
+            planned = [name for name in drawn if not _is_shift(name, vehicle) and "driver." not in name]
+            self._axes.append({name: np.unique(drawn[name].at(_NODES)) for name in planned})
             if len(planned) > 3:
                 raise UsageError(
                     f"{vehicle.name!r}: {len(planned)} numbers of one script are drawn, and at most 3 can be",
@@ -86,8 +88,8 @@ class DrawnTraffic:
         self._plans = [
             plan(
                 tuple(
-                    with_numbers(one, own[min(j, len(own) - 1)])
-                    for one, own in zip(vehicles, choices, strict=True)
+                    with_numbers(vehicle, scripts[min(j, len(scripts) - 1)])
+                    for vehicle, scripts in zip(vehicles, choices, strict=True)
                 ),
                 road,
                 dt,
@@ -124,11 +126,11 @@ class DrawnTraffic:
         x, y, heading, speed, acceleration = total
         x, y = x + mixture.x, y + mixture.y
         if self._line is not None:
-            own = self._steady
-            way = step[:, None] * self._dt * speed[:, own]
-            along, across = way * np.cos(heading[:, own]), way * np.sin(heading[:, own])
-            starts = self._starts + mixture.x[:, own]
-            x[:, own] = self._line.advance(starts, y[:, own] - 0.5 * across, along)
+            steady = self._steady
+            way = step[:, None] * self._dt * speed[:, steady]
+            along, across = way * np.cos(heading[:, steady]), way * np.sin(heading[:, steady])
+            starts = self._starts + mixture.x[:, steady]
+            x[:, steady] = self._line.advance(starts, y[:, steady] - 0.5 * across, along)
         return Vehicles(x, y, heading, speed, acceleration)
 
 

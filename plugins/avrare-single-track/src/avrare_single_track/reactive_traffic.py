@@ -13,7 +13,7 @@ from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.lanes import ENDLESS, lane_ends
 from avrare.protocols import Floats
 from avrare_mpc.riccati.jit import announce
-from avrare_single_track.config import MOST_REACTION, VehicleConfig
+from avrare_single_track.config import MOST_REACTION, DriverConfig, VehicleConfig
 from avrare_single_track.driver_model import PARAMETERS, advance
 
 _PAUSE = 1.0
@@ -64,26 +64,26 @@ class ReactiveTraffic:
 
     def __init__(self, vehicles: tuple[VehicleConfig, ...], scene: Scene, substeps: int = 1) -> None:
         self.scene, self.dt = scene, scene.dt / substeps
-        chosen = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
-        drivers = [driver for _, _, driver in chosen]
-        self.places = np.array([k for k, _, _ in chosen], dtype=np.int64)
-        self._order = {k: row for row, (k, _, _) in enumerate(chosen)}
-        self._table = np.array([[getattr(one, name) for name in PARAMETERS] for one in drivers]).reshape(
-            -1, len(PARAMETERS)
-        )
-        self._varies = np.flatnonzero([one.reaction_sd > 0.0 for one in drivers])
-        names = [one.name for _, one, _ in chosen]
+        reacting = _list_reacting(vehicles)
+        drivers = [driver for _, _, driver in reacting]
+        self.places = np.array([k for k, _, _ in reacting], dtype=np.int64)
+        self._order = {k: row for row, (k, _, _) in enumerate(reacting)}
+        self._table = np.array(
+            [[getattr(driver, name) for name in PARAMETERS] for driver in drivers]
+        ).reshape(-1, len(PARAMETERS))
+        self._varies = np.flatnonzero([driver.reaction_sd > 0.0 for driver in drivers])
+        names = [vehicle.name for _, vehicle, _ in reacting]
         self.noise_names = tuple(
             [f"acceleration of {name}" for name in names]
             + [f"reaction time of {names[row]}" for row in self._varies]
         )
-        seconds = np.array([one.correlation_time for one in drivers])
+        seconds = np.array([driver.correlation_time for driver in drivers])
         self._decay = np.exp(-scene.dt / seconds)
-        self._spread = np.array([one.acceleration_sd for one in drivers])
-        self._haste_spread = np.array([one.reaction_sd for one in drivers])[self._varies]
+        self._spread = np.array([driver.acceleration_sd for driver in drivers])
+        self._haste_spread = np.array([driver.reaction_sd for driver in drivers])[self._varies]
         late = self._table[:, _REACTION].max(initial=0.0) * np.exp(4.0 * self._haste_spread.max(initial=0.0))
         self._slots = _slots(late, self.dt)
-        ways = [1 if np.cos(one.heading) >= 0.0 else -1 for _, one, _ in chosen]
+        ways = [1 if np.cos(vehicle.heading) >= 0.0 else -1 for _, vehicle, _ in reacting]
         self._flows = [
             Flow(vehicles, scene, np.flatnonzero(np.array(ways) == way), way, substeps)
             for way in (1, -1)
@@ -175,43 +175,43 @@ class Flow:
         substeps: int,
     ) -> None:
         self._way, self._dt = way, scene.dt / substeps
-        known = [(k, one, one.driver) for k, one in enumerate(vehicles) if one.driver is not None]
-        mine = [known[row] for row in rows]
-        self._rows = None if way > 0 and len(rows) == len(known) else rows
-        self._scripted = [k for k, one in enumerate(vehicles) if one.driver is None]
+        reacting = _list_reacting(vehicles)
+        flow = [reacting[row] for row in rows]
+        self._rows = None if way > 0 and len(rows) == len(reacting) else rows
+        self._scripted = [k for k, vehicle in enumerate(vehicles) if vehicle.driver is None]
         self._signs = np.full(len(vehicles) + 1, float(way))  # of speeds: who comes towards them has -1
-        self._signs[[k for k, one, _ in known if np.cos(one.heading) < 0.0]] = -way
-        self._places = np.array([k for k, _, _ in mine], dtype=np.int64)
+        self._signs[[k for k, vehicle, _ in reacting if np.cos(vehicle.heading) < 0.0]] = -way
+        self._places = np.array([k for k, _, _ in flow], dtype=np.int64)
         self._index = np.full(len(vehicles) + 1, -1, dtype=np.int64)
-        self._index[self._places] = np.arange(len(mine))
+        self._index[self._places] = np.arange(len(flow))
         road = scene.road
         self._last, self._width = len(road.lane_centres) - 1, float(road.lane_width)
         self._centres = np.ascontiguousarray(way * np.array(road.lane_centres)[::way])
         self._spans = _spans(road, way)
-        starts = [int(_nearest(np.array(way * one.y), self._centres)) for _, one, _ in mine]
+        starts = [int(_nearest(np.array(way * vehicle.y), self._centres)) for _, vehicle, _ in flow]
         limits = [
-            (one.lanes or _reach(road, way, self._lane(start))) if one.lane_changes else (1, 0)
-            for (_, _, one), start in zip(mine, starts, strict=True)
+            (driver.lanes or _reach(road, way, self._lane(start))) if driver.lane_changes else (1, 0)
+            for (_, _, driver), start in zip(flow, starts, strict=True)
         ]
         self._limits = np.array(
             [[self._lane(a), self._lane(b)][::way] if a <= b else [a, b] for a, b in limits], dtype=np.int64
         )
-        ends = [one.lane_end for _, _, one in mine]
+        ends = [driver.lane_end for _, _, driver in flow]
         self._ends = np.array([np.inf if end is None else way * end for end in ends])
         self._forced = np.array(
             [
-                (self._lane(one.merge.lane), one.merge.from_step * substeps, start)
-                if one.merge
+                (self._lane(driver.merge.lane), driver.merge.from_step * substeps, start)
+                if driver.merge
                 else (-1, 0, start)
-                for (_, _, one), start in zip(mine, starts, strict=True)
+                for (_, _, driver), start in zip(flow, starts, strict=True)
             ],
             dtype=np.int64,
         )
         self._brake = np.array(
             [
-                (row, part.from_step * substeps, (part.to_step + 1) * substeps - 1, part.acceleration)
-                for row, (_, _, one) in enumerate(mine)
-                for part in one.brake
+                (row, phase.from_step * substeps, (phase.to_step + 1) * substeps - 1, phase.acceleration)
+                for row, (_, _, driver) in enumerate(flow)
+                for phase in driver.brake
             ]
         ).reshape(-1, 4)
         self._lengths = np.append(scene.lengths, scene.ego_length)
@@ -243,26 +243,30 @@ class Flow:
         out: Floats,
     ) -> None:
         """Write the next states into ``out`` (5, N, R) and into the fields of the memory."""
-        own: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
-        found = out
+        fields: Any = [memory.mood, late, memory.lane, memory.base, memory.clock, memory.pause, memory.past]
+        states = out
         if self._rows is not None:  # some of the drivers, or turned around
-            own = [np.ascontiguousarray(part[:, self._rows]) for part in own]
-            own[2:4] = self._lane(own[2]), self._way * own[3]
-            table, found = np.ascontiguousarray(table[:, self._rows]), np.empty((5, *own[0].shape))
-        (x, y, v), (mood, late, lane, base, clock, pause, past) = self._see(ego, others), own
+            fields = [np.ascontiguousarray(part[:, self._rows]) for part in fields]
+            fields[2:4] = self._lane(fields[2]), self._way * fields[3]
+            table, states = np.ascontiguousarray(table[:, self._rows]), np.empty((5, *fields[0].shape))
+        (x, y, v), (mood, late, lane, base, clock, pause, past) = self._see(ego, others), fields
         advance(
             x, y, v, self._lengths, self._widths, self._index, self._places, table, self._limits, self._ends,
             self._forced, self._brake, self._centres, self._spans, self._width, self._dt, step, mood, late,
-            _PAUSE, _LOOK, lane, base, clock, pause, past, found,
+            _PAUSE, _LOOK, lane, base, clock, pause, past, states,
         )  # fmt: skip
         if self._rows is None:
             return
         memory.lane[:, self._rows], memory.base[:, self._rows] = self._lane(lane), self._way * base
-        for kept, part in ((memory.clock, clock), (memory.pause, pause), (memory.past, past)):
-            kept[:, self._rows] = part
-        found[:2] *= self._way
-        found[2] += 0.0 if self._way > 0 else np.pi
-        out[:, :, self._rows] = found
+        for target, part in ((memory.clock, clock), (memory.pause, pause), (memory.past, past)):
+            target[:, self._rows] = part
+        states[:2] *= self._way
+        states[2] += 0.0 if self._way > 0 else np.pi
+        out[:, :, self._rows] = states
+
+
+def _list_reacting(vehicles: tuple[VehicleConfig, ...]) -> list[tuple[int, VehicleConfig, DriverConfig]]:
+    return [(k, vehicle, vehicle.driver) for k, vehicle in enumerate(vehicles) if vehicle.driver is not None]
 
 
 def _reach(road: Road, way: int, start: int) -> tuple[int, int]:

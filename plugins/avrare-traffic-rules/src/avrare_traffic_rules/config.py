@@ -158,7 +158,7 @@ class TrafficRuleConfig(Parameters):
     )
     scales: Scales = Field(default_factory=Scales, description="units of robustness; not used by `published`")
     score: Literal["margin", "robustness"] = Field(
-        default="margin", description="what orders particles in splitting"
+        default="margin", description="score that orders particles in splitting"
     )
 
     @field_validator("rule")

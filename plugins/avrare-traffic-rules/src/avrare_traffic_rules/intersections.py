@@ -132,10 +132,10 @@ def _over_areas(
 
 
 def _is_in_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
-    if area.own is None:
+    if area.ego_line is None:
         ego = np.minimum(a.front - area.begin, area.end - a.rear) / s.scales.longitudinal
     else:
-        station, sideways = _on_way(s, a, area.own, area.half_width)
+        station, sideways = _on_way(s, a, area.ego_line, area.half_width)
         ego = np.minimum(_reach(s, a, station, area.begin, area.end), sideways)
     station, sideways = _on_way(s, a, area.line, area.half_width)
     other = np.minimum(_reach(s, a, station, area.line_begin, area.line_end), sideways)

@@ -130,7 +130,7 @@ def _require_lanes(config: TrafficRuleConfig, road: Road) -> None:
     limit = config.lane_limit
     if isinstance(limit, tuple) and len(limit) != lanes:
         message = f"lane_limit has {len(limit)} entries, the road {lanes} lanes"
-        raise UsageError(message, f"{hint}; write null where there is no limit")
+        raise UsageError(message, f"{hint}; write null for a lane without a limit")
 
 
 def _require_no_lanes(

@@ -133,7 +133,7 @@ def read_lights(signals: Signals, road: Road) -> tuple[Floats, ...]:
     names = [f"light_{k}" for k in range(len(road.light_lines))]
     if missing := [name for name in names if name not in signals]:
         raise UsageError(
-            f"the road has a traffic light, and there is no signal {missing[0]!r}",
+            f"the road has a traffic light, but not its signal {missing[0]!r}",
             "it is 0 for green, 1 for yellow and 2 for red at each sample",
         )
     return tuple(signals[name] for name in names)

@@ -3,7 +3,7 @@
 Generalised adaptive multilevel splitting (Brehier et al. 2016, "Unbiasedness of some generalized adaptive
 multilevel splitting algorithms"): particles are ordered by (score, violated); the level is the K-th of them;
 all at or below it are discarded, ties included; a successor branches where its parent first lies strictly
-above. No decision at a level depends on what lies above it, and a failure that its score has put below the
+above. No decision at a level depends on the courses above it, and a failure that its score has put below the
 level counts with the weight it had: the estimate is unbiased for any formula and score.
 """
 

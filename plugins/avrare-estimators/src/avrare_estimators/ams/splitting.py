@@ -49,7 +49,7 @@ class Splitting(Estimator):
         self.stops_early = config.early_stop
 
     def init(self, plan: Plan) -> tuple[AmsState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         self._most_runs(plan)  # refuses a budget that does not pay
         if self.config.grows and plan.steps and self._most_runs(plan, 1) >= LEAST_RUNS:
             state = AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN)

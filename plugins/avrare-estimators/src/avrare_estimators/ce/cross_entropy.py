@@ -64,7 +64,7 @@ class CrossEntropy(WeightedSampler):
         return prepared
 
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         state = SamplingState(plan, self._rollouts(plan), PerceptionSource())
         most = self.config.runs * state.rollouts * (self.config.stages + 1)
         least = 2 * self.config.runs * state.rollouts if plan.budget is None else most

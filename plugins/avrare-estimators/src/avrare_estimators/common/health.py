@@ -39,7 +39,7 @@ def check_runs(values: Sequence[float], roots: Sequence[int]) -> dict[str, str]:
 def allow_for_roots(
     interval_at: Callable[[float], Interval], mean: float, roots: int, particles: int
 ) -> Callable[[float], Interval]:
-    """Return an interval that also holds what so few of the first particles say by their count."""
+    """Return an interval that also holds the exact one of a count as small as that of the first particles."""
     return partial(intervals.hull, interval_at, partial(intervals.scaled_counts, mean, roots, particles))
 
 

@@ -72,7 +72,7 @@ class NestedLevels(Estimator):
         return _with_weights(problem)
 
     def init(self, plan: Plan) -> tuple[EssState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         config, rollouts = self.config, self._nominal_rollouts(1)
         affordable_runs(plan, config.most, "nested levels", rollouts, rollouts, f"{config.chains} chains")
         most, first = self._most_runs(plan, 1), self._first_runs(plan)

@@ -22,7 +22,7 @@ from avrare_estimators.common.config import LEARNED, LEAST_DEFENSIVE, LEAST_PILO
 from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 
 _CHECK_SHARE = 0.3
-"""Share of the cross-check where no error is to be reached that would say what it takes: the samples are
+"""Share of the cross-check where no error to be reached says how much it takes: the samples are
 small, and with less it often falls short."""
 _MOST_STAGES = 20
 """Stages of ``auto``: a small pilot climbs slowly; learning takes at most half of the rollouts anyway."""

@@ -35,7 +35,7 @@ class ImportanceSampling(WeightedSampler):
         return WeightedProblem(problem, self.config.proposal)
 
     def init(self, plan: Plan) -> tuple[SamplingState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         rollouts = self._rows(plan)
         info = Info(goal=rollouts * self.config.runs)
         return self._begin_run(SamplingState(plan, rollouts, self._source(plan), tally=info)), info

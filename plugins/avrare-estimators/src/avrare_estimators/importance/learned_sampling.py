@@ -1,6 +1,6 @@
 """Importance sampling whose proposal on the noise tape is learnt: pilot, stages, then a fresh sample.
 
-Nothing that is drawn while learning counts. The final sample has a first part, which tells how large the
+Nothing that is drawn while learning counts. The final sample has a first part, which decides how large the
 second must be; the share of each in the estimate is fixed before, so that their sum is unbiased.
 """
 
@@ -92,7 +92,7 @@ class LearnedSampling(WeightedSampler):
         return problem
 
     def init(self, plan: Plan) -> tuple[LearnedState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         require_noise(plan)
         rollouts = self._rows(plan)
         most = rollouts * self.config.runs

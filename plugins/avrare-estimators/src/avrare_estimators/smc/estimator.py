@@ -32,7 +32,7 @@ _ROLLOUTS_OF_RUN = 5
 _LEAST_PARTICLES = 20
 _SCALED_PILOT, _SCALED_STAGES = 0.25, 2
 _COUNTING_STAGE = 2**16
-"""Address of the noise of what counts, beyond all stages of learning."""
+"""Address of the noise of the particles that count, beyond all stages of learning."""
 _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
 _CARRY = 4096
@@ -92,7 +92,7 @@ class SequentialMonteCarlo(Estimator):
         return problem
 
     def init(self, plan: Plan) -> tuple[SmcState, Info]:
-        """Return the state before the first rollout, and what to show."""
+        """Return the state before the first rollout, and its progress."""
         require_noise(plan)
         return SmcState(plan, Learning.begin(self.config, plan, self._affordable(plan))), Info()
 
@@ -236,7 +236,7 @@ class SequentialMonteCarlo(Estimator):
 
 
 def _complete(problem: Problem, noise: Floats, robustness: Floats) -> Floats:
-    """Return the robustness (n,) of complete rollouts, whose failing ones were told with that of their end.
+    """Return the robustness (n,) of complete rollouts; the failing ones had that of their end.
 
     It stays so where the rollout breaks down after its failure.
     """
@@ -257,7 +257,7 @@ def _cost(plan: Plan) -> int:
 
 
 def _count_copies(tally: Info, before: Particles, after: Particles, rows: int) -> Info:
-    """Return the cost after a segment: a particle that goes on is no rollout of its own, a copy is."""
+    """Return the cost after a segment: a copy is a further rollout, a particle that continues is not."""
     continued = rows if before.segment else 0
     return replace(tally, rollouts=tally.rollouts - continued + after.copies - before.copies)
 

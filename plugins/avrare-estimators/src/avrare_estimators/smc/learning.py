@@ -28,7 +28,7 @@ from avrare_estimators.smc.potentials import Paths, Potentials, learn
 LEARNING_RUN = 2**31
 """Address of the noise of particles that only teach, far from those that count."""
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
-"""The pilot takes at most 1 / 6 of what a budget pays for, all learning at most half."""
+"""The pilot takes at most 1 / 6 of the rollouts of a budget, all learning at most half."""
 _STUCK = 0.7
 """Ratio of the deepest level's probability to the one before above which further stages lead nowhere."""
 
@@ -161,8 +161,8 @@ def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> 
     features = np.concatenate([*(stage.features for stage in paths), sample.features])
     samples = lessons.samples
 
-    def joined(name: str) -> Any:
+    def join(name: str) -> Any:
         return np.concatenate([getattr(lesson, name) for lesson in samples])
 
-    weights = np.where(joined("error"), 0.0, lessons.weights)
-    return (Paths(features, joined("score"), joined("violated"), weights, np.arange(len(weights))),)
+    weights = np.where(join("error"), 0.0, lessons.weights)
+    return (Paths(features, join("score"), join("violated"), weights, np.arange(len(weights))),)

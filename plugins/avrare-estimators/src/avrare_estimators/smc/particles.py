@@ -1,7 +1,7 @@
 """Particles of sequential Monte Carlo: R runs of N weighted rollouts that advance together, in segments.
 
-The weight of a particle is true at any time: summed over the particles of a run, indicators of what their
-paths have done estimate its probability under the target without bias. Resampling copies a particle in
+The weight of a particle is true at any time: summed over the particles of a run, indicators of an event
+of their paths estimate its probability under the target without bias. Resampling copies a particle in
 proportion to weight times potential and gives each copy its share of the weight, which keeps this so for any
 potential and whenever it is done (Del Moral and Garnier 2005; Whiteley and Lee 2014).
 """

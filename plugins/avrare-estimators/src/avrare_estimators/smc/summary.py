@@ -31,8 +31,8 @@ _KEPT = 40
 """Failures of each run that are kept."""
 _PLAIN = Note(
     "learning",
-    "Nothing was learnt that tells failures from other rollouts: the particles are independent rollouts of "
-    "the target, which is Monte Carlo.",
+    "Nothing was learnt that separates failures from other rollouts: the particles are independent "
+    "rollouts of the target, which is Monte Carlo.",
 )
 
 

@@ -21,5 +21,5 @@ class MfmcConfig(Options):
         gt=0.0,
         le=0.5,
         description="share of the cost of the pilot, which counts in no estimate: it decides which tapes of "
-        "the twin are run again, or that plain Monte Carlo is no dearer",
+        "the twin are run again, or that plain Monte Carlo costs as little",
     )

@@ -32,7 +32,7 @@ from avrare.rollout.request import Integers
 from avrare.rollout.twin import Twin, check_twin, measure_cost
 from avrare_estimators.two_fidelities.config import MfmcConfig
 from avrare_estimators.two_fidelities.tape_recorder import Record, Recorder, draw_tapes, take_record
-from avrare_estimators.two_fidelities.two_phase import Design, plan_design, scaled
+from avrare_estimators.two_fidelities.two_phase import Design, plan_design, scale_rates
 
 _SEED_KEY = 0x2F1D
 _LEAST_PILOT = 50
@@ -105,10 +105,10 @@ class _Spent:
 
     def added_to(self, result: Result) -> Result:
         return replace(
-            add_counts(result, [one.counts for one in self.parts]),
-            rollouts=result.rollouts + sum(one.rollouts for one in self.parts),
-            simulated_steps=result.simulated_steps + sum(one.simulated_steps for one in self.parts),
-            seconds=result.seconds + sum(one.seconds for one in self.parts),
+            add_counts(result, [phase.counts for phase in self.parts]),
+            rollouts=result.rollouts + sum(phase.rollouts for phase in self.parts),
+            simulated_steps=result.simulated_steps + sum(phase.simulated_steps for phase in self.parts),
+            seconds=result.seconds + sum(phase.seconds for phase in self.parts),
         )
 
 
@@ -124,17 +124,17 @@ class _Work:
         if pilot < _LEAST_PILOT:
             return self._plain(total, "too few rollouts for a pilot", _Spent())
         if self.cost >= 1.0:
-            return self._plain(total, "the cheap twin is no cheaper than the stack", _Spent())
+            return self._plain(total, "the cheap twin costs as much as the stack", _Spent())
         # 1. The pilot: both on the same tapes.
         tapes, settings = np.arange(pilot), self._pilot_settings()
-        own = self.execute(self.problem, Recorder(tapes), settings, "pilot")
+        stack = self.execute(self.problem, Recorder(tapes), settings, "pilot")
         others = self.execute(self.twin, Recorder(tapes), settings, "twin-pilot")
-        seen, twin, spent = take_record(own), take_record(others), _Spent((own[0], others[0]))
+        seen, twin, spent = take_record(stack), take_record(others), _Spent((stack[0], others[0]))
         failed = seen.violated | seen.error[:, None]
         design = plan_design(twin.violated, twin.robustness, failed, self.cost)
         left = total - pilot * (1.0 + self.cost)
         if not design.pays:
-            return self._plain(left, _refusal(design) + _broken(others[0]), spent)
+            return self._plain(left, _refusal(design) + _describe_errors(others[0]), spent)
         # 2. What counts, as planned.
         return self._phases(design, left, spent, seen)
 
@@ -143,12 +143,12 @@ class _Work:
         settings = replace(self.settings, budget=None)
         first = self.execute(self.twin, Recorder(np.arange(count)), settings, "twin")
         twin = take_record(first)
-        rates, factor = scaled(design.rates(twin.violated, twin.robustness), left - count * self.cost)
+        rates, factor = scale_rates(design.rates(twin.violated, twin.robustness), left - count * self.cost)
         noise = NoiseSource(settings.seed, self.problem.noise_size)
         chosen = np.flatnonzero(noise.choices(0, 0, np.arange(count)) < rates)
         second = self.execute(self.problem, Recorder(chosen), settings, "stack")
         weights = 1.0 / (count * rates[chosen])
-        largest = [1.0 / (count * min(factor * float(one.rates.min()), 1.0)) for one in design.bands]
+        largest = [1.0 / (count * min(factor * float(band.rates.min()), 1.0)) for band in design.bands]
         spent = replace(spent, parts=(*spent.parts, first[0]))
         return [
             self._result(result, column, design, count, chosen, weights, largest[column], spent, seen)
@@ -169,14 +169,18 @@ class _Work:
     ) -> Result:
         record = take_record([result])
         violated, error = record.violated[:, column], record.error
-        found = weights[violated]
-        probability = math.fsum(found)
-        variance = max(math.fsum(found**2) - probability**2 / count, 0.0)
+        failure_weights = weights[violated]
+        probability = math.fsum(failure_weights)
+        variance = max(math.fsum(failure_weights**2) - probability**2 / count, 0.0)
         interval = partial(
-            intervals.weighted_counts, found, count, largest, errors=weights[error] if error.any() else None
+            intervals.weighted_counts,
+            failure_weights,
+            count,
+            largest,
+            errors=weights[error] if error.any() else None,
         )
-        text = self._describe(count, len(chosen), probability, variance) + _broken(spent.parts[-1])
-        told = replace(
+        text = self._describe(count, len(chosen), probability, variance) + _describe_errors(spent.parts[-1])
+        estimate = replace(
             result,
             probability=min(probability, 1.0),
             run_probabilities=np.array([min(probability, 1.0)]),
@@ -195,7 +199,7 @@ class _Work:
             error_share=math.fsum(weights[error]),
             notes=(*result.notes, Note("twin", f"{text}.")),
         )
-        return spent.added_to(told)
+        return spent.added_to(estimate)
 
     def _check_errors(self, record: Record, weights: Floats) -> dict[str, str]:
         allowed, share = self.settings.max_error_rate, float(weights[record.error].sum())
@@ -209,16 +213,16 @@ class _Work:
         most = max(1, min(FAILURE_LIMIT, 2**28 // (tape_bytes * len(self.problem.names))))
         rows = spread(np.flatnonzero(violated), most)
         noise = NoiseSource(self.settings.seed, self.problem.noise_size)
-        kept, count = weights[rows], int(violated.sum())
+        shares, count = weights[rows], int(violated.sum())
         if len(rows):
-            kept = kept * (weights[violated].sum() / kept.sum())
-        return Failures(draw_tapes(noise, steps, chosen[rows]), robustness[rows], count, kept)
+            shares = shares * (weights[violated].sum() / shares.sum())
+        return Failures(draw_tapes(noise, steps, chosen[rows]), robustness[rows], count, shares)
 
     def _plain(self, total: float, reason: str, spent: _Spent) -> list[Result]:
         rollouts = max(1, int(total))
         settings = replace(self.settings, budget=None)
         results = self.execute(self.problem, MonteCarlo(McConfig(rollouts=rollouts)), settings, "mc")
-        found = []
+        estimates = []
         for result in results:
             twin = {"cost": self.cost, "reason": reason}
             note = Note("twin", f"Plain Monte Carlo was run: {reason}.")
@@ -228,8 +232,8 @@ class _Work:
                 diagnostics={**result.diagnostics, "twin": twin},
                 notes=(*result.notes, note),
             )
-            found.append(spent.added_to(counted))
-        return found
+            estimates.append(spent.added_to(counted))
+        return estimates
 
     def _describe(self, count: int, again: int, probability: float, variance: float) -> str:
         error = math.sqrt(variance) / probability if probability else math.nan
@@ -258,13 +262,13 @@ class _Work:
         return replace(self.settings, seed=int(seed), budget=None)
 
 
-def _broken(twin: Result) -> str:
+def _describe_errors(twin: Result) -> str:
     return f"; the twin broke down on {twin.errors:,} of {twin.rollouts:,} tapes" if twin.errors else ""
 
 
 def _refusal(design: Design) -> str:
-    known = design.gains[~np.isnan(design.gains)]
-    if not len(known):
+    gains = design.gains[~np.isnan(design.gains)]
+    if not len(gains):
         return "the pilot met no failure, and could not plan with the cheap twin"
-    least, cost = float(known.min()), format_percent(design.cost)
+    least, cost = float(gains.min()), format_percent(design.cost)
     return f"a cheap twin at {cost} of the cost promises a gain of only {least:.2g} over Monte Carlo"

@@ -49,7 +49,7 @@ class _State:
 
 
 class Recorder(Estimator):
-    """Estimator of a phase: its results say what the rollouts cost and found, and have no interval yet.
+    """Estimator of a phase: its results have the cost and the failures of the rollouts, and no interval yet.
 
     Args:
         particles: (n,) numbers of the tapes, of run 0 and stage 0 of the seed: those of Monte Carlo.
@@ -85,7 +85,7 @@ class Recorder(Estimator):
 
     def estimate(self, state: _State) -> list[Result]:
         """Return one result per specification: the share of failures, and the record."""
-        names, record = state.plan.names, _joined(state.parts, len(state.plan.names))
+        names, record = state.plan.names, _join_records(state.parts, len(state.plan.names))
         return [self._result(state, record, column) for column in range(len(names))]
 
     def _result(self, state: _State, record: Record, column: int) -> Result:
@@ -127,11 +127,11 @@ def take_record(results: list[Result]) -> Record:
     return result.record
 
 
-def _joined(parts: tuple[Record, ...], specifications: int) -> Record:
+def _join_records(parts: tuple[Record, ...], specifications: int) -> Record:
     none = np.zeros((0, specifications))
     return Record(
-        np.concatenate([none.astype(bool), *(one.violated for one in parts)]),
-        np.concatenate([none, *(one.robustness for one in parts)]),
-        np.concatenate([none[:, 0].astype(bool), *(one.error for one in parts)]),
-        tuple(dict.fromkeys(text for one in parts for text in one.messages))[:5],
+        np.concatenate([none.astype(bool), *(record.violated for record in parts)]),
+        np.concatenate([none, *(record.robustness for record in parts)]),
+        np.concatenate([none[:, 0].astype(bool), *(record.error for record in parts)]),
+        tuple(dict.fromkeys(text for record in parts for text in record.messages))[:5],
     )

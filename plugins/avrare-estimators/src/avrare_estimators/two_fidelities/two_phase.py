@@ -70,16 +70,16 @@ class Design:
     @property
     def pays(self) -> bool:
         """True where a gain is foreseen that is worth taking, and no loss."""
-        known = self.gains[~np.isnan(self.gains)]
-        return bool(len(known)) and bool(known.min() >= _LOSS) and float(np.log(known).mean()) >= np.log(GAIN)
+        gains = self.gains[~np.isnan(self.gains)]
+        return bool(len(gains)) and bool(gains.min() >= _LOSS) and float(np.log(gains).mean()) >= np.log(GAIN)
 
     def rates(self, violated: Bools, robustness: Floats) -> Floats:
         """Return the probability (n,) that each tape is run again, from the twin's outcomes (n, S)."""
-        found = [one.rates[one.of(violated[:, k], robustness[:, k])] for k, one in enumerate(self.bands)]
-        return np.asarray(np.max(found, axis=0))
+        rates = [band.rates[band.of(violated[:, k], robustness[:, k])] for k, band in enumerate(self.bands)]
+        return np.asarray(np.max(rates, axis=0))
 
 
-def scaled(rates: Floats, expected: float) -> tuple[Floats, float]:
+def scale_rates(rates: Floats, expected: float) -> tuple[Floats, float]:
     """Scale the rates (n,) below 1 to an expected number of tapes that run again; return also the factor.
 
     The twin's outcomes decide it, and nothing else, so that the estimate stays unbiased.
@@ -98,17 +98,17 @@ def plan_design(twin: Bools, robustness: Floats, stack: Bools, cost: float) -> D
         stack: (n, S) tapes that the stack failed, or broke down on.
         cost: Cost of a rollout of the twin, in rollouts of the stack.
     """
-    planned = [_plan(*columns, cost) for columns in zip(twin.T, robustness.T, stack.T, strict=True)]
-    bands = tuple(one for one, _ in planned)
+    plans = [_plan(*columns, cost) for columns in zip(twin.T, robustness.T, stack.T, strict=True)]
+    bands = tuple(band for band, _ in plans)
     design = Design(bands, cost, 1.0, np.zeros(0), np.zeros(0))
     rates = design.rates(twin, robustness)
     rate = float(rates.mean())
     seen = [bool(column.any()) for column in stack.T]
     gains = [
-        float(chances.mean() / ((chances / rates).mean() * (cost + rate))) if known else np.nan
-        for (_, chances), known in zip(planned, seen, strict=True)
+        float(chances.mean() / ((chances / rates).mean() * (cost + rate))) if failed else np.nan
+        for (_, chances), failed in zip(plans, seen, strict=True)
     ]
-    correlations = [_correlation(one, other) for one, other in zip(twin.T, stack.T, strict=True)]
+    correlations = list(map(_correlation, twin.T, stack.T))
     return Design(bands, cost, rate, np.array(gains), np.array(correlations))
 
 
@@ -130,7 +130,7 @@ def _plan(twin: Bools, robustness: Floats, stack: Bools, cost: float) -> tuple[B
 
 
 def _chances(failures: Floats, sizes: Floats) -> Floats:
-    """Return the chance of a failure in each band, never rising with what the twin passed it by."""
+    """Return the chance of a failure in each band, never rising with the margin of the twin."""
     total = sizes.sum()
     blocks: list[tuple[float, float, int]] = []  # failures, tapes and bands that share one chance
     for failed, size in zip(failures, sizes, strict=True):
@@ -143,7 +143,7 @@ def _chances(failures: Floats, sizes: Floats) -> Floats:
     return np.asarray(np.minimum(np.repeat(levels, [count for *_, count in blocks]), 1.0))
 
 
-def _correlation(one: Bools, other: Bools) -> float:
-    if one.all() or other.all() or not (one.any() and other.any()):
+def _correlation(twin: Bools, stack: Bools) -> float:
+    if twin.all() or stack.all() or not (twin.any() and stack.any()):
         return float("nan")
-    return float(np.corrcoef(one, other)[0, 1])
+    return float(np.corrcoef(twin, stack)[0, 1])

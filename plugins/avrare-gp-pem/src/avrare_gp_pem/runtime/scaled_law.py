@@ -1,7 +1,7 @@
 """Better and worse detectors: a law of observations with scaled misses, errors and tails.
 
 It also gives the move of the noise for another law to give the same observation, and the ratio of
-their densities. Both are what a score function needs, and the reweighing of rollouts for another detector.
+their densities. A score function needs both, and so does the reweighing of rollouts for another detector.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ def scale_law(law: ObservationLaw, scales: Scales) -> ObservationLaw:
 
 
 def shift_noise(law: ObservationLaw, other: ObservationLaw, noise: Floats) -> tuple[Floats, Floats]:
-    """Return how noise (N, 4 V) of ``own`` moves for another law to give the same observation.
+    """Return how noise (N, 4 V) of ``law`` moves for another law to give the same observation.
 
     Returns:
-        Changes (N, 4 V), and the logs of the ratio of the densities ``other`` / ``own`` of what each number
-        decides. Errors of a missed vehicle decide nothing. A ratio is NaN where ``other`` observes what
-        ``own`` cannot: weights of what ``own`` observes would lose it.
+        Changes (N, 4 V), and the logs of the ratio of the densities ``other`` / ``law`` of the errors that
+        each number decides. Errors of a missed vehicle decide nothing. A ratio is NaN where ``other``
+        observes an error that ``law`` cannot: weights of the observations of ``law`` would lose it.
     """
     parts = noise.reshape(*law.detect.shape, NOISE_PER_VEHICLE)
     change, ratio = np.zeros_like(parts), np.zeros_like(parts)

@@ -162,7 +162,7 @@ def _model(arrays: Arrays, provenance: Mapping[str, str]) -> FittedPem:
 
 def _yaw(flip: Floats, scale: Floats, dof: Floats) -> YawErrors:
     if flip.shape != (2,) or scale.shape != (2,) or dof.shape != () or not np.isfinite([*flip, *scale]).all():
-        raise ValueError("its yaw errors are no two pairs of numbers and a number")
+        raise ValueError("its yaw errors are not two pairs of numbers and a number")
     if not (scale[0] > 0 and scale[1] >= 0 and _is_tabulated(dof)):
         raise ValueError("its yaw errors have no positive scale, or degrees of freedom not from 1 to 30")
     return YawErrors(flip, scale, dof)
@@ -182,7 +182,7 @@ def _ghosts(arrays: Arrays) -> MeasuredGhosts:
 def _pair(values: NDArray[np.generic]) -> Floats:
     seconds, share = np.asarray(values, float)
     if not (0 <= seconds < np.inf and 0 <= share <= 1):
-        raise ValueError("its persistence is no time constant and share")
+        raise ValueError("its persistence is not a time constant and a share")
     return np.array([seconds, share])
 
 

@@ -23,7 +23,7 @@ COMPILED = numba is not None and not numba.config.DISABLE_JIT
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _FOLDER = Path(__file__).parent
 _SOURCES = {__file__, str(_FOLDER / "lanes.py"), str(_FOLDER / "vectors.py")}
-"""Source files of the kernels, and those of what they are made of."""
+"""Source files of the kernels, and those that define their building blocks."""
 if COMPILED:
     import avrare_mpc.riccati.vectors  # noqa: F401  (compiled code knows lanes from now on)
 
@@ -87,12 +87,12 @@ def announce(message: str) -> Iterator[None]:
     from numba.core import event
 
     class Announcement(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: event.Event) -> None:
-            if not self.told:
+            if not self.announced:
                 print(message, file=sys.stderr, flush=True)
-                self.told = True
+                self.announced = True
 
         def on_end(self, event: event.Event) -> None:
             pass

@@ -43,7 +43,7 @@ class Solutions:
         states: (M, H + 1, 4) x, y, speed, heading.
         inputs: (M, H, 2) acceleration, turn rate.
         cost: (M,) with the lateral penalty.
-        found: (M,) whether it is a minimum within every hard bound; elsewhere the search ended there.
+        feasible: (M,) whether it is a minimum within every hard bound; elsewhere the search ended there.
         retried: (M,) whether the first attempt failed, whatever the result of the second one.
         iterations: (M,) iterations of all attempts and searches.
     """
@@ -51,7 +51,7 @@ class Solutions:
     states: Floats
     inputs: Floats
     cost: Floats
-    found: Bools
+    feasible: Bools
     retried: Bools
     iterations: Integers
 
@@ -108,14 +108,14 @@ class RiccatiSolver:
             guesses: (M, H, 2) inputs.
         """
         problems, rows, guesses = _contiguous(start, other_x, other_y, rows, guesses)
-        found = self._minima(problems, rows, guesses, self._tunings)
+        solutions = self._minima(problems, rows, guesses, self._tunings)
         if self._near is not None and len(rows):
-            self._improve(found, np.arange(len(rows)), self._near, problems, rows, guesses)
-        return found
+            self._improve(solutions, np.arange(len(rows)), self._near, problems, rows, guesses)
+        return solutions
 
     def improve(
         self,
-        found: Solutions,
+        solutions: Solutions,
         index: Integers,
         start: Floats,
         other_x: Floats,
@@ -123,10 +123,10 @@ class RiccatiSolver:
         rows: Integers,
         guesses: Floats,
     ) -> None:
-        """Search from other guesses, roughly first, and replace ``found[index]`` by cheaper plans.
+        """Search from other guesses, roughly first, and replace ``solutions[index]`` by cheaper plans.
 
         Args:
-            found: Result of ``solve``, changed in place.
+            solutions: Result of ``solve``, changed in place.
             index: (G,) entries to improve; only the best of an entry's rough plans is completed.
             start: (N, 5) states as in ``solve``.
             other_x: (N, V, H + 1) predicted positions [m].
@@ -137,11 +137,11 @@ class RiccatiSolver:
         if not len(index):
             return
         every = np.repeat(rows, guesses.shape[1]), guesses.reshape(-1, *guesses.shape[2:])
-        self._improve(found, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *every))
+        self._improve(solutions, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *every))
 
     def _improve(
         self,
-        found: Solutions,
+        solutions: Solutions,
         index: Integers,
         rough: Tuning,
         problems: Problems,
@@ -150,17 +150,19 @@ class RiccatiSolver:
     ) -> None:
         first = self._run(self._bounds[0], rough, problems, rows, guesses)
         several = len(index), -1
-        found.iterations[index] += first.iterations.reshape(several).sum(axis=1)
+        solutions.iterations[index] += first.iterations.reshape(several).sum(axis=1)
         cost = np.where(np.isfinite(first.inputs).all(axis=(1, 2)), first.cost, np.inf).reshape(several)
         cost[np.isnan(cost)] = np.inf
         best = cost.argmin(axis=1)
         least = cost.min(axis=1)
-        promising = (~found.found[index] & (least < np.inf)) | (least < (1.0 - BETTER) * found.cost[index])
+        promising = (~solutions.feasible[index] & (least < np.inf)) | (
+            least < (1.0 - BETTER) * solutions.cost[index]
+        )
         finish = np.flatnonzero(promising)
         if len(finish):
             best = best[finish] + cost.shape[1] * finish
             other = self._minima(problems, rows[best], first.inputs[best], (FROM_NEAR, self._tunings[1]))
-            _take_better(found, index[finish], other)
+            _take_better(solutions, index[finish], other)
 
     def _minima(
         self, problems: Problems, rows: Integers, guesses: Floats, tunings: tuple[Tuning, Tuning]
@@ -170,7 +172,7 @@ class RiccatiSolver:
         The bounds of speed and heading are rarely active: they are omitted until a plan violates them.
         """
         answer = _blank(*guesses.shape[:2])
-        found, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
+        feasible, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
         todo = np.arange(len(rows))
         for bounds, allowed in zip(self._bounds, (np.inf, TOLERANCE), strict=True):
             for number, tuning in enumerate(tunings):
@@ -179,10 +181,10 @@ class RiccatiSolver:
                 part = self._run(bounds, tuning, problems, rows[todo], guesses[todo])
                 _store(answer, todo, part)
                 retried[todo] |= number == 1
-                found[todo] = (part.status == FOUND) & np.isfinite(part.cost) & (part.excess <= allowed)
-                todo = todo[~found[todo]]
-            todo = np.flatnonzero(found & (answer.excess > TOLERANCE))
-        return Solutions(answer.states, answer.inputs, answer.cost, found, retried, answer.iterations)
+                feasible[todo] = (part.status == FOUND) & np.isfinite(part.cost) & (part.excess <= allowed)
+                todo = todo[~feasible[todo]]
+            todo = np.flatnonzero(feasible & (answer.excess > TOLERANCE))
+        return Solutions(answer.states, answer.inputs, answer.cost, feasible, retried, answer.iterations)
 
     def _run(
         self, bounds: Bounds, tuning: Tuning, problems: Problems, rows: Integers, guesses: Floats
@@ -212,11 +214,11 @@ def _contiguous(
     return problems, np.require(rows, np.int64, ("C", "A")), np.require(guesses, np.float64, ("C", "A"))
 
 
-def _take_better(found: Solutions, index: Integers, other: Solutions) -> None:
-    found.iterations[index] += other.iterations
-    better = other.found & (~found.found[index] | (other.cost < found.cost[index]))
-    for name in ("states", "inputs", "cost", "found"):
-        getattr(found, name)[index[better]] = getattr(other, name)[better]
+def _take_better(solutions: Solutions, index: Integers, other: Solutions) -> None:
+    solutions.iterations[index] += other.iterations
+    better = other.feasible & (~solutions.feasible[index] | (other.cost < solutions.cost[index]))
+    for name in ("states", "inputs", "cost", "feasible"):
+        getattr(solutions, name)[index[better]] = getattr(other, name)[better]
 
 
 def _blank(searches: int, steps: int) -> Answer:
@@ -294,16 +296,16 @@ class RiccatiSearch:
         searched = self._search_everywhere(solution, start, others, rows[valid], solved)
         cost = np.full((n, initial.shape[1]), np.inf)
         place = np.full(cost.shape, -1)
-        cost[rows[valid], numbers[valid]] = np.where(solution.found, solution.cost, np.inf)
+        cost[rows[valid], numbers[valid]] = np.where(solution.feasible, solution.cost, np.inf)
         place[rows[valid], numbers[valid]] = np.arange(valid.sum())
         chosen = cheapest(cost)
-        found = chosen >= 0
+        feasible = chosen >= 0
         states, inputs = np.zeros((n, self._steps + 1, 4)), np.zeros((n, self._steps, 2))
-        best = place[found, chosen[found]]
-        states[found], inputs[found] = solution.states[best], solution.inputs[best]
+        best = place[feasible, chosen[feasible]]
+        states[feasible], inputs[feasible] = solution.states[best], solution.inputs[best]
         retries = np.bincount(rows[valid][solution.retried], minlength=n)
         solves = np.bincount(rows, minlength=n) + np.bincount(searched, minlength=n)
-        return SearchResult(states, inputs, found, solves, retries, chosen)
+        return SearchResult(states, inputs, feasible, solves, retries, chosen)
 
     def _search_everywhere(
         self, solution: Solutions, start: Floats, others: tuple[Floats, Floats], rows: Integers, solved: Bools

@@ -3,7 +3,7 @@
 H is the number of steps, V of other vehicles, C of lanes of the road. States are x, y, speed, heading; inputs
 are acceleration, turn rate. Soft bounds are those of y, speed and heading, in this order.
 
-A ``Memory`` holds rows of lanes (``avrare_mpc.riccati.lanes``): row k * columns + column of what is called
+A ``Memory`` holds rows of lanes (``avrare_mpc.riccati.lanes``): row k * columns + column of an array
 (H, columns) below, but in ``Programme``, where it holds plain numbers.
 """
 

@@ -38,7 +38,7 @@ class Road:
 
 
 class Cruise:
-    """Acceleration [m/s^2] from what is seen; it remembers nothing."""
+    """Acceleration [m/s^2] from the newest observation; it remembers nothing."""
 
     hello = {"outputs": ["acceleration"], "memory": False}
 

@@ -80,8 +80,8 @@ def open_problem(path: str, number: int | None = None) -> tuple[PlaneDrives, Obs
 
 def _read_drives(path: str, scenario: Scenario, road: Road | None) -> PlaneDrives:
     recorded = (*scenario.static_obstacles, *scenario.dynamic_obstacles)
-    obstacles = {str(one.obstacle_id): _read_obstacle(path, one) for one in recorded}
-    moving = tuple(sorted((name for name, one in obstacles.items() if len(one.steps)), key=int))
+    obstacles = {str(obstacle.obstacle_id): _read_obstacle(path, obstacle) for obstacle in recorded}
+    moving = tuple(sorted((name for name, obstacle in obstacles.items() if len(obstacle.steps)), key=int))
     network = scenario.lanelet_network
     return PlaneDrives(path, float(scenario.dt), obstacles, moving, tuple(network.lanelets), road, network)
 

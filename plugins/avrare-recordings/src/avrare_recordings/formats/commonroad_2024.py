@@ -38,7 +38,7 @@ def open_2024(path: str) -> tuple[Scenario, PlanningProblemSet]:
     """Return the scenario and the planning problems of the scene that a file belongs to.
 
     Raises:
-        UsageError: It is no such file, or one that it needs is not beside it.
+        UsageError: It is not a file of this format, or a file that it needs is not next to it.
     """
     reader = import_module("commonroad.common.file_reader").CommonRoadFileReader
     problems = import_module("commonroad.planning.planning_problem").PlanningProblemSet

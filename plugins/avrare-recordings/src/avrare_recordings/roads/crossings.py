@@ -40,21 +40,25 @@ def has_right_of_way(network: LaneletNetwork) -> bool:
 
 def check_references(path: str, network: LaneletNetwork) -> None:
     """Raise UsageError if a network refers to signs, lights or lanelets that it does not have."""
-    known = {int(one.lanelet_id) for one in network.lanelets}
-    for one in network.lanelets:
-        signs, lights = sorted(one.traffic_signs or ()), sorted(one.traffic_lights or ())
-        missing = [f"sign {each}" for each in signs if network.find_traffic_sign_by_id(each) is None]
-        missing += [f"light {each}" for each in lights if network.find_traffic_light_by_id(each) is None]
+    lanelets = {int(lanelet.lanelet_id) for lanelet in network.lanelets}
+    for lanelet in network.lanelets:
+        signs, lights = sorted(lanelet.traffic_signs or ()), sorted(lanelet.traffic_lights or ())
+        missing = [f"sign {sign}" for sign in signs if network.find_traffic_sign_by_id(sign) is None]
+        missing += [f"light {light}" for light in lights if network.find_traffic_light_by_id(light) is None]
         if missing:
-            text = f"{path}: lanelet {one.lanelet_id} refers to the traffic {missing[0]}, which is not there"
+            text = (
+                f"{path}: lanelet {lanelet.lanelet_id} refers to the traffic {missing[0]}, which is not there"
+            )
             raise UsageError(text, "add it to the file, or delete the reference")
-    for each in network.intersections:
-        named = {int(name) for one in each.incomings for name in one.incoming_lanelets or ()}
-        if unknown := sorted(named - known):
-            text = f"{path}: intersection {each.intersection_id} has the incoming lanelet {unknown[0]}"
+    for intersection in network.intersections:
+        incoming = {int(name) for group in intersection.incomings for name in group.incoming_lanelets or ()}
+        if unknown := sorted(incoming - lanelets):
+            text = (
+                f"{path}: intersection {intersection.intersection_id} has the incoming lanelet {unknown[0]}"
+            )
             raise UsageError(f"{text}, which is not there", "mend the intersection")
     for light in network.traffic_lights:
-        if light.active and sum(one.duration for one in light.traffic_light_cycle.cycle_elements) <= 0:
+        if light.active and sum(phase.duration for phase in light.traffic_light_cycle.cycle_elements) <= 0:
             text = f"{path}: the cycle of traffic light {light.traffic_light_id} takes no time"
             raise UsageError(text, "its durations are numbers of steps")
 
@@ -71,23 +75,24 @@ def add_crossings(
         routes: Those of each other vehicle.
     """
     assert road.line is not None
-    known = {int(one.lanelet_id): one for one in network.lanelets}
-    found: list[Crossing] = []
+    lanelets = _index_lanelets(network)
+    crossings: list[Crossing] = []
     for intersection in network.intersections:
-        groups = [list(_list_ways(network, known, one)) for one in intersection.incomings]
-        for group in groups:
-            for mine in (way for way in group if way.name in names):
-                for other in (way for one in groups if one is not group for way in one):
-                    if (area := find_crossing(road.line, mine, other)) is not None:
+        groups = [list(_list_ways(network, lanelets, group)) for group in intersection.incomings]
+        for k, group in enumerate(groups):
+            for ego_way in (way for way in group if way.name in names):
+                for other in (way for rest in (*groups[:k], *groups[k + 1 :]) for way in rest):
+                    if (area := find_crossing(road.line, ego_way, other)) is not None:
                         users = tuple(k for k, route in enumerate(routes) if other.name in route)
-                        found.append(dataclasses.replace(area, users=users))
-    stops = [_stop_line(known[name]) for name in names if "STOP" in _signs(network, known[name])]
-    lit = [_stop_line(known[name]) for name, _ in _list_lights(network, names)]
+                        crossings.append(dataclasses.replace(area, users=users))
+    stops = [_stop_line(lanelets[name]) for name in names if "STOP" in _signs(network, lanelets[name])]
+    halts = [_stop_line(lanelets[name]) for name, _ in _list_lights(network, names)]
     signs, lights = (
-        tuple(float(road.line.to_road(*one[:, None])[0][0]) for one in each) for each in (stops, lit)
+        tuple(float(road.line.to_road(*point[:, None])[0][0]) for point in points)
+        for points in (stops, halts)
     )
     return dataclasses.replace(
-        road, stop_signs=tuple(sorted(signs)), crossings=tuple(found), light_lines=lights
+        road, stop_signs=tuple(sorted(signs)), crossings=tuple(crossings), light_lines=lights
     )
 
 
@@ -101,25 +106,28 @@ def show_lights(network: LaneletNetwork, names: Sequence[int], steps: Sequence[i
 
 def _list_lights(network: LaneletNetwork, names: Sequence[int]) -> list[tuple[int, list[TrafficLight]]]:
     # lanelets of the ego's way with the lights that are meant for its direction
-    known = {int(one.lanelet_id): one for one in network.lanelets}
-    found = []
+    lanelets, lights_by_name = _index_lanelets(network), []
     for name in names:
-        turn = _turn(network, name, names)
-        arrow = turn == "right" and "GREEN_ARROW" in _signs(network, known[name])
-        every = (network.find_traffic_light_by_id(one) for one in sorted(known[name].traffic_lights or ()))
-        lights = [one for one in every if one.active and _is_for(one, turn)]
+        turn, lanelet = _turn(network, name, names), lanelets[name]
+        arrow = turn == "right" and "GREEN_ARROW" in _signs(network, lanelet)
+        all_lights = map(network.find_traffic_light_by_id, sorted(lanelet.traffic_lights or ()))
+        lights = [light for light in all_lights if light.active and _is_for(light, turn)]
         if lights and not arrow:
-            found.append((name, lights))
-    return found
+            lights_by_name.append((name, lights))
+    return lights_by_name
+
+
+def _index_lanelets(network: LaneletNetwork) -> dict[int, Lanelet]:
+    return {int(lanelet.lanelet_id): lanelet for lanelet in network.lanelets}
 
 
 def _turn(network: LaneletNetwork, name: int, names: Sequence[int]) -> str:
     # where the ego's way leads from an incoming lanelet
-    incomings = [one for each in network.intersections for one in each.incomings]
+    groups = [group for intersection in network.intersections for group in intersection.incomings]
     ways = (
-        (turn, _outgoing(one, turn))
-        for one in incomings
-        if name in (one.incoming_lanelets or ())
+        (turn, _outgoing(group, turn))
+        for group in groups
+        if name in (group.incoming_lanelets or ())
         for turn in _TURNS
     )
     return next((turn for turn, after in ways if after & set(names)), "straight")

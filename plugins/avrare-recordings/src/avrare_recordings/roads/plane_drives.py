@@ -120,7 +120,7 @@ class PlaneDrives:
         neighbours = [find_neighbours(by_id, name) for name in route]
         places = [next((k for k, name in enumerate(path) if name in each), -1) for each in neighbours]
         if -1 in places or places != sorted(places):
-            text = f"{self.path}: the lanelets of `route` are no way from the ego's start"
+            text = f"{self.path}: the lanelets of `route` do not lead on from the ego's start"
             raise UsageError(text, "each follows the one before it: " + ", ".join(map(str, route)))
         return dataclasses.replace(ego, states=joined)
 

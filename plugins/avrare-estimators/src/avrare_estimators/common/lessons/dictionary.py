@@ -268,7 +268,7 @@ def _best_rounds(ratios: Floats, weights: Floats, defensive: float, start: Float
 def _held_out_gain(
     ratios: Floats, weights: Floats, defensive: float, start: Floats, count: int, rounds: int
 ) -> float:
-    """Return what entries from ``count`` on add to the mean log q/p of rows left out, less its error."""
+    """Return the gain of the entries from ``count`` on in mean log q/p of rows left out, less its error."""
     gains = np.zeros(len(weights))
     for fold in range(_FOLDS):
         out = np.arange(len(weights)) % _FOLDS == fold
@@ -283,7 +283,7 @@ def _held_out_gain(
 
 
 def _smooth_entry(group: Group, share: float, length: int) -> list[tuple[Group, float]]:
-    """Return an entry and what gets a part of its share: its neighbours in time, its mirror image."""
+    """Return an entry and those that get a part of its share: its neighbours in time, its mirror image."""
     parts = [(group, share)]
     if len(group) == 1:
         row = next(iter(group))
@@ -305,7 +305,7 @@ def _move_atom(row: Row, delay: int, length: int) -> Row:
 
 
 def _strongest(components: Sequence[tuple[float, list[Group]]]) -> list[Group]:
-    """Return what widens a channel, what raises it and what lowers it, as groups; the strongest ones."""
+    """Return the strongest groups that widen a channel, raise it or lower it."""
     groups: dict[Any, Group] = {}
     for amount, (group,) in components:
         for row, part in group.items():

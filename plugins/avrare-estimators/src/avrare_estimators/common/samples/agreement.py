@@ -19,7 +19,7 @@ from avrare_estimators.common.samples.cross_check import CrossCheckResult
 def compare_checks(
     mean: float, sampled: Interval, error: float, checks: Sequence[CrossCheckResult | None], confidence: float
 ) -> tuple[dict[str, str], tuple[Note, ...]]:
-    """Return the warning that the estimate is contradicted or that nothing vouches for it, or what vouches.
+    """Return the warning that the estimate is contradicted or has no witness, or the note on its witness.
 
     Args:
         mean: Weighted estimate, above 0.

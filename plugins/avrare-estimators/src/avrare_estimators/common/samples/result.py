@@ -91,7 +91,7 @@ class RunOutcome:
     def shortfall(self, unit: float) -> float:
         """Return the square, in units of ``unit``, by which the cross-check finds more than chance explains.
 
-        A proposal that misses a part of the failures has no row that tells of it. For a right check c and a
+        A proposal that misses a part of the failures has no row that shows it. For a right check c and a
         sample m the mean of (c - m)^2 is m's bias squared and both variances: what is left is the first.
         """
         check = self.cross_check

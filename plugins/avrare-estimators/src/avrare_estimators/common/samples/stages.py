@@ -14,7 +14,7 @@ _LEAST_SHOWN = 1.2
 _STALLED = 0.8
 """Ratio of a stage's relative variance to that before it above which learning has nothing left to gain."""
 _RISING = 1.25
-"""Ratio of a stage's gain to that before it from which learning goes on, however small the gain."""
+"""Ratio of a stage's gain to that before it from which learning continues, however small the gain."""
 
 
 def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:

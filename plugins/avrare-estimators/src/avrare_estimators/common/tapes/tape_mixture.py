@@ -58,8 +58,8 @@ class TapeMixture:
     def freeze(components: Sequence[tuple[float, Sequence[Group]]], shape: tuple[int, int]) -> TapeMixture:
         """Return a mixture of components (share, one or two groups) in rounded numbers, without tiny ones.
 
-        A component of one group is the same law as one component for each of its atoms, which is what it
-        becomes: atoms that several groups share are counted once.
+        A component of one group is the same law as one component for each of its atoms, and becomes
+        them: atoms that several groups share are counted once.
         """
         most = max(share for share, _ in components)
         alone: Group = {}
@@ -153,7 +153,7 @@ class TapeMixture:
     def choose(self, uniform: Floats, sums: Floats | None = None) -> NDArray[np.void]:
         """Return atoms and amounts, a record array (M, 2), of rows with these uniform numbers (M, 3).
 
-        The atom is ``NONE`` where there is no second. With ``sums`` (M, D + 1) all is drawn given the steps
+        The atom is ``NONE`` without a second. With ``sums`` (M, D + 1) all is drawn given the steps
         so far.
         """
         logs = None if sums is None else self.atom_logs(sums)
