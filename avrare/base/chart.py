@@ -17,8 +17,6 @@ Numbers = NDArray[Any]
 Points = tuple[tuple[float, float], ...]
 Kind = Literal["line", "area", "dots", "bars", "level", "moment"]
 
-_MAX_TICKS = 6
-
 
 @dataclass(frozen=True)
 class Scale:
@@ -43,7 +41,7 @@ class Scale:
         """Return percent of one value, to a hundredth."""
         return round(float(self(value)), 2)
 
-    def ticks(self, most: int = _MAX_TICKS) -> list[tuple[float, str]]:
+    def ticks(self, most: int = 6) -> list[tuple[float, str]]:
         """Return round values within the axis, and their labels."""
         return self._make_log_ticks(most) if self.log else self._make_linear_ticks(most)
 

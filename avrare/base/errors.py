@@ -180,16 +180,12 @@ def _join_places(problems: Iterable[tuple[str, str]]) -> list[str]:
     ]
 
 
-_LISTED = 16
-"""Most candidates that a hint lists."""
-
-
 def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
     """Return a hint with the closest candidate, or with all of them if there are few, or None."""
     names = sorted(set(candidates))
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if close:
         return f"did you mean {close[0]!r}?"
-    if names and len(names) <= _LISTED:
+    if names and len(names) <= 16:
         return "known: " + ", ".join(names)
     return None

@@ -20,8 +20,6 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 MOST_VALUES = 1001
 """Most values that an empirical law keeps; a longer column is kept as this many quantiles."""
-_SEARCH = 64
-"""Halvings in the search for a quantile of a mixture: beyond the last bit of a bracket."""
 
 
 class _Law(BaseModel):
@@ -175,7 +173,7 @@ class Mixture(_Law):
         number = np.asarray(z, dtype=np.float64)
         values = np.stack([part.of.at(number) for part in self.parts])
         low, high = values.min(axis=0), values.max(axis=0)
-        for _ in range(_SEARCH):
+        for _ in range(64):  # beyond the last bit of a bracket
             middle = 0.5 * (low + high)
             under = self.score(middle) < number
             low, high = np.where(under, middle, low), np.where(under, high, middle)

@@ -14,7 +14,6 @@ MEMORY_OPTION = (
     "(default: divided to keep 2048; what cannot be divided may take more)"
 )
 """Help of the option ``memory`` of every estimator."""
-_GROUP = Path("/sys/fs/cgroup/memory.max")
 
 
 def allowance(memory: float | None) -> int:
@@ -38,7 +37,7 @@ def usable_memory() -> float:
     with suppress(OSError, ValueError, AttributeError):
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     with suppress(OSError, ValueError):  # "max" is no number
-        limits.append(int(_GROUP.read_text()))
+        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
     return float(min(limits))
 
 

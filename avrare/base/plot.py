@@ -14,8 +14,6 @@ from avrare.base.errors import UsageError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DOTS_PER_INCH = 110
-
 
 @dataclass(frozen=True)
 class Plot:
@@ -40,7 +38,7 @@ class Plot:
 
     def _encode(self, ending: str) -> bytes:
         content = io.BytesIO()
-        self.figure.savefig(content, dpi=_DOTS_PER_INCH, format=ending)
+        self.figure.savefig(content, dpi=110, format=ending)
         return content.getvalue()
 
     def _repr_png_(self) -> bytes:

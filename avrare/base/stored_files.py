@@ -28,22 +28,17 @@ Arrays: TypeAlias = "dict[str, NDArray[Any]]"
 _Content = TypeVar("_Content")
 CHECKSUM = "checksum"
 """Key of the checksum of a JSON object."""
-_MAX_JSON_BYTES = 2**26
-"""Bytes of a JSON file."""
 MOST_BYTES = 2**32
 """Bytes of any other file."""
 _MAX_DEPTH = 64
 """Levels of lists and objects: what is deeper cannot be copied or written again."""
-_MAX_DIGITS = 20
-"""Characters of a whole number: those of 64 bits."""
 _MAX_EXPANDED_BYTES = 2**30
 """Bytes to which a small npz file may expand."""
-_KINDS = "biufU"
 
 
 def read_json(path: Path, hint: str) -> dict[str, Any]:
     """Read a file that holds a JSON object."""
-    return _explain_errors(path, hint, lambda: parse_json(read_regular(path, _MAX_JSON_BYTES)))
+    return _explain_errors(path, hint, lambda: parse_json(read_regular(path, 2**26)))
 
 
 def read_arrays(path: Path, hint: str) -> Arrays:
@@ -139,7 +134,7 @@ def _without_seconds(value: object) -> object:
 
 
 def _parse_int(text: str) -> int:
-    if len(text) > _MAX_DIGITS:
+    if len(text) > 20:  # characters of 64 bits
         raise ValueError(f"it holds a whole number of {len(text)} digits")
     return int(text)
 
@@ -173,7 +168,7 @@ def parse_arrays(content: bytes) -> Arrays:
         reason = "it holds something else than arrays" if "pickle" in reason else reason
         raise ValueError(reason) from error
     for name, array in arrays.items():
-        if array.dtype.kind not in _KINDS:
+        if array.dtype.kind not in "biufU":  # truths, numbers and texts
             raise ValueError(f"{name} is of type {array.dtype}")
     return arrays
 

@@ -62,9 +62,6 @@ GROUPS = {
 }
 """Heading in the help -> commands."""
 
-_BROKEN_PIPE = 141
-"""Exit code after SIGPIPE, as shells report it: 128 + 13."""
-
 
 class Parser(argparse.ArgumentParser):
     """Parser that raises ``UsageError`` instead of printing and exiting."""
@@ -98,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(ExitCode.INTERRUPTED)
     except BrokenPipeError:
         _drop_output()
-        return _BROKEN_PIPE
+        return 141  # exit code after SIGPIPE, as shells report it: 128 + 13
     except SystemExit as finished:  # argparse after --help
         return finished.code if isinstance(finished.code, int) else int(ExitCode.PASS)
     except Exception as error:

@@ -9,11 +9,6 @@ from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.driving.values import Bools, Floats, Scene, Vehicles
 
-_STEP_METRES = 0.02
-"""Least relative motion between two looks: a contact that is shorter may be missed."""
-_TOP_SPEED = 150.0
-"""Relative speed beyond which a vehicle has appeared or vanished [m/s]."""
-
 
 def interpolate(before: Vehicles, after: Vehicles, share: Floats | float) -> Vehicles:
     """Return vehicles at a share of the way between two samples; accelerations are those after it."""
@@ -57,7 +52,8 @@ def find_contacts(
         contacts[touching] = at[touching]
         looking &= ~touching & (at < 1.0)
         # No point of one box comes nearer to the other than by the bound of their relative motion.
-        at = np.minimum(at + np.maximum(distance, _STEP_METRES) / bound, 1.0)
+        # a contact that is shorter may be missed
+        at = np.minimum(at + np.maximum(distance, 0.02) / bound, 1.0)
     shares[rows] = contacts
     return shares
 
@@ -77,7 +73,8 @@ def _bound_motion(
         motion = motion + reach * np.abs(
             np.remainder(later.heading - start.heading + np.pi, 2.0 * np.pi) - np.pi
         )
-    near = (apart <= motion) & (motion <= _TOP_SPEED * scene.dt + reaches[0])
+    # a vehicle that is faster [m/s] has appeared or vanished
+    near = (apart <= motion) & (motion <= 150.0 * scene.dt + reaches[0])
     return np.asarray(motion), np.asarray(near)
 
 

@@ -23,13 +23,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_MAX_TURN = 0.5  # of one clothoid piece [rad]: the quadrature then errs by less than rounding
 _ITERATIONS = 50
 _CLOSE = 1e-10  # last step of a projection, relative to the size of its station
 _SHORT = 1e-6  # points of a polyline nearer than this are one [m]
-_BACK = 0.5  # sum of the directions at a point where a line turns back: 151 degrees and more
 _GROUP = 32  # points of a polyline that are searched together
-_FEW = 100_000  # distances up to which all of them are computed
 _BLOCK = 1_000_000  # distances at a time in the search for the nearest sample
 
 
@@ -129,7 +126,8 @@ class CurvedLine(ReferenceLine):
         for piece in self.pieces:
             slope = (piece.end_curvature - piece.curvature) / piece.length
             turn = max(abs(piece.curvature), abs(piece.end_curvature)) * piece.length
-            parts = max(1, math.ceil(turn / _MAX_TURN)) if slope else 1
+            # a piece that turns by 0.5 rad: the quadrature then errs by less than rounding
+            parts = max(1, math.ceil(turn / 0.5)) if slope else 1
             step = piece.length / parts
             for part in range(parts):
                 at[4:] = piece.curvature + slope * part * step, slope
@@ -239,7 +237,7 @@ class PolygonalLine(ReferenceLine):
 
     def _nearest_points(self, x: Floats, y: Floats) -> Integers:
         # Only groups whose circle is near enough are looked at.
-        if len(x) * len(self.points) < _FEW:
+        if len(x) * len(self.points) < 100_000:  # few enough to compute all
             return _nearest(x, y, *self.points.T)
         nearest, finite = np.zeros(len(x), dtype=np.int64), np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         (points_x, points_y), (middle_x, middle_y), reach = self._groups
@@ -298,7 +296,8 @@ def _drop_turns(points: Floats) -> Floats:
     while len(points):
         points = points[np.concatenate([[True], np.hypot(*np.diff(points, axis=0).T) > _SHORT])]
         steps = np.diff(points, axis=0) / np.hypot(*np.diff(points, axis=0).T)[:, None]
-        back = np.flatnonzero(np.hypot(*(steps[1:] + steps[:-1]).T) < _BACK)
+        # a line that turns back, by 151 degrees and more
+        back = np.flatnonzero(np.hypot(*(steps[1:] + steps[:-1]).T) < 0.5)
         if not len(back):
             break
         points = np.delete(points, back[0] + 1, axis=0)

@@ -29,10 +29,6 @@ class FormulaWarning(UserWarning):
     """Warning that a formula may not mean what its author intends."""
 
 
-_FINEST_STEP = Fraction(1, 10**9)
-"""Step [s] of which all bounds are multiples, where the step is not known yet."""
-
-
 def stl(
     text: str, dt: float | Fraction | None = None, until: str = "closed", *, warn: bool = True
 ) -> Formula:
@@ -51,7 +47,8 @@ def stl(
     """
     if until not in ("closed", "half-open"):
         raise FormulaError(f"until is {until!r}", 'use until="closed" or until="half-open"')
-    lint = choose_warnings(parse_with_warnings(text, _FINEST_STEP if dt is None else dt)[1], until)
+    # without a step, bounds are multiples of 1 ns
+    lint = choose_warnings(parse_with_warnings(text, Fraction(1, 10**9) if dt is None else dt)[1], until)
     if warn:
         for warning in lint:
             hint = f"\nhint: {warning.hint}" if warning.hint else ""

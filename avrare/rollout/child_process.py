@@ -44,8 +44,6 @@ _LIBRARIES = tuple(
     for folder in (*map(sysconfig.get_path, ("stdlib", "purelib", "platlib")), Path(__file__).parents[1])
 )
 """Folders of the standard library, of installed packages and of this one."""
-_END_WITH_PARENT = 1
-"""Option of Linux' ``prctl``."""
 
 T = TypeVar("T")
 Kind = frozenset[type | CodeType | str]
@@ -183,7 +181,7 @@ def _close_connections(result_pipe: Connection) -> None:
 def _answer(function: Callable[[], object], connection: Connection, stack: int) -> NoReturn:
     try:
         os.setpgid(0, 0)  # what the system starts ends with the child, and Ctrl-C is for the parent
-        ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         _close_connections(connection)
         faulthandler.enable(stack, all_threads=False)
         answer = b""

@@ -18,11 +18,6 @@ from avrare.base.philox import philox, to_uniform
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 2**17
-"""Upper bound on the numbers drawn at once, but for a single tape: drawing takes ten times their memory."""
-_CHOICE_STEP = 0xFFFFFFFF
-"""Value of "step" in the address of an estimator's own choices, beyond that of any tape."""
-
 
 @lru_cache(maxsize=65536)
 def _run_key(seed: int, run: int) -> tuple[int, int]:
@@ -52,7 +47,8 @@ class NoiseSource:
     def normals(self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, step: ArrayLike) -> Floats:
         """Return standard normals (*S, noise_size) of addresses that broadcast to the shape S."""
         shape = np.broadcast_shapes(*map(np.shape, (run, stage, particle, step)))
-        rows = _BLOCK // max(math.prod(shape[1:]) * self.noise_size, 1)
+        # a block of more numbers takes too much memory; a single tape is drawn whole
+        rows = 2**17 // max(math.prod(shape[1:]) * self.noise_size, 1)
         if not shape or shape[0] <= max(rows, 1):
             return self._block(run, stage, particle, step)
         address = [np.broadcast_to(part, shape) for part in (run, stage, particle, step)]
@@ -76,7 +72,8 @@ class NoiseSource:
         self, run: ArrayLike, stage: ArrayLike, particle: ArrayLike, count: int | None = None
     ) -> Floats:
         """Return uniforms in (0, 1) for an estimator's own choices: one for each address, or (*S, count)."""
-        pairs = self._uniforms(run, stage, particle, _CHOICE_STEP, ((count or 1) + 1) // 2)
+        # the largest step of an address, which no tape reaches, is for choices
+        pairs = self._uniforms(run, stage, particle, 0xFFFFFFFF, ((count or 1) + 1) // 2)
         if count is None:
             return pairs[0][..., 0]
         return np.concatenate(pairs, axis=-1)[..., :count]

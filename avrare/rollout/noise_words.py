@@ -14,17 +14,8 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
-_MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
 """Errors are described above this multiple of the largest one without noise."""
-_USUAL_DRAW = 0.5
-"""Normal score above which a drawn option is described."""
-_MAX_GAP_SHARE = 0.03
-"""Share of a rollout's steps between two stretches that are joined."""
-_SMALL_SHARE = 0.25
-"""Share of its greatest error below which an error is left out."""
-_SMALL_SHARE_OF_NORM = 0.05
-"""Share of a tape's norm below which a stretch of raw noise is only counted."""
 _WINDOWS = 8
 _MIN_STANDARD_ERRORS = 4.0
 """Standard errors from which on noise is set apart from chance."""
@@ -80,7 +71,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
     """Join disturbances to one sentence; of a long list the smallest ones are only counted."""
     if not disturbances:
         return "nothing is disturbed"
-    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_DISTURBANCES]
+    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:8]
     largest = [each for each in largest if each.magnitude] or largest[:1]
     largest.sort(key=lambda each: each.step)
     phrases, previous = [], ""
@@ -111,11 +102,11 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
         for reading in rollout.misreadings.values()
         for error in words.find_errors(reading, bool(tape.any()))
     ]
-    least = _SMALL_SHARE_OF_NORM * float(np.linalg.norm(tape))
+    least = 0.05 * float(np.linalg.norm(tape))  # below it, a stretch of raw noise is only counted
     for channel in words.list_raw_channels(rollout.misreadings if disturbances else ()):
         disturbances += words.find_peaks(channel, tape[:, channel], least)
     for k, (value, score) in enumerate(words.list_draws(rollout)):
-        if abs(score) > _USUAL_DRAW:
+        if abs(score) > 0.5:  # a usual draw needs no words
             disturbances.append(words.tell_draw(k, value, score))
     return sorted(dict.fromkeys(disturbances), key=lambda each: each.step)
 
@@ -184,7 +175,8 @@ class _Words:
         self.names, self._perfect = find_noise_names(system), find_perfect_noise(system)
         self._loop = system if isinstance(system, ClosedLoop) else None
         self.drawn = 0 if self._loop is None or self._loop.start is None else self._loop.start.size
-        self._dt, self._gap = problem.dt, max(1, round(_MAX_GAP_SHARE * problem.steps))
+        # stretches as near as 3 % of the steps are joined
+        self._dt, self._gap = problem.dt, max(1, round(0.03 * problem.steps))
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
         """Return the channels that neither drawn options nor errors of these names describe."""
@@ -240,7 +232,8 @@ class _Words:
             return
         errors = np.where(values != usual, np.nan_to_num(values), 0.0)
         limit = max(_NEUTRAL_FACTOR * float(np.nan_to_num(np.abs(usual)).max(initial=0.0)), reading.least)
-        limit = max(limit, _SMALL_SHARE * float(np.abs(errors).max(initial=0.0)))
+        # smaller than a quarter of the greatest error: left out
+        limit = max(limit, 0.25 * float(np.abs(errors).max(initial=0.0)))
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * errors > limit, self._gap):
                 peak = sign * float((sign * errors[first : last + 1]).max())

@@ -15,9 +15,6 @@ from avrare.protocols import Floats, Misreading, Signals
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers, Rollouts
 
-_ROW_STEPS = 4000
-"""States held at once, over all rollouts and steps; a single long rollout may have more."""
-
 
 @dataclass(frozen=True)
 class ReplayedRollout:
@@ -47,7 +44,7 @@ def replay_tape(problem: Problem, tape: Floats) -> ReplayedRollout:
 
 def replay_tapes(problem: Problem, tapes: Floats) -> list[ReplayedRollout]:
     """Replay noise tapes (N, steps + 1, noise_size) in batches."""
-    rows = max(_ROW_STEPS // (problem.steps + 1), 1)
+    rows = max(4000 // (problem.steps + 1), 1)  # states held at once; a single long rollout may have more
     parts = [_replay_batch(problem, tapes[begin : begin + rows]) for begin in range(0, len(tapes), rows)]
     return [rollout for part in parts for rollout in part]
 

@@ -12,9 +12,6 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Integers, Request
 from avrare.rollout.tape_law import CHOICES, TapeLaw
 
-_BLOCK = 2**16
-"""Upper bound on the noise numbers drawn at once."""
-
 
 class TapeDrawer:
     """Noise of a request, drawn in blocks of steps, and log p/q of the numbers handed out.
@@ -65,7 +62,8 @@ class TapeDrawer:
 
     def _draw(self, t: int) -> None:
         request, size = self.request, max(self.noise.noise_size, 1)
-        count = int(np.clip(_BLOCK // (request.rows * size), 1, self.steps + 1 - t))
+        # at most 65,536 numbers at once
+        count = int(np.clip(2**16 // (request.rows * size), 1, self.steps + 1 - t))
         started = slice(0, int(np.searchsorted(request.start, t + count)))
         run, stage, particle = (a[started, None] for a in (request.run, request.stage, request.particle))
         self._block_start = t

@@ -13,9 +13,6 @@ from avrare.scenario.schema import Block, Formula, ScoreFormula
 from avrare.scenario.validation import Mistake, failed_check
 from avrare.scenario.value_positions import Node, Path
 
-_ANY_STEP = Fraction(1, 10**9)
-"""Step [s] that divides every sensible time bound, for simulators whose step is not known."""
-
 
 def step_of(simulator: Block | None) -> float | None:
     """Return the simulator's option ``dt`` [s], or None if it has none."""
@@ -44,7 +41,8 @@ def _check_text(
 ) -> tuple[list[Mistake], list[Mistake]]:
     mark, path = node.entries["stl"].mark, (*path, "stl")
     try:
-        formula, lint = parse_with_warnings(text, _ANY_STEP if dt is None else dt)
+        # without a step, bounds are multiples of 1 ns
+        formula, lint = parse_with_warnings(text, Fraction(1, 10**9) if dt is None else dt)
     except FormulaError as error:
         return [Mistake(mark, path, error.message, error.hint)], []
     warnings = [

@@ -12,8 +12,6 @@ _Seconds = Annotated[float, Field(ge=0.0, le=10.0)]
 _Period = Annotated[float, Field(gt=0.0, le=10.0)]
 _Share = Annotated[float, Field(ge=0.0, le=0.5)]
 _Positive = Annotated[float, Field(gt=0.0)]
-_SAME = 1e-6
-"""Share of a step that is taken for rounding."""
 
 
 class Timing(BaseModel):
@@ -74,7 +72,7 @@ class Timing(BaseModel):
 
 
 def _is_multiple(seconds: float, step: float) -> bool:
-    return abs(seconds - round(seconds / step) * step) <= _SAME * step
+    return abs(seconds - round(seconds / step) * step) <= 1e-6 * step  # rounding
 
 
 class Actuators(BaseModel):

@@ -14,9 +14,6 @@ from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Controller, Floats, adapt
 from avrare.scenario.aeb import Aeb
 
-_LOOK_AHEAD = 10.0
-"""Time over which courses are extended at most [s]."""
-_ROUNDING = 1e-9
 _EARLIER = 2.0
 """Factor on the time to collision, and on the inverse of the deceleration, of one that begins earlier."""
 
@@ -90,7 +87,7 @@ class EmergencyBraking(Controller):
         active = dangerous | (memory.active & nearing)
         since = np.where(active & memory.active, memory.since + dt, 0.0)
         braking = np.minimum((since - options.delay + dt) * options.ramp, options.deceleration)
-        level = np.where(active & (since >= options.delay - _ROUNDING), braking, 0.0)
+        level = np.where(active & (since >= options.delay - 1e-9), braking, 0.0)
         stopping = np.maximum(-level, np.minimum(-ego.speed / dt, 0.0))
         acceleration = np.where(level > 0.0, np.minimum(action.acceleration, stopping), action.acceleration)
         interventions = memory.interventions + ((level > 0.0) & (memory.level == 0.0))
@@ -132,7 +129,8 @@ class EmergencyBraking(Controller):
             closing = (ego.speed * np.cos(ego.heading))[:, None] - along
             time = np.where(closing > 0.0, gap / closing, np.inf)
             sideways = (ego.speed * np.sin(ego.heading))[:, None]
-            aside = np.abs(y - ego.y[:, None] + (across - sideways) * np.minimum(time, _LOOK_AHEAD))
+            # courses extend over 10 s at most
+            aside = np.abs(y - ego.y[:, None] + (across - sideways) * np.minimum(time, 10.0))
             touches = aside < 0.5 * (scene.widths + scene.ego_width) + options.side_room
             in_way = (x > ego.x[:, None]) & touches & (closing > 0.0)
             soon = time < (options.time_to_collision or 0.0)

@@ -15,9 +15,6 @@ from avrare.base.errors import UsageError
 from avrare.driving import Prediction
 from avrare.protocols import Floats, Signals, Specification, System
 
-_NODES = (1, 3, 6, 10, 15, 20)
-"""Nodes of a plan whose states are features."""
-
 
 def system_features(system: System, state: object) -> Floats:
     """Return the features (N, F) that a system declares, else its signals."""
@@ -80,5 +77,5 @@ def plan_features(states: Floats | None) -> Floats | None:
     """Return (N, F) some nodes of a controller's plan relative to its first one; None without a plan."""
     if states is None or np.ndim(states) != 3:
         return None
-    nodes = [node for node in _NODES if node < states.shape[1]]
+    nodes = [node for node in (1, 3, 6, 10, 15, 20) if node < states.shape[1]]
     return np.asarray((states[:, nodes] - states[:, :1]).reshape(len(states), -1))

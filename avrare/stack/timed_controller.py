@@ -19,9 +19,6 @@ from avrare.protocols import Controller, Floats
 from avrare.scenario.timing import Actuators, Timing
 from avrare.stack.clock import Clock, move_samples, round_up
 
-_LEAST_SPEED = 0.1
-"""Least speed at which the power bounds the acceleration [m/s]."""
-
 
 @dataclass(frozen=True)
 class CommandQueue:
@@ -180,7 +177,8 @@ class Response:
         """Return the mean action of a step and that at its end."""
         wanted = command.acceleration
         if self._power is not None:
-            wanted = np.minimum(wanted, self._power / np.maximum(speed, _LEAST_SPEED))
+            # the power bounds the acceleration from here on [m/s]
+            wanted = np.minimum(wanted, self._power / np.maximum(speed, 0.1))
         change = self._acceleration[0] * (wanted - level.acceleration)
         if self._jerk is not None:
             change = np.clip(change, -self._jerk * self._dt, self._jerk * self._dt)

@@ -19,8 +19,6 @@ from avrare.stack.observing import observe
 
 _NEVER = 1 << 40
 """Steps until a frame that is lost or has been read."""
-_LATEST = 8.0
-"""Most standard deviations of jitter; no frame of a normal number is later."""
 
 
 class ExactPerception(PerceptionErrorModel):
@@ -63,7 +61,8 @@ class TimedPerception(PerceptionErrorModel):
         self.noise_names = (*find_noise_names(model, "perception noise"), *self._extra)
         self.perfect_noise = (*find_perfect_noise(model), *(0.0 for _ in self._extra))
         self.noise_size = len(self.noise_names)
-        latest = round_up((timing.perception_latency + _LATEST * timing.perception_jitter) / clock.dt)
+        # no frame of a normal number is later than 8 standard deviations
+        latest = round_up((timing.perception_latency + 8.0 * timing.perception_jitter) / clock.dt)
         self._capacity = latest // clock.sensor + clock.tracker // clock.sensor + 1
         self.warnings, self.ghost_slots = model.warnings, model.ghost_slots
 

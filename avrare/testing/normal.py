@@ -35,7 +35,6 @@ _FAR = (
     (2.33520497626869185e-3, 6.05183413124413191e-2, 5.27905102951428412e-1, 1.87295284992346725,
      2.56852019228982242, 1.0),
 )  # fmt: skip
-_INVERSE_ROOT_PI = 5.6418958354775628695e-1
 
 
 def pdf(x: Floats) -> Floats:
@@ -70,7 +69,7 @@ def _scaled_erfc(y: Floats) -> Floats:
     small, inverse = np.minimum(y, 0.46875), 1.0 / np.maximum(y, 4.0)
     near = np.exp(small**2) * (1.0 - small * _ratio(_NEAR, small**2))
     middle = _ratio(_MIDDLE, np.clip(y, 0.46875, 4.0))
-    far = inverse * (_INVERSE_ROOT_PI - inverse**2 * _ratio(_FAR, inverse**2))
+    far = inverse * (5.6418958354775628695e-1 - inverse**2 * _ratio(_FAR, inverse**2))  # 1 / sqrt(pi)
     return np.asarray(np.where(y <= 0.46875, near, np.where(y <= 4.0, middle, far)))
 
 

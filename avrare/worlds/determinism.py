@@ -30,8 +30,6 @@ STEPS = 10
 """Steps of the probe, which costs 7 rollouts of that length, and 1.5 more where it branches."""
 _TAPES = (0, 1, 0)
 """Tape of each row: the third repeats the first."""
-_ROUNDING = 1e-5
-"""Difference that still counts as rounding, as a share of the signal's largest value."""
 
 Samples = list[dict[str, Any]]
 State = TypeVar("State")
@@ -214,7 +212,7 @@ def _find_difference(wanted: Samples, signals: Samples, since: int = 0) -> _Diff
             np.array([before[name] for before in samples], dtype=float) for samples in (wanted, signals)
         )
         error = np.abs(first - second)[(first != second) & ~(np.isnan(first) & np.isnan(second))].max()
-        sizes[name] = float(error), bool(error <= _ROUNDING * np.nanmax(np.abs(first)))
+        sizes[name] = float(error), bool(error <= 1e-5 * np.nanmax(np.abs(first)))  # counts as rounding
     if not sizes:
         return None
     signal = next(iter(steps))

@@ -73,7 +73,7 @@ def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, dri
         ]
         ratio, shift = total.value / reference.value, math.hypot(*shifts)
         low = ratio * math.exp(-math.hypot(_log(ratio, low), shift))
-        high = ratio * math.exp(min(math.hypot(_log(high, ratio), shift), _WIDEST))
+        high = ratio * math.exp(min(math.hypot(_log(high, ratio), shift), 700.0))  # exp(710) overflows
     scenes = [
         (
             _divide(one.probability, other.probability),
@@ -83,9 +83,6 @@ def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, dri
     ]
     highest = max(total.interval[1], reference.interval[1])
     return RiskBalance(rule, unit, _divide(total.value, reference.value), (low, high), highest, tuple(scenes))
-
-
-_WIDEST = 700.0
 
 
 def _log(high: float, low: float) -> float:

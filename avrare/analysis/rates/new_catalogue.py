@@ -22,8 +22,6 @@ from avrare.protocols import Simulator
 from avrare.scenario.load import load
 from avrare.stack.builder import build_block
 
-MOST_CELLS = 100
-"""Cells of a file that become scenes of their own; of more, numbers are drawn."""
 _MOST_SCENES = 1000
 _PILOT, _ROLLOUTS = 10, 100
 """Rollouts of each scene, of the pilot and altogether."""
@@ -70,7 +68,8 @@ class CatalogueWriter:
 
     def _divide(self, found: FoundScene) -> Iterator[NewScene]:
         drawn: list[Axis] = []
-        if math.prod(map(len, found.axes)) > MOST_CELLS:
+        # numbers of a larger file are drawn; its cells do not become scenes
+        if math.prod(map(len, found.axes)) > 100:
             drawn = [axis for axis in found.axes if self._may_be_drawn(found, axis)]
         for choices in product(*(axis for axis in found.axes if axis not in drawn)):
             settings = self._write(found, {key: text for choice in choices for key, text in choice.items()})

@@ -9,9 +9,6 @@ from avrare.analysis.rates.combination import Quantity, from_rollouts
 from avrare.estimation.result.result import Result
 from avrare.estimation.result.verdict import find_doubts
 
-_HARMLESS = "rounding"
-"""Warning that says nothing against an estimate."""
-
 
 @dataclass(frozen=True)
 class SceneEstimate:
@@ -41,7 +38,8 @@ class SceneEstimate:
     @property
     def warnings(self) -> dict[str, str]:
         """Health warnings, name to message, but for harmless ones."""
-        return {name: text for name, text in self.result.health.items() if name != _HARMLESS}
+        # rounding says nothing against an estimate
+        return {name: text for name, text in self.result.health.items() if name != "rounding"}
 
     @property
     def doubts(self) -> frozenset[str]:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
 from avrare.base.number_format import format_interval, format_percent, format_probability, format_ratio
 
-_MAX_NAMED_SCENES = 3
-"""Scenes that are named for each rule."""
-
 
 def describe_warnings(rates: CatalogueRates) -> list[str]:
     """Return the health warnings of all scenes; each line once, with the scenes and rules that it is of."""
@@ -45,7 +42,7 @@ def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
         return f"all from {names[0]}" if total.value else "no failure was seen"
     if not total.value:
         return f"no failure was seen; {doubt}"
-    largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:_MAX_NAMED_SCENES]
+    largest = sorted(zip(total.shares, names, strict=True), reverse=True)[:3]
     parts = [f"{name} {format_percent(round(share, 2))}" for share, name in largest if share]
     return f"mostly {', '.join(parts)}; {doubt}"
 

@@ -24,13 +24,9 @@ from avrare.stack.noise_names import find_noise_names
 
 _FIRST, _SECOND = 5, 96
 """Rollouts of each tail at first, and of all together that are looked at again."""
-_MOST_TAILS = 8
-"""Tails that are looked at again."""
 DEPTHS = (5.0, 20.0, 100.0)
 """Probabilities of a tail over the estimate's upper end: a fault that seldom fails shows in a large tail."""
 LARGEST_TAIL = 0.05
-_RUN = 2**31 + 2**30
-"""Address of the probe's noise, far from the runs that count."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ def probe_outliers(
     hits = first.reshape(len(tails), len(sizes), _FIRST).sum(axis=2)
     promise = hits**3 * sizes  # a large tail with a lucky hit is judged poorly
     deepest = promise.argmax(axis=1)
-    worst = np.argsort(-promise.max(axis=1), kind="stable")[:_MOST_TAILS]
+    worst = np.argsort(-promise.max(axis=1), kind="stable")[:8]
     worst = worst[hits[worst].any(axis=1)]
     if not len(worst):
         return None
@@ -125,7 +121,7 @@ def find_failures(
 
 def _tapes(problem: Problem, seed: int, stage: int, sizes: Floats, rows: Integers, tails: Integers) -> Floats:
     """Return tapes (M, T + 1, C) with one number from the tails (M, 3), of probabilities ``sizes[rows]``."""
-    noise = NoiseSource(seed, problem.noise_size, _RUN)
+    noise = NoiseSource(seed, problem.noise_size, 2**31 + 2**30)  # far from the noise of the runs that count
     tape = noise.normals(0, stage, rows[:, None], np.arange(problem.steps + 1))
     uniform = noise.choices(np.zeros_like(rows), np.full(len(rows), stage), rows, 2)
     late, channel, side = tails.T

@@ -29,8 +29,6 @@ _FEW, _LEAST, _MOST = 40, 2, 6
 """Rollouts of all pairs of a group at first, about; the least and the most of a pair."""
 _TOGETHER = 12
 """Numbers that are extreme together, about, at most."""
-_RUN = 2**31 + 2**30 + 1
-"""Address of the probe's noise."""
 
 
 def pair_probe_cost(problem: Problem) -> int:
@@ -122,7 +120,8 @@ class _Tails:
 
     def __init__(self, problem: Problem, seed: int, step: int, size: float) -> None:
         self.problem, self.step, self.size = problem, step, size
-        self.noise = NoiseSource(seed, problem.noise_size, _RUN + step)
+        # far from the noise of the runs that count
+        self.noise = NoiseSource(seed, problem.noise_size, 2**31 + 2**30 + 1 + step)
 
     def sides_of_groups(self) -> Integers:
         """Return sides (G, C), 0 for a number that is not extreme."""

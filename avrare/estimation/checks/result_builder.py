@@ -24,14 +24,10 @@ from avrare.rollout.executors.work import Executor, run_errand
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
-_FALLBACK = "fallback_solves"
-_MAX_FALLBACKS = 0.01
 _LOOK_SHARE = 20
 """Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
 _WHEN = {0: "at the start", 1: "at the first step", None: "at a later step"}
 _REPLAY, _SEARCH = "the replay of the least robust rollout", "the search for failures that were missed"
-_ROUNDING = 1e-3
-"""Difference of a rollout's robustness that still counts as rounding, as a share of the robustness."""
 
 
 def build_result(
@@ -165,8 +161,8 @@ def _outliers(
 
 
 def _solver(counts: Mapping[str, int]) -> dict[str, str]:
-    solves, fallbacks = counts.get("solves", 0), counts.get(_FALLBACK, 0)
-    if fallbacks <= _MAX_FALLBACKS * solves:
+    solves, fallbacks = counts.get("solves", 0), counts.get("fallback_solves", 0)
+    if fallbacks <= 0.01 * solves:
         return {}
     return health.warn("solver_failures", fallbacks=fallbacks, solves=solves)
 
@@ -183,7 +179,7 @@ def _reproduction(
     if first == again == repeated:
         return {}
     spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0
-    small = rounds or abs(first - again) <= _ROUNDING * max(abs(first), spread)
+    small = rounds or abs(first - again) <= 1e-3 * max(abs(first), spread)  # counts as rounding
     name = "rounding" if small and again == repeated else "not_deterministic"
     reason = f"a rollout of robustness {first:.6g}, replayed, differs by {abs(again - first):.2g}"
     return health.warn(name, reason=reason)

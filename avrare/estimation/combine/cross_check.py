@@ -37,12 +37,8 @@ ABOVE, BELOW = 0.95, 0.99
 Estimates by levels are skewed: a small one that misses something, or is just unlucky, reads too low. This
 check says less of the estimate, and asks for more (docs/cross-check.md has the rate of false alarms).
 """
-NOTICED = 10.0
-"""A check that would not notice this factor says nothing."""
 _FREQUENT = 1e-2
 """Probability from which on Monte Carlo checks."""
-_NOMINAL = 1e-4
-"""Probability that stands for an estimate of 0 where the size of its check is chosen."""
 _VERBS = {"agree": "agrees", "disagree": "disagrees", "inconclusive": "is inconclusive"}
 _SEED_KEY = 0xC4EC
 
@@ -89,7 +85,7 @@ def add_cross_check(
         return _add_nothing(result, check, name, "no estimator of another family can run this system")
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
     paid = check.share * cost / result.shared_by
-    sized = built.scaled(paid, result.probability or _NOMINAL)
+    sized = built.scaled(paid, result.probability or 1e-4)  # stands for an estimate of 0
     if sized is None:
         reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
         return _add_nothing(result, check, name, reason)
@@ -164,7 +160,8 @@ def compare(result: Result, second: Result) -> tuple[str, float]:
         disagree = large.probability > noticed * small.probability
     if disagree:
         return "disagree", noticed
-    return ("agree" if noticed <= NOTICED else "inconclusive"), noticed
+    # a check that would not notice a factor of 10 says nothing
+    return ("agree" if noticed <= 10.0 else "inconclusive"), noticed
 
 
 def _describe(second: Result, outcome: str, noticed: float, share: float) -> str:

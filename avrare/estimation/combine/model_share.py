@@ -18,11 +18,6 @@ from avrare.base.special_functions import bisect, chi_square_quantiles
 from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Floats
 
-_POINTS = 400
-"""Points of the law of the spread."""
-_FAR = 40.0
-"""Distance of the ends of an interval from its centre, in logarithms, at most."""
-
 
 @dataclass(frozen=True)
 class ModelShare:
@@ -91,7 +86,7 @@ class ModelShare:
             )
 
         spreads = [spread for spread in self._spreads if spread > 0.0]
-        half = bisect(below, 1.0 - tail, 0.0, _FAR) if spreads else 0.0
+        half = bisect(below, 1.0 - tail, 0.0, 40.0) if spreads else 0.0  # in logarithms
         mean = float(self.probabilities.mean())
         low, high = math.exp(centre - half), math.exp(min(centre + half, 0.0))
         return min(low, mean), max(high, mean)
@@ -123,4 +118,4 @@ class ModelShare:
 
 @lru_cache(maxsize=16)
 def _chi_square(freedom: int) -> Floats:
-    return chi_square_quantiles(_POINTS, freedom)
+    return chi_square_quantiles(400, freedom)

@@ -18,9 +18,6 @@ from avrare.rollout.executors.work import Executor
 from avrare.rollout.problem import Problem
 from avrare.scenario.cross_check import CrossCheck
 
-_CHECK = "+check"
-"""End of the name of a cross-check's journal; no specification has a "+" in its name."""
-
 Watch = Callable[[str, Problem], AbstractContextManager[Progress | None]]
 """Called with a label and a problem as each estimate begins; gives its progress display."""
 
@@ -94,7 +91,8 @@ def estimate_specifications(
     def run_check(problem: Problem, checker: Estimator, settings: Settings) -> Result:
         name = problem.names[0]
         label = f"{name}{note}  cross-check by {checker.name}"
-        return execution.run(label, f"{name}{_CHECK}", problem, checker, settings)[0]
+        # no specification has a "+" in its name
+        return execution.run(label, f"{name}+check", problem, checker, settings)[0]
 
     for group in group_specifications(problem, estimator):
         names = group.names

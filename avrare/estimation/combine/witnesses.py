@@ -23,7 +23,6 @@ from avrare.estimation.result.result import Result
 
 _ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "leaps"})
 """Doubts that an unlike estimate answers where it agrees."""
-_FREEDOM = 8
 
 
 def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str, str]:
@@ -92,7 +91,7 @@ def _mean(first: Result, second: Result) -> Result:
         probability=mean,
         run_probabilities=values,
         relative_error=float(np.sqrt(variance)),
-        interval_at=partial(intervals.log_normal, mean, variance, freedom=_FREEDOM, errors=errors),
+        interval_at=partial(intervals.log_normal, mean, variance, freedom=8, errors=errors),
         unopened_at=None,
         least_upper=max((witness.least_upper for witness in doubted), default=0.0),
         health=warnings[1] | warnings[0],

@@ -27,7 +27,6 @@ from avrare.rollout.request import FROM_START, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer
 
 Progress = Callable[[Info], None]
-_MOST_ERROR_TAPES = 10
 
 
 def run(
@@ -223,7 +222,7 @@ class _Loop:
 
     def _keep_errors(self, chunk: Request, outcome: Rollouts) -> None:
         """Keep the tapes of the first rollouts from the beginning that broke down."""
-        most = _MOST_ERROR_TAPES - len(self.error_tapes)
+        most = 10 - len(self.error_tapes)
         if most and outcome.error.any():
             rows = np.flatnonzero(outcome.error & (chunk.start == FROM_START))[:most]
             draw = TapeDrawer(self.work.noise, chunk, self.plan.steps)

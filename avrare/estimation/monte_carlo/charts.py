@@ -10,8 +10,6 @@ from avrare.estimation.result import intervals
 from avrare.estimation.result.charts import draw_histogram
 from avrare.estimation.result.result import Result
 
-_CONVERGENCE_POINTS = 60
-
 
 def draw_charts(result: Result) -> tuple[Chart, ...]:
     """Return histogram and running estimate; the latter only where robustness marks the failures."""
@@ -26,7 +24,7 @@ def _draw_convergence(result: Result) -> tuple[Chart, ...]:
     total = len(robustness)
     if total < 2 or (result.failures.count != violated.sum() and total >= counted):
         return ()
-    at = np.unique(np.geomspace(1, total, _CONVERGENCE_POINTS).round().astype(int))
+    at = np.unique(np.geomspace(1, total, 60).round().astype(int))
     failures, errors = np.cumsum(violated)[at - 1], np.cumsum(np.isnan(robustness))[at - 1]
     confidence = result.confidence
     bounds = [

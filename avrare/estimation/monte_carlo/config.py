@@ -7,9 +7,6 @@ from pydantic import Field, model_validator
 from avrare.base.memory import MEMORY_OPTION
 from avrare.plugin import Options
 
-MAX_SEQUENTIAL_ROLLOUTS = 10**6
-"""Upper bound for a run with a stopping rule: a specification that never fails must end too."""
-
 
 class McConfig(Options):
     """Options of Monte Carlo: independent rollouts, all specifications scored in one pass."""
@@ -47,7 +44,7 @@ class McConfig(Options):
             raise ValueError(f"{given[0]} is a stopping rule for a single run; leave runs at 1")
         if given and "rollouts" not in self.model_fields_set:
             # Not by assignment: an option that is not given must not count as given.
-            self.__dict__["rollouts"] = MAX_SEQUENTIAL_ROLLOUTS
+            self.__dict__["rollouts"] = 10**6  # a specification that never fails must end, too
         return self
 
     @property

@@ -29,8 +29,6 @@ _STAGE = 2**15
 """Largest number of rollouts of a stage."""
 _FIRST_STAGE = 64
 """Rollouts before the first look at the clock; later stages double, so that each look is in time."""
-_LOOK = 16
-"""A stopping rule may overshoot by 1 / 16 of the rollouts done; each look reads all of them."""
 _UNLIMITED = 2**40
 """Rollouts of a run that a budget of seconds ends."""
 
@@ -96,7 +94,8 @@ class MonteCarlo(Estimator):
         if done >= state.total or self._has_stopped(state):
             return None
         if self.config.sequential:  # few rollouts are wasted, and few looks read all of them
-            size = max(_FIRST_STAGE, done // _LOOK)
+            # a stopping rule overshoots by 1 / 16 at most; each look reads all rollouts
+            size = max(_FIRST_STAGE, done // 16)
         elif state.info.goal is None:
             size = min(size, max(_FIRST_STAGE, done))
         index = np.arange(done, min(done + size, state.total))

@@ -15,11 +15,6 @@ from avrare.estimation.plan.plan import Estimator, Plan
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Carry
 
-_NOISE_BLOCK = 2**17 * 8 * 16
-"""Bytes to draw a block of noise."""
-_STATES = 4
-"""States of a chunk that are alive at once: the old one, the new one, and the arrays of a step."""
-
 
 @dataclass(frozen=True)
 class Demand:
@@ -77,8 +72,10 @@ def forecast(estimator: Estimator, plan: Plan, carry: int) -> Forecast:
             f"{needed} {format_memory(held)} of memory, more than the option memory ({limit:g} MiB)",
             f"raise it to {math.ceil(held / 2**20)}, or lower {demand.sizes}",
         )
-    rows = _STATES * carry + 8 * (plan.steps + 1)
-    memory = Forecast(held, plan.chunk * rows + _NOISE_BLOCK, used_memory())
+    # the old states of a chunk, the new ones, and two for the arrays of a step
+    rows = 4 * carry + 8 * (plan.steps + 1)
+    # the last term: to draw a block of noise
+    memory = Forecast(held, plan.chunk * rows + 2**17 * 8 * 16, used_memory())
     if memory.total > (usable := usable_memory()):
         smaller = f"lower {demand.sizes}" if held > memory.chunk else "lower chunk"
         raise UsageError(

@@ -19,8 +19,6 @@ from avrare.rollout.request import Request, Rollouts
 _MAX_MESSAGES = 5
 FAILURE_LIMIT = 100
 """Failing tapes that a result keeps at most."""
-_FAILURE_BYTES = 2**28
-"""Bytes of all failing tapes that the results of an estimate keep, but for one each."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,8 @@ class Plan:
     @property
     def kept_failures(self) -> int:
         """Number of failing tapes that a result keeps at most: fewer where they are long."""
-        room = _FAILURE_BYTES // (self.tape_bytes * len(self.names))
+        # bytes of the tapes that the results keep together
+        room = 2**28 // (self.tape_bytes * len(self.names))
         return max(1, min(FAILURE_LIMIT, room))
 
 

@@ -12,8 +12,6 @@ from avrare.estimation.result import intervals
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 
-_BINS = 32
-
 
 def draw_charts(result: Result) -> tuple[Chart, ...]:
     """Return the charts of estimators that declare none of their own."""
@@ -95,6 +93,6 @@ def _choose_bin_edges(values: Floats) -> Floats:
     low, high = float(values.min()), float(values.max())
     if low == high:
         low, high = low - 0.5, high + 0.5
-    width = (high - low) / _BINS
+    width = (high - low) / 32
     first, last = math.floor(low / width), math.ceil(high / width)
     return np.asarray(width * np.arange(first, last + 1))

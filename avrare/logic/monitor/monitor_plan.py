@@ -36,9 +36,6 @@ from avrare.logic.semantics.window_operators import Array, accumulate, get_dual,
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.nodes import Node
 
-_HUGE = 1e290
-"""Magnitude that is too small to make the largest double overflow when it is added."""
-
 FoldCarry = tuple[Array, ...]
 
 
@@ -144,7 +141,7 @@ def _is_quiet(part: Node | nodes.Term) -> bool:
         case nodes.Comparison(_, nodes.Signal(), nodes.Number(value)) | nodes.Comparison(
             _, nodes.Number(value), nodes.Signal()
         ):
-            return abs(value) < _HUGE
+            return abs(value) < 1e290  # too small to make the largest double overflow when it is added
         case nodes.Predicate(term):
             return isinstance(term, nodes.Signal)
         case nodes.Comparison():

@@ -11,8 +11,6 @@ import numpy as np
 from avrare.base.errors import FormulaError, did_you_mean
 from avrare.logic.semantics.window_operators import Array
 
-_BLOCK = 14_000
-"""Numbers per array of a block, at most: it should fit the processor's cache."""
 _FLOAT = np.dtype(np.float64)
 _SHAPE_HINT = "give arrays (N, T), or (T,) for one trace"
 
@@ -40,7 +38,8 @@ class Trace:
     def blocks(self) -> list[slice]:
         """Split the rows into blocks of similar size whose arrays fit the processor's cache."""
         size = max(x[:, :1].size for x in self.samples.values()) if self.rows else 1
-        rows, most = max(self.rows, 1), max(1, _BLOCK // max(size, 1))
+        # numbers of an array that fit the processor's cache
+        rows, most = max(self.rows, 1), max(1, 14_000 // max(size, 1))
         count = math.ceil(rows / math.ceil(rows / most))
         return [slice(first, first + count) for first in range(0, rows, count)]
 

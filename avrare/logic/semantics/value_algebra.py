@@ -21,7 +21,6 @@ Value = Array | float
 TINY = float(np.finfo(np.float64).tiny)
 """Represents a margin of 0 that is true, its negative one that is false; reported as 0.0."""
 
-_ANY: Range = (-math.inf, math.inf)
 _TRUE_AT_ZERO = {"<": False, "<=": True, ">": False, ">=": True, "==": True, "!=": False}
 
 
@@ -206,7 +205,7 @@ def _term_range(term: Term) -> Range:
             lows, highs = zip(*map(_term_range, arguments), strict=True)
             return choose(lows), choose(highs)
         case _:
-            return _ANY
+            return (-math.inf, math.inf)
 
 
 def _subtract_ranges(left: Range, right: Range) -> Range:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from lark import Token, Tree
 
 _NUMERIC = {"number", "negative", "arithmetic", "call", "group"}
-_SIMILAR = 0.75
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ class Scope:
             hint = f"write: forall o in {name}: ... with o as the argument"
             raise make_error(text, word, f"{name} is a group, not a vehicle", hint)
         variables = {*self.names, *self.bound} - {"ego"}
-        close = suggest(name, variables, _SIMILAR) if name != "ego" else None
+        close = suggest(name, variables, 0.75) if name != "ego" else None
         if close:
             hint = f"did you mean {close!r}? if not, give the quantified variable another name"
             raise make_error(text, word, f"{name} is not bound by a quantifier", hint)

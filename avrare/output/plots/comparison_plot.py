@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _COVERS, _MISSES, _MEAN, _TRUTH = "#1b6ca8", "#d9701a", "#22303c", "#b0443c"
 _BAND = 0.7  # share of an estimator's band that its repetitions fill
-_LABEL_WIDTH = 32  # letters per line
 
 
 def plot_comparison(comparison: Comparison) -> Plot:
@@ -73,9 +72,7 @@ def _draw_summary(ax: Axes, place: int, summary: Summary) -> None:
 
 
 def _label(result: ArmResult) -> str:
-    return plain(
-        "\n".join(line for word in result.arm.label_parts for line in textwrap.wrap(word, _LABEL_WIDTH))
-    )
+    return plain("\n".join(line for word in result.arm.label_parts for line in textwrap.wrap(word, 32)))
 
 
 def _frame(ax: Axes, labels: list[str], low: float, high: float) -> None:

@@ -15,7 +15,6 @@ from avrare.rollout.frames import Frame
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOMENTS = 4
 _BEHIND, _AHEAD = 40.0, 80.0  # distances from the ego that are drawn [m]
 _SATISFIED, _VIOLATED, _PREFIX = "#2e7d4f", "#b0443c", "#6b7a8f"
 
@@ -40,7 +39,7 @@ def _choose_samples(score: MonitoringResult) -> list[int]:
         return []
     last = score.recording.samples - 1
     named = [moment.sample for moment in (score.first, score.worst) if moment is not None]
-    return sorted(list(dict.fromkeys([*named, 0, last, last // 2, last // 4]))[:_MOMENTS])
+    return sorted(list(dict.fromkeys([*named, 0, last, last // 2, last // 4]))[:4])
 
 
 def _draw_robustness(ax: Axes, score: MonitoringResult, moments: list[int]) -> None:

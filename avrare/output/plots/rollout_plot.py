@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
 _MOMENTS = 6
 _WIDTH, _MIN_ROW_HEIGHT = 12.0, 1.05  # of the plot, of a moment [inches]
-_MAX_ROAD = 300.0  # length of a road [m] above which the plot follows the ego, since cars would be specks
 _BEHIND, _AHEAD = 70.0, 150.0  # distances from the ego that are drawn then [m]
-_MARGIN = 15.0  # around the ego's way where there are no lanes [m]
 _EGO, _OTHER, _PARKED, _MARKED = "#1b6ca8", "#6b7a8f", "#b0443c", "#d9701a"
 _SEEN, _ESTIMATE, _PLAN = "#e08a1e", "#7b3fa0", "#1b6ca8"
 
@@ -58,7 +56,7 @@ def plot_drive(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
         return _plot_plane(frames, scene, title)
     chosen = _choose_moments(frames)
     figure = make_figure(_WIDTH, _MIN_ROW_HEIGHT * len(chosen) + 0.9)
-    follow = scene.road.end - scene.road.begin > _MAX_ROAD
+    follow = scene.road.end - scene.road.begin > 300.0  # on a longer road [m] cars would be specks
     axes = np.atleast_1d(figure.subplots(len(chosen), 1, sharex=not follow, sharey=True))
     for ax, frame in zip(axes, chosen, strict=True):
         draw_road(ax, scene)
@@ -87,7 +85,7 @@ def _plot_plane(frames: Sequence[Frame], scene: Scene, title: str) -> Plot:
     figure = make_figure(_WIDTH, 0.67 * _WIDTH)
     places = np.array([[frame.world.ego.x[0], frame.world.ego.y[0]] for frame in frames])
     low, high = places.min(axis=0), places.max(axis=0)
-    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max()) + _MARGIN
+    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max()) + 15.0  # [m]
     axes = figure.subplots(2, _MOMENTS // 2, sharex=True, sharey=True, squeeze=False).ravel()
     for ax in axes[len(chosen) :]:
         ax.set_axis_off()

@@ -11,8 +11,6 @@ from avrare.estimation.plan.plan import Info
 from avrare.output.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
 
-_SECONDS_BETWEEN = 0.25
-
 
 @contextmanager
 def show_progress(
@@ -44,7 +42,7 @@ class _NotebookLine:
     def __call__(self, info: Info) -> None:
         self.line.see(info)
         now = time.monotonic()
-        if now - self.shown >= _SECONDS_BETWEEN:
+        if now - self.shown >= 0.25:
             self.shown = now
             self._show(self.line.line(info, now - self.line.began))
 

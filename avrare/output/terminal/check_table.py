@@ -20,8 +20,6 @@ from avrare.output.terminal.console import (
     print_table,
 )
 
-_PLAN_WIDTH = 100  # columns that a plan needs; a narrower terminal wraps its lines
-
 
 def print_check(outcome: CheckResult, mode: Mode = "auto") -> None:
     """Print the verdicts; in quiet mode one line each and the overall verdict."""
@@ -66,7 +64,7 @@ def _verdict_table(outcome: CheckResult) -> Table:
 def print_plan(costs: Sequence[CostEstimate], mode: Mode = "auto") -> None:
     """Print the predicted costs of verdicts."""
     console = make_console(mode)
-    console.width = max(console.width, _PLAN_WIDTH)
+    console.width = max(console.width, 100)  # columns that a plan needs; a narrower terminal wraps its lines
     texts, numbers = ("scenario", "specification", "required"), ("rollouts", "steps", "time")
     table = make_table("predicted cost of a verdict", texts, numbers)
     table.add_column("reason")

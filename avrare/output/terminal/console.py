@@ -16,7 +16,6 @@ from avrare.base.visible_text import spell_controls
 
 Mode = Literal["auto", "plain", "quiet"]
 VERDICT_COLOURS = {"pass": "green", "pass_assuming": "cyan", "fail": "red", "inconclusive": "yellow"}
-_MAX_WIDTH = 10_000
 
 
 def make_console(mode: Mode = "auto", **options: Any) -> Console:
@@ -63,7 +62,7 @@ def make_table(
 
 def print_table(console: Console, table: Table) -> None:
     """Print a table at its own width: a narrower terminal wraps it, and no number is cut."""
-    room = console.options.update(max_width=_MAX_WIDTH)
+    room = console.options.update(max_width=10_000)
     # The ``width`` of ``print`` only narrows.
     console.width = max(console.width, Measurement.get(console, room, table).maximum)
     console.print(table)

@@ -9,9 +9,6 @@ from avrare.base.number_format import format_clock
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.plan import Info
 
-_LONG_STAGE = 5.0
-"""Least seconds of a stage that are shown."""
-
 
 @dataclass
 class TimeLeft:
@@ -44,7 +41,7 @@ class TimeLeft:
         clocked = forecast is not None and (info.goal or forecast.kind == "seconds")
         if info.stage_rows and info.rollouts and not clocked:
             rest = (info.stage_rows - info.stage_done) * self._pace("rollouts", info, seconds)
-            if rest >= _LONG_STAGE:
+            if rest >= 5.0:  # a shorter stage needs no clock
                 words.append(f"stage {info.stage_done}/{info.stage_rows}, {format_clock(rest)} left in it")
         if forecast is not None and (left := self._range(info, seconds)) is not None:
             given = f" ({forecast.given})" if forecast.given else ""

@@ -30,8 +30,6 @@ or infinity it gives every predicate a number.
 _RESERVED = {"ego": "the ego", "others": "all vehicles but the ego"}
 """Names with a meaning in formulas, which no other vehicle may have."""
 
-_PARKED_SPEED = 0.01  # a vehicle that is never faster than this is parked [m/s]
-
 
 @dataclass(frozen=True)
 class Recording:
@@ -125,7 +123,8 @@ def assemble_recording(
     scene = None
     if road is not None:
         speeds = (other.states[3][other.present] for other in others)
-        moving = np.array([bool(np.any(np.abs(speed) > _PARKED_SPEED)) for speed in speeds], dtype=bool)
+        # any faster sample [m/s]: it is not parked
+        moving = np.array([bool(np.any(np.abs(speed) > 0.01)) for speed in speeds], dtype=bool)
         scene = Scene(dt, road, ego.length, ego.width, names, lengths, widths, moving)
         _require_lanes(source, signals, scene)
         _show_contacts(signals, scene)

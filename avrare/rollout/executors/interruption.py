@@ -10,11 +10,6 @@ import time
 from types import FrameType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_NOTE = b"\nstopping after the current chunk; press Ctrl-C again to stop at once\n"
-_ECHO = 0.2
-"""Seconds in which a second signal counts as the first: ``timeout`` signals a program and its group."""
-
 
 class Stopping:
     """Handler of Ctrl-C and SIGTERM while entered; calling it returns whether to stop.
@@ -38,7 +33,7 @@ class Stopping:
 
     def __enter__(self) -> Stopping:
         if threading.current_thread() is threading.main_thread():
-            for number in _SIGNALS:
+            for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._before[number] = signal.signal(number, self._handle)
         return self
@@ -51,10 +46,10 @@ class Stopping:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         if self.asked:
-            if now - self._since < _ECHO:
+            if now - self._since < 0.2:  # ``timeout`` signals a program and its group: both count as one
                 return
             raise KeyboardInterrupt
         self.asked, self._since = True, now
         if not self.silent:
             with contextlib.suppress(OSError):  # not print, which the signal may have interrupted
-                os.write(2, _NOTE)
+                os.write(2, b"\nstopping after the current chunk; press Ctrl-C again to stop at once\n")

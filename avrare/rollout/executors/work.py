@@ -21,10 +21,6 @@ from avrare.scenario.overrides import override
 from avrare.scenario.validation import check_options
 from avrare.scenario.value_positions import Mark, Node
 
-_FIELDS = ("scores", "robustness", "violated", "error", "log_weight")
-"""Fields to compare, scores first: they give the step."""
-
-
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -121,7 +117,8 @@ def check_reproduces(run: Callable[[Request], Rollouts], chunk: Request, stored:
 
 
 def _difference(stored: Rollouts, row: int, repeated: Rollouts, other: int) -> str:
-    for name in _FIELDS:
+    # scores first: they give the step
+    for name in ("scores", "robustness", "violated", "error", "log_weight"):
         before, after = getattr(stored, name)[row], getattr(repeated, name)[other]
         if not _same(before, after).all():
             return _describe(name, before, after)

@@ -22,8 +22,6 @@ from avrare.base.errors import AvrareError, ExitCode
 from avrare.rollout.executors.work import Errand, Executor, Task, Work
 from avrare.rollout.request import Request, Rollouts
 
-_IN_FLIGHT = 2
-"""Chunks in flight for each worker: one running, one queued."""
 _LOOK_SECONDS = 0.5
 """Time between two looks at the workers while the parent waits for an outcome."""
 _MOST_ATTEMPTS, _CHUNK_ATTEMPTS = 3, 2
@@ -31,8 +29,6 @@ _PARTS = 4
 """Parts of a chunk that is divided: fewer workers die than with halves, and as many parts are run."""
 _SLOWEST = 3.0
 """Time that a chunk may take beside the limit of a rollout, over that of the slowest chunk so far."""
-_ERRAND_ROLLOUTS = 100
-"""Rollouts whose limits an errand may take."""
 _HOPELESS = 8
 """Rollouts of a divided chunk that all end their worker, after which the estimate is given up."""
 
@@ -97,7 +93,7 @@ class WorkerPool(Executor):
         """Yield outcomes in the order of the chunks, taking a chunk when there is room for it."""
         source, flights = iter(chunks), deque[Future[Any]]()
         while True:
-            room = _IN_FLIGHT * self.workers - len(flights)
+            room = 2 * self.workers - len(flights)  # for each worker one that runs, one that waits
             flights.extend(self._threads.submit(self._run, chunk) for chunk in islice(source, room))
             if not flights:
                 return
@@ -203,5 +199,5 @@ class WorkerPool(Executor):
         if self._timeout is None:
             return math.inf
         if isinstance(task, Errand):
-            return _ERRAND_ROLLOUTS * self._timeout
+            return 100 * self._timeout  # an errand may take as long as 100 rollouts
         return self._timeout + _SLOWEST * self._most_seconds * max(task.rows / self._most_rows, 1.0)

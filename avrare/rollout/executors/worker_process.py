@@ -24,14 +24,10 @@ from avrare.rollout.executors.worker_pool import WorkerLost
 HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
 _PATIENCE = 10
 """Looks in a row that find a worker stopped (SIGSTOP) before it is given up; Ctrl-Z stops the parent too."""
-_FAREWELL = 1.0
-"""Seconds that a process whose pipe has ended may take to leave its exit code."""
 _UNGUARDED = 97
 """Exit code of a worker whose import of the script began another estimate with workers."""
 _OUT_OF_MEMORY = 98
 """Exit code of a worker whose chunk needs more memory than there is."""
-_END = 10.0
-"""Seconds that an idle process has to end."""
 
 
 class WorkerProcess:
@@ -64,7 +60,7 @@ class WorkerProcess:
             self._connection.send_bytes(question)
             return self._connection.recv_bytes()
         except (OSError, EOFError):
-            self._process.join(_FAREWELL)
+            self._process.join(1.0)  # it may take a second to leave its exit code
             exit_code = self._process.exitcode
             if exit_code == _UNGUARDED:
                 raise UsageError(
@@ -95,7 +91,7 @@ class WorkerProcess:
         """Wait until the process, which is idle or killed, has ended; kill one that does not."""
         with self._hanging_up:
             self._connection.close()
-        self._process.join(_END)
+        self._process.join(10.0)
         self._process.kill()
         self._process.join()
 
