@@ -25,10 +25,6 @@ from avrare.rollout.problem import Problem
 HALVING = math.sqrt(math.log(2.0))
 """Standard deviation of normal log weights at which half of the effective failures are left."""
 _SMALL = 1e-3
-_MIN_FAILURES_FOR_SLOPE = 8
-"""Kept failures below which a slope is not known at all."""
-_MIN_FAILURES_FOR_WEIGHTS = 20
-"""Kept failures below which their weights tell too little,"""
 _MIN_EFFECTIVE_SHARE = 0.25
 """and share of them that must be left effectively."""
 
@@ -87,7 +83,7 @@ class Reweigher:
         The log weights of a nearby value are, to first order, the score times the distance.
         """
         step, count = _SMALL * abs(self.value), len(failures.noise)
-        if count < _MIN_FAILURES_FOR_SLOPE or step == 0.0:
+        if count < 8 or step == 0.0:  # too few failures to know a slope
             return None
         low, high = max(self.value - step, self.between[0]), min(self.value + step, self.between[1])
         ratios = self._ratios(failures, (high, low))
@@ -108,7 +104,8 @@ class Reweigher:
             values: The values.
             level: Level of the intervals.
         """
-        if len(result.failures.noise) < _MIN_FAILURES_FOR_WEIGHTS or not len(values) or not result.trials:
+        # too few failures to trust their weights
+        if len(result.failures.noise) < 20 or not len(values) or not result.trials:
             return ()
         ratios = self._ratios(result.failures, values)
         if ratios is None:

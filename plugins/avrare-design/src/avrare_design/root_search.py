@@ -37,8 +37,6 @@ _MIN_REACH_HALF_WIDTHS = 1.5
 """Least distance in log p that reweighing must reach, in half widths of the interval there."""
 _STEP_HALF_WIDTHS = 1.3
 """Distance from the root at which the next value is taken, in half widths of the interval there."""
-_MIN_RELATIVE_WIDTH = 0.02
-"""Relative width of the answer from which on it is not narrowed any further."""
 _MIN_SLOPE = 1e-3
 _BEND = 0.3
 _INTERVAL_STANDARD_ERRORS = 6.0
@@ -179,7 +177,7 @@ class _Search:
         ends = sorted(_to(trial.value, self.scaled) for trial in self.trials[:2])
         if keeping is not None and broken is not None:
             ends = sorted((_to(keeping, self.scaled), _to(broken, self.scaled)))
-            if abs(keeping - broken) <= _MIN_RELATIVE_WIDTH * max(abs(keeping), abs(broken)):
+            if abs(keeping - broken) <= 0.02 * max(abs(keeping), abs(broken)):  # narrow enough
                 return None
         middle = 0.5 * (ends[0] + ends[1])
         line = self._fit()

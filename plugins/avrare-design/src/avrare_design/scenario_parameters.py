@@ -39,8 +39,6 @@ from avrare_design.sensitivity import (
 )
 
 _DEFAULT = "perception."
-_NO_DERIVATIVE = ("height",)
-"""Numbers of perception that are facts about the world."""
 _INDICES = re.compile(r"(\.\d+)+$")
 _HALVINGS = 5
 """Times that the step to a value which the scenario refuses is halved."""
@@ -99,7 +97,7 @@ class ParametricScenario:
             if name.startswith(_DEFAULT)
             and isinstance(value, float)
             and value != 0.0
-            and name.rsplit(".", 1)[1] not in _NO_DERIVATIVE
+            and name.rsplit(".", 1)[1] not in ("height",)  # a fact about the world
         ]
 
     def specification(self, name: str | None) -> str:

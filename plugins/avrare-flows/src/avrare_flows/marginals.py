@@ -20,8 +20,6 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 
 Number = float | Floats
-_LOST = -40.0
-"""Logarithm of a number that rounding loses beside 1."""
 Tails = tuple[Floats, Floats]
 """P(X <= x) and P(X > x)."""
 
@@ -248,7 +246,7 @@ def _student(freedom: Number, p: Floats) -> Floats:
     """
     half = 0.5 * np.asarray(freedom)
     log_w = (_log(2.0 * p) + np.log(half) + special.betaln(half, 0.5)) / half
-    far = log_w < _LOST
+    far = log_w < -40.0  # rounding loses e^-40 beside 1
     with np.errstate(over="ignore"):
         beyond = -np.exp(0.5 * (np.log(2.0 * half) - log_w))
     return np.asarray(np.where(far, beyond, special.stdtrit(freedom, np.where(far, 0.5, p))))

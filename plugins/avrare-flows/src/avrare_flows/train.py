@@ -22,9 +22,6 @@ _BATCH, _HELD_OUT, _LOOK = 512, 0.1, 50
 _BINS, _LEAST_BOUND, _ROOM = 12, 5.0, 1.25
 """Bins of a spline; its least bound in standard deviations, and its bound over the farthest sample."""
 _FEWEST = 50
-_CONSTANT = 1e-12
-"""Relative spread of a column below which it is rounding."""
-_BLOCKS = {"affine_coupling": 6, "spline_autoregressive": 2}
 _pyro: Any = distributions  # has no types of its own
 _transforms: Any = transforms
 
@@ -71,7 +68,7 @@ def fit(
         UsageError: The samples or an option do not fit.
     """
     data = _check_samples(samples, kind, steps, blocks, seed)
-    many = blocks or _BLOCKS[kind]
+    many = blocks or {"affine_coupling": 6, "spline_autoregressive": 2}[kind]
     size = data.shape[1]
     order = np.random.default_rng(seed).permutation(len(data))
     held, fitting = np.split(data[order], [max(10, round(_HELD_OUT * len(data)))])
@@ -119,7 +116,7 @@ def _mean_and_deviation(samples: Floats) -> tuple[Floats, Floats]:
         raise UsageError(
             "the samples are too large for their standard deviation", "give them in another unit"
         )
-    still = np.flatnonzero(scale <= _CONSTANT * np.abs(samples).max(axis=0))
+    still = np.flatnonzero(scale <= 1e-12 * np.abs(samples).max(axis=0))  # spread by rounding alone
     if len(still):
         raise UsageError(
             f"column {still[0] + 1} of the samples is constant, or nearly so",

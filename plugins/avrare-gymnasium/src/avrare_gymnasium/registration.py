@@ -11,13 +11,11 @@ from importlib.metadata import EntryPoint, entry_points
 
 from gymnasium.envs import registration
 
-GROUP = "gymnasium.envs"
-
 
 @functools.cache
 def register_installed() -> tuple[str, ...]:
     """Call the entry points of all installed distributions, once; return their errors, a line for each."""
-    return tuple(line for point in entry_points(group=GROUP) if (line := _register(point)))
+    return tuple(line for point in entry_points(group="gymnasium.envs") if (line := _register(point)))
 
 
 def _register(point: EntryPoint) -> str:

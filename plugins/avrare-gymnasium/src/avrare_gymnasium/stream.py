@@ -16,8 +16,6 @@ Observation = TypeVar("Observation")
 
 _FIXED = 0
 """Seed if every rollout has the same numbers."""
-_INCREMENT = 0x5851F42D4C957F2D14057B7EF767814F
-"""Any odd number: PCG64's streams differ by their state."""
 
 
 def bits(noise: Floats) -> int:
@@ -28,9 +26,10 @@ def bits(noise: Floats) -> int:
 
 def reseed(generator: np.random.Generator, state: int) -> None:
     """Set the state of a PCG64 generator in place, since others may hold it too."""
+    # any odd number: PCG64's streams differ by their state
     generator.bit_generator.state = {
         "bit_generator": "PCG64",
-        "state": {"state": state, "inc": _INCREMENT},
+        "state": {"state": state, "inc": 0x5851F42D4C957F2D14057B7EF767814F},
         "has_uint32": 0,
         "uinteger": 0,
     }

@@ -12,8 +12,6 @@ ACCELERATION = 5.0
 """Acceleration at full throttle [m/s^2]."""
 STEERING = np.pi / 4
 """Steering angle at full lock [rad]."""
-_MIN_SPEED = 0.1
-"""Lower bound of the speed in the conversion of a yaw rate [m/s]."""
 
 
 def native_action(action: object, ego: Vehicles, wheelbase: float) -> Floats:
@@ -30,7 +28,8 @@ def native_action(action: object, ego: Vehicles, wheelbase: float) -> Floats:
     """
     if isinstance(action, Action):
         # heading' = v sin(slip) / (wheelbase / 2), tan(slip) = tan(steering) / 2
-        slip = np.clip(0.5 * wheelbase * action.yaw_rate / np.maximum(ego.speed, _MIN_SPEED), -0.7, 0.7)
+        # least speed [m/s] at which a yaw rate gives a slip angle
+        slip = np.clip(0.5 * wheelbase * action.yaw_rate / np.maximum(ego.speed, 0.1), -0.7, 0.7)
         steering = np.arctan(2.0 * np.tan(np.arcsin(slip)))
         action = np.stack([action.acceleration / ACCELERATION, steering / STEERING], axis=1)
     if action is None:

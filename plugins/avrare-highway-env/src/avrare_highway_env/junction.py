@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 TURNS = {"right": 3, "straight": 2, "left": 1}
 """Quarters from the corner where a way comes in to that where it leaves."""
-_POINTS = 33
 _UNKNOWN = -1
 
 
@@ -101,5 +100,5 @@ def _middle(network: RoadNetwork, begin: str, end: str) -> Floats:
 
 def _border(lane: AbstractLane, right: float) -> Floats:
     # highway-env's y points to the right
-    places = [lane.position(s, right) for s in np.linspace(0.0, float(lane.length), _POINTS)]
+    places = [lane.position(s, right) for s in np.linspace(0.0, float(lane.length), 33)]
     return np.array(places, dtype=np.float64) * (1.0, -1.0)

@@ -15,9 +15,6 @@ from avrare_highway_env.config import PathFollowerConfig
 from avrare_highway_env.sensing import Ego
 from avrare_highway_env.worlds import ABSENT
 
-_EXTENSION = 1e4
-"""Length of the straight extension after the last waypoint [m]."""
-
 
 class Path:
     """Path of straight segments between waypoints, extended straight after the last.
@@ -29,7 +26,8 @@ class Path:
     def __init__(self, waypoints: Sequence[tuple[float, float]]) -> None:
         points = np.array(waypoints, dtype=np.float64)
         last = points[-1] - points[-2]
-        self._points = np.concatenate([points, [points[-1] + _EXTENSION * last / np.hypot(*last)]])
+        # straight on for 10 km
+        self._points = np.concatenate([points, [points[-1] + 1e4 * last / np.hypot(*last)]])
         pieces = np.diff(self._points, axis=0)
         self._lengths = np.hypot(pieces[:, 0], pieces[:, 1])
         self._units = pieces / self._lengths[:, None]
@@ -66,10 +64,6 @@ _LENGTH, _WIDTH = 5.0, 2.0
 """Size of every vehicle of highway-env [m]; the length is also the wheelbase."""
 _MIN_GAP = 0.1
 """Lower bound of the gap in the model [m]."""
-_STANDING = 0.5
-"""Speed up to which a predicted vehicle is taken for parallel to the path [m/s]."""
-_PREDICTIONS = 4
-"""Number of times, up to the foresight, at which the other vehicles are predicted."""
 
 
 class PathFollower:
@@ -133,7 +127,7 @@ class PathFollower:
 
     def _foresee(self, others: Vehicles, prediction: Prediction | None) -> Iterator[Vehicles]:
         """Yield the other vehicles at some times up to the foresight; their headings and speeds stay."""
-        times = np.linspace(0.0, self.config.foresight, _PREDICTIONS if self.config.foresight else 1)
+        times = np.linspace(0.0, self.config.foresight, 4 if self.config.foresight else 1)
         if prediction is None:
             vx, vy = others.speed * np.cos(others.heading), others.speed * np.sin(others.heading)
             for time in times:
@@ -143,7 +137,8 @@ class PathFollower:
         dx, dy = x[..., -1] - x[..., 0], y[..., -1] - y[..., 0]
         speed = np.hypot(dx, dy) / (self.dt * self.horizon)
         _, _, direction = self.path.project(x[..., 0], y[..., 0])
-        heading = np.where(speed > _STANDING, np.arctan2(dy, dx), direction)
+        # a vehicle that stands is taken for parallel to the path
+        heading = np.where(speed > 0.5, np.arctan2(dy, dx), direction)
         for time in times:
             step = min(round(time / self.dt), self.horizon)
             yield Vehicles(x[..., step], y[..., step], heading, speed, np.zeros_like(speed))

@@ -83,7 +83,6 @@ ABSENT = 1e6
 """x and y of an absent vehicle [m]."""
 EGO = ("x", "y", "heading", "speed", "acceleration", "steering", "crashed", "arrived", "on_road", "over")
 """First numbers of a reading; five numbers per other vehicle follow."""
-_ABSENT_STATE = (ABSENT, ABSENT, 0.0, 0.0, 0.0)
 
 
 def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float) -> list[float]:
@@ -94,7 +93,7 @@ def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float)
     there = ego.position[0] > goal if goal is not None else _has_arrived(environment, ego)
     numbers = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
     numbers += [crashed, there and on_road, on_road, crashed or there]
-    states: list[tuple[float, ...]] = [_ABSENT_STATE] * capacity
+    states: list[tuple[float, ...]] = [(ABSENT, ABSENT, 0.0, 0.0, 0.0)] * capacity
     for k, other in enumerate(others):
         if (slot := getattr(other, "slot", k)) < capacity:
             states[slot] = _kinematics(other, dt, crashed)

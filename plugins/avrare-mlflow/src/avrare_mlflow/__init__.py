@@ -11,7 +11,6 @@ from avrare.results.run import Run
 
 VARIABLE = "MLFLOW_TRACKING_URI"
 _METRICS = ("probability", "relative_error", "blind_bound", "rollouts", "failures", "errors", "seconds")
-_FILES = ("result.json", "scenario.yaml", "provenance.json", "failures.npz", "report.html")
 
 
 def on_result(run: Run) -> str | None:
@@ -40,7 +39,7 @@ def on_result(run: Run) -> str | None:
         client.log_param(record, key, value)
     for key, number in _list_metrics(run):
         client.log_metric(record, key, number)
-    for file in _FILES:
+    for file in ("result.json", "scenario.yaml", "provenance.json", "failures.npz", "report.html"):
         if (run.folder / file).is_file():
             client.log_artifact(record, str(run.folder / file))
     client.set_terminated(record, "FAILED" if run.verdict == "fail" else "FINISHED")

@@ -18,8 +18,6 @@ from avrare.protocols import Floats
 
 _SPACING = 0.5
 """Distance of the stations at which speeds in bends are kept [m]."""
-_STRAIGHT = 1e-6
-"""Curvature below which a road counts as straight [1/m]."""
 
 
 def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
@@ -60,7 +58,8 @@ class BendSpeed:
         curvature = line.curvature(s)
         tightest = np.max([np.abs(curvature / (1.0 - curvature * y)) for y in offsets], axis=0)
         # the square of the speed falls by 2 b in each metre
-        square = lateral / np.maximum(tightest, _STRAIGHT) + 2.0 * braking * s
+        # a smaller curvature [1/m] counts as straight
+        square = lateral / np.maximum(tightest, 1e-6) + 2.0 * braking * s
         self._square = np.minimum.accumulate(square[::-1])[::-1] - 2.0 * braking * s
         self._braking = braking
 

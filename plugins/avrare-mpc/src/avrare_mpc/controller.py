@@ -20,8 +20,6 @@ from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
 from avrare_mpc.stopping import stopping_acceleration
 
-_FAR = 1e6  # of a vehicle at infinity [m]: no part of a plan is near it, so that it costs exactly nothing
-
 _EARLIER = 0.5
 """Factor on the deceleration that one plans with that brakes earlier."""
 
@@ -174,7 +172,8 @@ class MpcController(Controller):
         nodes = self.horizon + 1
         if prediction.x.shape[2] < nodes:
             raise UsageError(f"the controller mpc needs {self.horizon} predicted steps")
-        x, y = (np.where(np.isposinf(part), _FAR, part) for part in (prediction.x, prediction.y))
+        # a vehicle at infinity is put where it costs a plan exactly nothing [m]
+        x, y = (np.where(np.isposinf(part), 1e6, part) for part in (prediction.x, prediction.y))
         return x[:, :, :nodes], y[:, :, :nodes]
 
     def _action(self, planned: Bools, first: Floats, speed: Floats) -> Action:

@@ -14,8 +14,6 @@ from avrare_mpc.bends import beside_ego
 
 _LONG = 1e4
 """Length of the obstacle there [m]."""
-_ROOM = 1.0
-"""Distance of the ego's front from the end of its lane where it stops [m]."""
 _REACH = 1.0
 """Length that a through lane may lack at either end of the road [m]."""
 
@@ -66,7 +64,8 @@ class LaneGaps:
         """
         half = 0.5 * scene.road.lane_width
         stays = [np.abs(y[:, None] - self.offsets) < half for y in (ego.y, goal)]
-        left = self.edges - ego.x[:, None] - 0.5 * scene.ego_length - _ROOM
+        # it stops 1 m before the end of its lane
+        left = self.edges - ego.x[:, None] - 0.5 * scene.ego_length - 1.0
         stopping = np.sqrt(2.0 * braking * np.maximum(left, 0.0))
         limits = np.where(stays[0] & stays[1] & (self.sides > 0.0), stopping, np.inf)
         return np.asarray(limits.min(axis=1, initial=np.inf))

@@ -23,8 +23,6 @@ TIE = 1e-6
 """Plans whose costs differ by less, relatively, are the same minimum: the first one counts."""
 _BRAKING = (0.0, 3.0)
 """Decelerations of the guesses towards one lane [m/s^2]."""
-_LANE_CHANGE_SHARE = 0.75
-"""Share of the horizon after which a guess has reached its lane."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,8 @@ def _guessed_motion(
     braking, lanes, time = np.array(_BRAKING)[:, None], np.array(centres)[:, None], np.arange(steps + 1) * dt
     x0, y0, v0, h0 = (start[:, i, None, None] for i in range(4))
     speed = np.where(v0 > 0.0, np.maximum(v0 - braking * time, 0.0), v0)
-    part = np.clip(time / (_LANE_CHANGE_SHARE * steps * dt), 0.0, 1.0)
+    # a guess reaches its lane after three quarters of the horizon
+    part = np.clip(time / (0.75 * steps * dt), 0.0, 1.0)
     y = y0 + (lanes - y0) * part**2 * (3.0 - 2.0 * part)
     x = np.broadcast_to(x0, speed.shape).copy()
     x[..., 1:] += np.cumsum(speed[..., :-1] * dt, axis=-1)

@@ -13,11 +13,6 @@ import numpy as np
 from avrare.driving import Scene
 from avrare.protocols import Bools, Floats
 
-ROOM = 1.0
-"""Distance from a vehicle in the way at which the ego stands [m]."""
-_BESIDE = 0.3
-"""Room to the side of the ego in which a vehicle is in its way [m]."""
-
 
 def stopping_acceleration(
     states: Floats, others: tuple[Floats, Floats], scene: Scene, braking: float
@@ -34,10 +29,10 @@ def stopping_acceleration(
     if not x.shape[1]:
         return np.full(len(states), np.inf)
     lengths, widths = (np.asarray(sizes)[None, :, None] for sizes in (scene.lengths, scene.widths))
-    rear = x - 0.5 * (lengths + scene.ego_length) - ROOM
+    rear = x - 0.5 * (lengths + scene.ego_length) - 1.0  # the ego stands 1 m behind a vehicle in the way
     offsets = states[:, None, :, 1]
     aside = np.maximum(np.abs(offsets - y), np.abs(offsets - y[:, :, :1]))  # now and then
-    overlaps = aside < 0.5 * (widths + scene.ego_width) + _BESIDE
+    overlaps = aside < 0.5 * (widths + scene.ego_width) + 0.3  # with 0.3 m of room to the side
     ahead = x[:, :, 0] > states[:, :1, 0]
     in_way = ahead & _at_passing(overlaps, states[:, None, :, 0] >= rear)
 

@@ -18,8 +18,6 @@ from avrare_gp_pem.runtime.variant import FittedPem
 from avrare_pem_training.cleaning import CleanedData
 from avrare_pem_training.pipeline import Fit, Report, fit_model
 
-_BLOCKS = 50
-"""Blocks that the training rows are cut into."""
 _SEED_KEY = 0xB007
 
 
@@ -47,6 +45,6 @@ def resample(data: CleanedData, rng: np.random.Generator) -> CleanedData:
 
 def draw_blocks(rows: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Return the numbers of the rows in a sample of blocks, ascending but for the repeats of a block."""
-    blocks = np.array_split(np.arange(rows), min(_BLOCKS, rows))
+    blocks = np.array_split(np.arange(rows), min(50, rows))
     chosen = np.sort(rng.integers(len(blocks), size=len(blocks)))
     return np.concatenate([blocks[number] for number in chosen])

@@ -27,13 +27,9 @@ from avrare_gp_pem.runtime.variant import Variant
 
 MIN_DOF, MAX_DOF = 1.05, 30.0  # range of the tables of ``student_t``
 _PRIOR = 5.0  # weight of the prior that nothing needs to change [rows]
-_NEAR_SD = 2.0  # prior standard deviation of detection's offset nearby
 _TINY = 1e-12
 _MAX_LOG_STRETCH = 5.0
 _MAX_LOG_POWER = 1.0
-_TOLERANCE = 2e-3  # loss of likelihood allowed for better tails [nats per error]
-_LARGE = 4.0  # an error beyond so many of the scales that were fitted is large
-_BLOCKS = 5
 _FORMS = (0, 1, 2)
 """Free numbers of the tails' power: none (Student-t), one for all ranges, one more for nearby vehicles."""
 
@@ -74,7 +70,8 @@ def calibrate(variant: Variant, unseen: UnseenRows) -> Variant:
         trial = replace(variant, line=np.array([np.exp(log_slope), offset]), near=np.array(near))
         law = unseen.law(trial)
         outcome = np.where(unseen.detected, law.detect, law.miss)
-        prior = _PRIOR * (log_slope**2 + offset**2) + 0.5 * (near / _NEAR_SD) ** 2
+        # a prior standard deviation of 2 for the offset nearby
+        prior = _PRIOR * (log_slope**2 + offset**2) + 0.5 * (near / 2.0) ** 2
         return float(-np.log(np.maximum(outcome, _TINY)).mean() + prior / count)
 
     log_slope, offset, near = _minimise(detection_loss, [0.0, 0.0, 0.0])
@@ -88,13 +85,13 @@ def calibrate(variant: Variant, unseen: UnseenRows) -> Variant:
 def _calibrate_error(variant: Variant, seen: UnseenRows, axis: int) -> Floats:
     every_row = np.arange(len(seen.detected))
     losses = np.zeros((len(_FORMS), 2))  # all errors, large errors
-    for block in np.array_split(every_row, _BLOCKS):
+    for block in np.array_split(every_row, 5):
         rest = _ErrorsUnderLaws(variant, seen.take(np.setdiff1d(every_row, block)), axis)
         left_out = _ErrorsUnderLaws(variant, seen.take(block), axis)
         for form in _FORMS:
             losses[form] += left_out.losses(_fit_error(rest, form))
     likely, large = losses.T / len(every_row)
-    allowed = likely <= likely.min() + _TOLERANCE
+    allowed = likely <= likely.min() + 2e-3  # nats per error that better tails may cost
     return _fit_error(_ErrorsUnderLaws(variant, seen, axis), int(np.argmin(np.where(allowed, large, np.inf))))
 
 
@@ -128,7 +125,7 @@ class _ErrorsUnderLaws:
         """Return two sums of the same: exact, and with errors below ``_LARGE`` given scales only as small."""
         z, scale, power, dof = self._standard(parameters)
         every = self._loss(z, scale, power, dof)
-        size = _LARGE * self.given.scale[:, self.axis] / scale
+        size = 4.0 * self.given.scale[:, self.axis] / scale  # an error beyond four of the fitted scales
         beyond = 2 * student_t.sf(np.sinh(np.arcsinh(power * size) / power), dof)
         large = np.where(np.abs(z) > size, every, -np.log1p(-np.minimum(beyond, 1 - _TINY)))
         return np.array([every.sum(), large.sum()])

@@ -28,7 +28,6 @@ OBLIQUE = 10.0
 HELD_OUT = 0.2
 MIN_ROWS = 200
 _ALIGNED = 1.0
-_BANDS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 _MIN_GAP, _MIN_STANDARD_ERRORS = 0.05, 5.0  # loss of detections that counts as the artefact
 
 
@@ -131,7 +130,7 @@ def find_artefact(rows: DetectionTable) -> Artefact:
     """Compare detection of aligned and oblique vehicles, in bands of range with enough of both."""
     angle, distance = off_axis(rows.yaw), rows.range
     gap = variance = total = aligned = 0.0
-    for low, high in pairwise(_BANDS):
+    for low, high in pairwise((0.0, 10.0, 20.0, 30.0, 40.0, 50.0)):
         band = (distance >= low) & (distance < high)
         along, off = (rows.detected[band & where] for where in (angle < _ALIGNED, angle >= OBLIQUE))
         if min(len(along), len(off)) < 20:

@@ -19,7 +19,6 @@ _DATA = (
     "docs/perception.md"
 )
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
-_MAX_DIGITS = 9
 _MOST_MEMBERS = 100
 
 
@@ -68,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _seed(text: str) -> int:
-    if not text.isdecimal() or len(text) > _MAX_DIGITS:
+    if not text.isdecimal() or len(text) > 9:
         raise argparse.ArgumentTypeError(f"{text!r} is not an integer from 0 to 999999999")
     return int(text)
 

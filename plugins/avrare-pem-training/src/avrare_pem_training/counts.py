@@ -25,11 +25,6 @@ LARGE_ERRORS = (
     *((20.0, 40.0, 1.75), (40.0, 60.0, 3.0)),
 )
 """Range from, range to [m], and the size [m] beyond which errors are counted."""
-MISSES = ((0.0, 10.0), (10.0, 15.0), (15.0, 20.0), (20.0, 40.0), (40.0, 60.0))
-"""Ranges from and to [m] between which misses are counted."""
-LAGS = (0.5, 1.0, 2.0, 4.0)
-"""Seconds after a miss."""
-_SAME = 0.05  # a pair of frames counts for a lag this near [s]
 
 
 @dataclass(frozen=True)
@@ -59,7 +54,7 @@ def count_events(model: FittedPem, rows: DetectionTable) -> list[Count]:
             seen = int((np.abs(errors[band, axis]) > size).sum())
             expected = float(chance_beyond(law, axis, size, band).sum())
             counts.append(Count(f"{name} > {size:g} m, {low:g}-{high:g} m", int(band.sum()), seen, expected))
-    for low, high in MISSES:
+    for low, high in ((0.0, 10.0), (10.0, 15.0), (15.0, 20.0), (20.0, 40.0), (40.0, 60.0)):  # ranges [m]
         band = (rows.range >= low) & (rows.range < high)
         seen, expected = int((~rows.detected[band]).sum()), float(law.miss[band].sum())
         counts.append(Count(f"missed, {low:g}-{high:g} m", int(band.sum()), seen, expected))
@@ -104,8 +99,8 @@ def misses_after_misses(model: FittedPem, rows: DetectionTable) -> list[AfterMis
     near = (rows.range[pairs.first] < NEARBY) & (rows.range[pairs.second] < NEARBY)
     pairs = pairs.take(np.flatnonzero(near & ~rows.detected[pairs.first]))
     bounds, missed, shares = detection_bounds(law), np.zeros(len(rows), bool), []
-    for lag in LAGS:
-        some = pairs.take(np.flatnonzero(np.abs(pairs.seconds - lag) < _SAME))
+    for lag in (0.5, 1.0, 2.0, 4.0):  # seconds after a miss
+        some = pairs.take(np.flatnonzero(np.abs(pairs.seconds - lag) < 0.05))  # as near to the lag [s]
         if not len(some.first):
             continue
         lasting = float("nan")

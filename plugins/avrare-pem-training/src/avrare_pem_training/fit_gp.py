@@ -24,9 +24,7 @@ from avrare.protocols import Floats
 from avrare_gp_pem.runtime.gp import DiagonalGp, GpPair, SparseGp
 from avrare_pem_training.fit_networks import Sample
 
-_JITTER = 1e-5
 _FIRST_RATE, _LAST_RATE = 0.03, 0.0003
-_ERROR_LATENTS = 4
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def fit_gps(
         processes = []
         for index, target, likelihood, latents in (
             (fitted, sample.detected[fitted][None].astype(float), ProbitDetection(), 1),
-            (detected, sample.standard[detected].T, StudentErrors(), _ERROR_LATENTS),
+            (detected, sample.standard[detected].T, StudentErrors(), 4),
         ):
             fewer = replace(schedule, inducing=min(schedule.inducing, max(5, len(index) // 10)))
             process, _ = fit_process(sample.x[index], target, likelihood, latents, fewer, report)
@@ -129,7 +127,7 @@ def fit_process(
         latent_shape=torch.Size([latents]),
         num_data=len(x) * schedule.weight,
         whiten=True,
-        jitter=_JITTER,
+        jitter=1e-5,
     )
     if schedule.diagonal:  # a factor that starts as the identity and gets no other gradient stays diagonal
         identity = torch.eye(schedule.inducing)

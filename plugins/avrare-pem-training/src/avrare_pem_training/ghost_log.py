@@ -17,11 +17,7 @@ from avrare.protocols import Bools, Floats
 from avrare_gp_pem.config import MOST_GHOST_SLOTS
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
-MOST_POINTS = 200
-"""Places that a model file keeps."""
 _LEAST = 20  # false detections in the training frames for a fit
-_LOG_SECONDS = (-5.0, 5.0)
-_JUMP = 2.5  # frames farther apart than so many usual steps do not follow one another
 
 
 @dataclass(frozen=True)
@@ -72,7 +68,7 @@ def fit_ghosts(log: GhostLog) -> MeasuredGhosts | None:
     places = np.stack([log.forward[births], -log.right[births]], axis=-1)
     spread = np.sqrt(places.std(axis=0).prod())  # one width for both directions
     width = float(spread * len(places) ** (-1 / 6))
-    points = places[:: -(-len(places) // MOST_POINTS)]
+    points = places[:: -(-len(places) // 200)]  # a model file keeps at most 200
     return MeasuredGhosts(rate, _persistence(log), points, width)
 
 
@@ -106,7 +102,8 @@ def _persistence(log: GhostLog) -> float:
     steps = np.diff(log.frames)
     frame = np.searchsorted(log.frames, log.time)
     tracked = np.isfinite(log.track) & (frame < len(steps))
-    tracked[tracked] = steps[frame[tracked]] < _JUMP * np.median(steps) if len(steps) else False
+    # 2.5 usual steps and more: the frames do not follow one another
+    tracked[tracked] = steps[frame[tracked]] < 2.5 * np.median(steps) if len(steps) else False
     there = set(zip(log.track.tolist(), frame.tolist(), strict=True))
     pairs = zip(log.track[tracked].tolist(), frame[tracked].tolist(), strict=True)
     stays = np.array([(track, at + 1) in there for track, at in pairs], bool)
@@ -118,4 +115,4 @@ def _persistence(log: GhostLog) -> float:
         hazard = apart / np.exp(log_seconds)
         return float(np.where(stays, hazard, -np.log(-np.expm1(-hazard))).sum())
 
-    return float(np.exp(minimize_scalar(loss, bounds=_LOG_SECONDS, method="bounded").x))
+    return float(np.exp(minimize_scalar(loss, bounds=(-5.0, 5.0), method="bounded").x))

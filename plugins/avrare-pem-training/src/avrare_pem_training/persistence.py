@@ -26,9 +26,6 @@ LONGEST = 4.5
 """Greatest distance of two frames of a pair [s]."""
 NEARBY = 40.0
 """Vehicles farther than this do not count [m]."""
-_LEAST_PAIRS = 200
-_MOST_PAIRS = 40_000
-_EXTREME = 4.0  # normal scores beyond are cut off
 _CERTAIN, _IMPOSSIBLE = 1e-9, 1e-12
 _LOG_SECONDS, _LOGIT_LASTING = (-4.0, 4.0), (-6.0, 4.0)  # where the fit may go
 _STRONGEST = 0.995
@@ -80,9 +77,9 @@ def fit_persistence(variant: Variant, rows: DetectionTable) -> MeasuredPersisten
     """
     rows = rows.take(rows.range < NEARBY)
     law, pairs = variant.law(rows, 0.0), track_pairs(rows)
-    pairs = pairs.take(np.arange(0, len(pairs.first), 1 + len(pairs.first) // _MOST_PAIRS))
+    pairs = pairs.take(np.arange(0, len(pairs.first), 1 + len(pairs.first) // 40_000))
     both = pairs.take(np.flatnonzero(rows.detected[pairs.first] & rows.detected[pairs.second]))
-    if len(both.first) < _LEAST_PAIRS:
+    if len(both.first) < 200:
         return None
     bounds = detection_bounds(law)
     scores = normal_scores(law, errors_in(variant.frame, rows))
@@ -140,7 +137,8 @@ def normal_scores(law: ObservationLaw, errors: Floats) -> Floats:
     for axis, dof in enumerate(law.dof):
         z = (errors[:, axis] - law.location[:, axis]) / law.scale[:, axis]
         power = 1.0 if law.power is None else law.power[:, axis]
-        tail = np.maximum(student(dof).upper_tail(np.abs(np.nan_to_num(z)), power), ndtr(-_EXTREME))
+        # normal scores beyond 4 are cut off
+        tail = np.maximum(student(dof).upper_tail(np.abs(np.nan_to_num(z)), power), ndtr(-4.0))
         scores[:, axis] = np.where(np.isnan(z), np.nan, np.sign(z) * -ndtri(tail))
     return scores
 

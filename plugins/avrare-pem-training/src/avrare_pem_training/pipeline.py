@@ -35,7 +35,6 @@ RECIPES: Mapping[str, tuple[Recipe, tuple[str, ...]]] = {
 _MIN_LIMIT, _LIMIT_MARGIN = 8.0, 1.5  # [m], and in units of the largest error of the training rows
 _MIN_SD = 1e-6  # a column that varies less is dropped
 _MIN_SCALE = 1e-4  # errors may all be zero [m]
-_MIN_YAW_ROWS = 100
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def fit_base_scale(distance: Floats, errors: Floats) -> Floats:
 def fit_yaw(rows: DetectionTable) -> YawErrors | None:
     """Fit the distribution of yaw errors; None where fewer than 100 rows have one."""
     measured = rows.detected & np.isfinite(rows.error_yaw)
-    if measured.sum() < _MIN_YAW_ROWS:
+    if measured.sum() < 100:
         return None
     distance = rows.range[measured]
     flipped, rest = separate_flips(rows.error_yaw[measured])

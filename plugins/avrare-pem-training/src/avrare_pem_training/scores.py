@@ -22,9 +22,6 @@ AXIS_NAMES = {"vehicle": ("along", "across"), "ego": ("right", "forward")}
 """Names of the two errors, by frame."""
 TAILS = (2.0, 4.0, 8.0)
 """Sizes of z whose shares are compared."""
-_GRID = 4001
-_ARCSINH_END = 8.0  # where there is no bound
-_POWERS = 9
 
 
 @dataclass(frozen=True)
@@ -197,7 +194,7 @@ def _score_rows(title: str, variant: Variant, rows: DetectionTable, train: Detec
 
 def _truncated_sd(dof: float, bound: Floats, power: Floats) -> Floats:
     """Return (m,) standard deviations; between powers of a grid they are interpolated."""
-    grid = np.unique(np.linspace(power.min(), power.max(), _POWERS))
+    grid = np.unique(np.linspace(power.min(), power.max(), 9))
     at_grid = np.stack([_sd_at_power(dof, bound, exponent) for exponent in grid])
     place = np.clip(np.searchsorted(grid, power) - 1, 0, max(len(grid) - 2, 0))
     above, rows = np.minimum(place + 1, len(grid) - 1), np.arange(len(power))
@@ -206,8 +203,8 @@ def _truncated_sd(dof: float, bound: Floats, power: Floats) -> Floats:
 
 
 def _sd_at_power(dof: float, bound: Floats, power: float) -> Floats:
-    ends = np.minimum(np.arcsinh(power * bound) / power, _ARCSINH_END)
-    x = np.linspace(0.0, float(ends.max()), _GRID)
+    ends = np.minimum(np.arcsinh(power * bound) / power, 8.0)  # where the error has no bound
+    x = np.linspace(0.0, float(ends.max()), 4001)
     t = np.sinh(x)
     density = np.exp(student(dof).log_density(t)) * np.cosh(x)
     square = (np.sinh(power * x) / power) ** 2

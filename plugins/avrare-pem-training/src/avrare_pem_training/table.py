@@ -39,7 +39,6 @@ _REQUIRED = ("right", "forward", "yaw", "length", "width", "detected")
 _DEFAULTS = {"height": 1.7, "visibility": 4.0}
 _TRACK = ("track", "time")
 _GHOST = "ghost"
-_OPTIONAL_VALUES = (*_DEFAULTS, "error_yaw", *_TRACK)
 _LIMITS = {  # lowest, highest, and the guess at a value beyond them
     "right": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
     "forward": (-1000.0, 1000.0, "metres in the frame of the ego, not of a map and not centimetres?"),
@@ -258,7 +257,7 @@ def check_values(path: Path, columns: dict[str, Floats], lines: Sequence[int]) -
             continue
         values = columns[name]
         checked = detected if name in ERRORS else np.ones(len(values), bool)
-        missing = checked & np.isnan(values) & (name not in _OPTIONAL_VALUES)
+        missing = checked & np.isnan(values) & (name not in (*_DEFAULTS, "error_yaw", *_TRACK))
         beyond = checked & ((values < lowest) | (values > highest))
         if name == "detected":
             beyond = (values != 0) & (values != 1)

@@ -29,7 +29,6 @@ from avrare_pem_training.table import BOX, ERRORS, DetectionTable, check_values,
 
 _INPUTS = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "dim_h", "visibility")
 _FLAT_INPUTS = ("loc_x", "loc_z", "rot", "dim_l", "dim_w", "occlusion")
-_LABELS = ("detected", "err_loc_x", "err_loc_y", "err_rot")
 _COLUMNS = {
     **{name: name for name in (*BOX, "detected", *ERRORS)},
     "loc_x": "right",
@@ -63,7 +62,7 @@ def convert(inputs: Path, labels: Path) -> DetectionTable:
         UsageError: A file cannot be read or their lengths differ; the message gives file and line.
     """
     vehicles, names = _columns(inputs, _INPUTS)
-    detections, _ = _columns(labels, _LABELS)
+    detections, _ = _columns(labels, ("detected", "err_loc_x", "err_loc_y", "err_rot"))
     if "rot_y" in names or {"rot", "loc_z"} <= set(names):
         vehicles["yaw"] = -vehicles["yaw"]
         if "error_yaw" in detections:

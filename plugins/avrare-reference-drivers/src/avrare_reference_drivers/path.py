@@ -9,9 +9,6 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
 
-_EXTENSION = 1e4
-"""Length of the straight extension after the last point [m]."""
-
 
 class Path:
     """Path of straight segments between points, extended straight after the last.
@@ -23,7 +20,8 @@ class Path:
     def __init__(self, points: Sequence[tuple[float, float]]) -> None:
         corners = np.array(points, dtype=np.float64)
         last = corners[-1] - corners[-2]
-        corners = np.concatenate([corners, [corners[-1] + _EXTENSION * last / np.hypot(*last)]])
+        # straight on for 10 km
+        corners = np.concatenate([corners, [corners[-1] + 1e4 * last / np.hypot(*last)]])
         segments = np.diff(corners, axis=0)
         self._corners, self._lengths = corners, np.hypot(*segments.T)
         self._units = segments / self._lengths[:, None]

@@ -20,8 +20,6 @@ from avrare_reference_drivers.drivers import (
 )
 from avrare_reference_drivers.surroundings import find_leader, find_situation, steer_in_lane
 
-_FOLLOWING_BRAKING = 4.0
-"""Bound of the braking behind others without a danger [m/s^2]."""
 _DISTANCES: dict[str, Callable[[Floats, Floats], Floats]] = {
     "cc": lambda speed, _: 2.0 * speed,
     "cc_lane": lambda speed, _: 2.0 * speed,
@@ -70,7 +68,8 @@ class ReferenceDriver(Controller):
         gap, speed, exists = find_leader(seen, margin=0.0)
         distance = _DISTANCES[self._config.model](ego.speed, speed)
         wanted = 2.0 * (speed - ego.speed) + gap - distance
-        return np.where(exists, np.clip(-wanted, 0.0, _FOLLOWING_BRAKING), 0.0)
+        # the most [m/s^2] behind others without a danger
+        return np.where(exists, np.clip(-wanted, 0.0, 4.0), 0.0)
 
 
 def build(config: ReferenceDriverConfig, scene: Scene) -> ReferenceDriver:

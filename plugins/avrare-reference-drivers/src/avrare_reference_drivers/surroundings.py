@@ -9,8 +9,6 @@ from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_reference_drivers.drivers import Situation
 
-_FAR = 1e6
-"""Distance behind the ego at which vehicles are that do not exist [m]."""
 _LATERAL_GAIN, _HEADING_GAIN = 0.3, 1.5
 """Of the steering towards a lane: course to its centre per metre and second, turn rate per course [1/s]."""
 
@@ -30,7 +28,8 @@ def find_situation(controller: str, scene: Scene, ego: Vehicles, prediction: Pre
     if prediction is None:
         raise UsageError(f"the controller {controller} needs predictions", "name a tracker in the scenario")
     missing = np.isposinf(prediction.x[:, :, 0])
-    x = np.where(missing[:, :, None], ego.x[:, None, None] - _FAR, prediction.x[:, :, :2])
+    # a vehicle that does not exist is 1,000 km behind the ego
+    x = np.where(missing[:, :, None], ego.x[:, None, None] - 1e6, prediction.x[:, :, :2])
     y = np.where(missing[:, :, None], ego.y[:, None, None], prediction.y[:, :, :2])
     speed = ego.speed[:, None] * np.ones_like(x[:, :, 0])
     ahead, across = x[:, :, 0] - ego.x[:, None], y[:, :, 0] - ego.y[:, None]

@@ -10,8 +10,6 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from avrare.plugin import Drawable, Options
 from avrare_mpc.config import TrajectoryPlan
 
-_RESERVED = ("ego", "others")
-"""Names in formulas of the vehicle under test and of all other vehicles."""
 _Lane = Annotated[int, Field(ge=0)]
 _Station = Annotated[float, Field(gt=-1e5, lt=1e5)]
 """x on a road; lanes without an end have theirs beyond (``avrare.driving.lanes.ENDLESS``) [m]."""
@@ -242,7 +240,7 @@ class VehicleConfig(Options):
     @field_validator("name")
     @classmethod
     def _refuse_reserved(cls, name: str) -> str:
-        if name in _RESERVED:
+        if name in ("ego", "others"):
             raise ValueError(f"{name!r} is a reserved name in formulas: give the vehicle another name")
         return name
 

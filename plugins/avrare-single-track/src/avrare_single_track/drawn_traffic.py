@@ -22,9 +22,6 @@ from avrare.driving import Road, Vehicles
 from avrare.protocols import Floats
 from avrare_single_track.config import VehicleConfig
 
-_NODES = (-3.0, 0.0, 3.0)
-"""Normal scores of the values that a plan is solved for."""
-
 
 @dataclass(frozen=True)
 class Mixture:
@@ -75,7 +72,7 @@ class DrawnTraffic:
                     "draw its speed or its goals, leave out its drive, or make the road straight",
                 )
             planned = [name for name in drawn if not _is_shift(name, vehicle) and "driver." not in name]
-            self._axes.append({name: np.unique(drawn[name].at(_NODES)) for name in planned})
+            self._axes.append({name: np.unique(drawn[name].at((-3.0, 0.0, 3.0))) for name in planned})
             if len(planned) > 3:
                 raise UsageError(
                     f"{vehicle.name!r}: {len(planned)} numbers of one script are drawn, and at most 3 can be",

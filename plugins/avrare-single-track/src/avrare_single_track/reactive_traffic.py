@@ -20,7 +20,6 @@ _PAUSE = 1.0
 """Time between two lane changes of a driver [s]."""
 _LOOK = 0.5
 """Time between two comparisons of the lanes by a driver [s]; not at the same steps for all drivers."""
-_SEEN = ("x", "y", "speed")
 _REACTION = PARAMETERS.index("reaction_time")
 
 
@@ -223,7 +222,9 @@ class Flow:
     def _see(self, ego: Vehicles, others: Vehicles) -> list[Floats]:
         # x, y and speed (N, V + 1) along the road: those of drivers and, nearly, of the ego are along their
         # lanes. In place: arrays of this size are dear.
-        x, y, v = (np.column_stack([getattr(others, name), getattr(ego, name)]) for name in _SEEN)
+        x, y, v = (
+            np.column_stack([getattr(others, name), getattr(ego, name)]) for name in ("x", "y", "speed")
+        )
         if self._way < 0:
             x *= -1.0
             y *= -1.0

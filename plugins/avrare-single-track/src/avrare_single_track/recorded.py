@@ -18,8 +18,6 @@ from avrare_single_track.file_config import HandedOverConfig, RecordedConfig, ch
 from avrare_single_track.recorded_files import read_scene
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
-_SLOW = 0.01
-"""Speed up to which a vehicle counts as parked [m/s]."""
 _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
 _ALIGNED = 0.25 * np.pi
@@ -115,7 +113,7 @@ class RecordedScene(SingleTrack):
 
 
 def _moves(track: VehicleTrack) -> bool:
-    return bool(np.abs(track.states[3][track.present]).max() > _SLOW)
+    return bool(np.abs(track.states[3][track.present]).max() > 0.01)  # it is not parked [m/s]
 
 
 def has_constant_lanes(road: Road) -> bool:

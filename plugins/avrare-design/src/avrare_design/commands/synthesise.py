@@ -27,7 +27,6 @@ from avrare.cli.output import say, say_beside
 from avrare.estimation.loop.checkpoint import SCENARIO as SCENARIO_FILE
 from avrare.estimation.result.result import finite
 
-_GROUP = "avrare_design.synthesis"
 _LINEAR = {"rate": None, "least": 0.02, "chains": 50, "runs": 4, "moves": 10}
 _ANY = {
     "estimator": None,
@@ -121,7 +120,7 @@ def _refuse(args: argparse.Namespace, defaults: Mapping[str, object], what: str)
 
 
 def _execute_linear(args: argparse.Namespace) -> int:
-    points = entry_points(group=_GROUP, name="linear")
+    points = entry_points(group="avrare_design.synthesis", name="linear")
     if not points:
         raise PluginError(
             f"{args.parameter[0]}: parameters of linear systems need avrare-linear, which is not installed",

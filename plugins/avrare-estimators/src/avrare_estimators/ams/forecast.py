@@ -8,9 +8,6 @@ from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare_estimators.ams.state import AmsState
 from avrare_estimators.common.looks import LIKELY, RARE, Looks
 
-_FALLEN = math.log(0.5)
-"""Log of the share of particles left below which the levels so far show the cost of further ones."""
-
 
 def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> CostForecast | None:
     """Return the simulated steps of the whole estimate; None between two batches of runs.
@@ -31,7 +28,8 @@ def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> C
     if not len(weights) or not weights.any():
         return None
     first, fallen = state.particles * max(state.plan.steps, 1), math.log(weights.mean())
-    if fallen < _FALLEN and state.ended is None:
+    # half of the particles are left: the levels show the cost of further ones
+    if fallen < math.log(0.5) and state.ended is None:
         slope = (state.tally.steps / (state.runs * first) - 1.0) / fallen
     ends = min(math.log(LIKELY), fallen), min(math.log(RARE), fallen + math.log(LIKELY))
     likely, rare = (first * (1.0 + slope * end) for end in ends)

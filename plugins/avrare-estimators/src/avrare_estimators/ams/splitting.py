@@ -28,12 +28,8 @@ _STEPS_OF_RUN, _ROLLOUTS_OF_RUN = 4, 10
 """Cost of a run in multiples of its first stage, for budgets (docs/statistics.md)."""
 _NOMINAL = 1e-4
 """Probability at which a run costs that much."""
-_LEAST_PARTICLES = 50
-"""Particles below which the error of a single run is not known."""
 _PILOT_SHARE = 0.25
 """Share of a budget that a pilot takes at most."""
-_PILOT_RUN = 2**31
-"""Address of the pilot's noise, far from the runs that count."""
 
 
 class Splitting(Estimator):
@@ -52,7 +48,8 @@ class Splitting(Estimator):
         """Return the state before the first rollout, and its progress."""
         self._most_runs(plan)  # refuses a budget that does not pay
         if self.config.grows and plan.steps and self._most_runs(plan, 1) >= LEAST_RUNS:
-            state = AmsState.begin(plan, 1, self.config.particles, first_run=_PILOT_RUN)
+            # far from the noise of the runs that count
+            state = AmsState.begin(plan, 1, self.config.particles, first_run=2**31)
         else:
             state = self._begin_counting(plan)
         return state, Info(forecast=self._forecast(state))
@@ -64,7 +61,7 @@ class Splitting(Estimator):
         """
         stages = 1.0 + (_STEPS_OF_RUN - 1.0) * math.log(probability) / math.log(_NOMINAL)
         particles = int(rollouts / stages)
-        if particles < _LEAST_PARTICLES:
+        if particles < 50:  # the error of a single run would not be known
             return None
         discard = max(1, particles // 10)
         return Splitting(AmsConfig(runs=1, particles=particles, discard=discard))

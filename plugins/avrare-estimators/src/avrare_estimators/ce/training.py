@@ -11,9 +11,6 @@ import torch
 from avrare_estimators.ce.config import CeConfig
 from avrare_estimators.ce.tilted_perception import INPUTS, OUTPUTS, TiltNetwork, TrainingBatch
 
-_RIDGE = 0.05
-"""Penalty on the tilt of every observation: what does not matter for failure stays as the target has it."""
-
 
 def train(
     batch: TrainingBatch, start: TiltNetwork | None, options: CeConfig, seed: int, nats: float
@@ -78,7 +75,8 @@ def _loss(tilt: torch.Tensor, batch: TrainingBatch) -> torch.Tensor:
         nll = nll + detected * (size + scale)
     weights = torch.tensor(batch.weights)
     weights = weights / weights.sum()
-    return (weights * (nll + _RIDGE * (tilt**2).sum(dim=1))).sum()
+    # the penalty keeps the target's law where it does not matter for failure
+    return (weights * (nll + 0.05 * (tilt**2).sum(dim=1))).sum()
 
 
 def _limit_divergence(network: TiltNetwork, batch: TrainingBatch, nats: float) -> TiltNetwork:

@@ -36,10 +36,6 @@ from avrare_estimators.ess.summary import summarise
 _STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
 """Probability that a run is taken to go down to, for budgets."""
-_MIN_PILOT_CHAINS = 5
-_LEAST_CHAINS = 10
-"""Chains below which the error of a single run is not known."""
-_MOST_CHAINS = 1_000_000
 _PILOT_SHARE = 0.5
 """Share of a budget that pilots take at most."""
 _TAPES, _SAMPLE = 4.0, 400
@@ -110,9 +106,9 @@ class NestedLevels(Estimator):
         config = NestedLevelsConfig(runs=1, second_pass=False)
         moves = math.log(probability) / math.log(config.level_probability)
         chains = int(rollouts / (config.length + moves * (config.length - 1)))
-        if chains < _LEAST_CHAINS:
+        if chains < 10:  # the error of a single run would not be known
             return None
-        sized = config.model_copy(update={"chains": min(chains, _MOST_CHAINS)})
+        sized = config.model_copy(update={"chains": min(chains, 1_000_000)})
         return NestedLevels(sized, PcnKernel())
 
     def _forecast(self, state: EssState) -> CostForecast:
@@ -221,7 +217,7 @@ class NestedLevels(Estimator):
     def _shape(self, runs: int, second: bool, growth: int = 1) -> PassShape:
         config, chains = self.config, self.config.chains * growth
         if config.second_pass and not second:
-            chains = min(chains, max(_MIN_PILOT_CHAINS, math.ceil(config.pilot * chains)))
+            chains = min(chains, max(5, math.ceil(config.pilot * chains)))
         samples = chains * config.length
         survivors = min(max(1, round(config.level_probability * samples)), samples - 1)
         stage = _STAGE_OF_SECOND_PASS if second else 0

@@ -77,7 +77,7 @@ class EssState:
         new, most = _distinct_failures(self.level_pass, 0, self.ended.shape.runs), self.plan.kept_failures
         whole = {
             name: np.concatenate([getattr(self.failures_before, name), getattr(new, name)])
-            for name in _ARRAYS
+            for name in ("noise", "robustness", "weights", "ancestors")
         }
         run = whole["ancestors"][:, 0]
         rows = take_in_turn(run, most)
@@ -154,6 +154,3 @@ def _weighted_anew(failures: Failures, run: Integers, chosen: Integers) -> Failu
     before, after = np.bincount(run, weights), np.bincount(run[chosen], weights[chosen], minlength=runs)
     factor = before / np.maximum(after, 1e-300)
     return replace(failures, weights=weights[chosen] * factor[run[chosen]])
-
-
-_ARRAYS = ("noise", "robustness", "weights", "ancestors")

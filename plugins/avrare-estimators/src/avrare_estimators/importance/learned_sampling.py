@@ -47,8 +47,6 @@ _FIRST_SHARE = 1.0 / 3.0
 """Share that the first part of the final sample has in the estimate."""
 _LEAST_LEFT = 0.05
 """Variance that the rest may at least have, over that of the first part."""
-_NEAR_GOAL = 1.25
-"""Ratio of an error to that asked for up to which no more rollouts are asked for: sizes are forecasts."""
 _LAST_STAGES = 2.0
 """Stages in whose cost the estimate can be ended: then learning more does not pay."""
 _WORTHLESS = "learning found no proposal that beats Monte Carlo by a factor of two"
@@ -126,7 +124,8 @@ class LearnedSampling(WeightedSampler):
             artifacts = {FILE: to_entry(frozen, self.names)}
         if self.config.relative_error is not None:
             diagnostics["goal_reached"] = bool(result.relative_error <= self.config.relative_error)
-            if not result.relative_error <= _NEAR_GOAL * self.config.relative_error:
+            # sizes are forecasts: an error a quarter above the goal is near enough
+            if not result.relative_error <= 1.25 * self.config.relative_error:
                 progress = describe_precision(result.probability, result.relative_error)
                 notes.insert(0, describe_missed_goal(result.rollouts, progress))
         complete = replace(

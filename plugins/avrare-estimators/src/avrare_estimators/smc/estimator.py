@@ -31,8 +31,6 @@ _ROLLOUTS_OF_RUN = 5
 """Starts and copies of a run in multiples of its particles, for budgets."""
 _LEAST_PARTICLES = 20
 _SCALED_PILOT, _SCALED_STAGES = 0.25, 2
-_COUNTING_STAGE = 2**16
-"""Address of the noise of the particles that count, beyond all stages of learning."""
 _ROW = 250
 """Bytes of a particle at the peak, but for its carry."""
 _CARRY = 4096
@@ -191,7 +189,8 @@ class SequentialMonteCarlo(Estimator):
         learning, config = state.learning, self.config
         particles, most = self._size(state)
         law, schedule, potentials = learning.law, learning.schedule, learning.potentials
-        course = Course(state.plan, particles, law, schedule, potentials, _COUNTING_STAGE, learning=False)
+        # beyond all stages of learning
+        course = Course(state.plan, particles, law, schedule, potentials, 2**16, learning=False)
         looks = Looks.until(config.relative_error, min(config.runs, most), most)
         return self._next_runs(replace(state, course=course, looks=looks))
 

@@ -29,8 +29,6 @@ LEARNING_RUN = 2**31
 """Address of the noise of particles that only teach, far from those that count."""
 _PILOT_SHARE, _LEARNING_SHARE = 6, 2
 """The pilot takes at most 1 / 6 of the rollouts of a budget, all learning at most half."""
-_STUCK = 0.7
-"""Ratio of the deepest level's probability to the one before above which further stages lead nowhere."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,8 @@ class Learning:
         state = replace(self, potentials=potentials or before, task=None)
         if potentials is None or potentials.reached or not state._affords_stage:
             return state
-        if before is not None and potentials.chances[-1] > _STUCK * before.chances[-1]:
+        # further stages lead nowhere
+        if before is not None and potentials.chances[-1] > 0.7 * before.chances[-1]:
             return state
         rows = state._stage_rows
         course = Course(self.plan, rows, state.law, self.schedule, potentials, 0, learning=True)

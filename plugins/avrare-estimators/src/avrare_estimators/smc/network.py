@@ -18,13 +18,10 @@ from avrare.rollout.request import Integers
 _WIDTH = 32
 _BATCH, _RATE, _DECAY = 256, 4e-3, 1e-4
 _LEAST_STEPS, _MOST_STEPS, _EPOCHS = 300, 1500, 20
-_CHECK = 100
-"""Steps between two looks at the rows held out."""
 _LIMIT = 6.0
 """Largest standardised feature."""
 _BLOCK = 2**12
 """Rows that are evaluated at once."""
-_DIGITS = 5
 Layers = tuple[Floats, ...]
 
 
@@ -101,11 +98,11 @@ def fit(examples: Examples, seed: tuple[int, ...]) -> Network:
         batch = sampler.draw(_BATCH, rng)
         rate = _RATE * 0.5 * (1.0 + np.cos(np.pi * turn / steps))
         _adam(layers, _gradients(layers, batch), moments, rate, turn)
-        if turn % _CHECK == 0:
+        if turn % 100 == 0:  # a look at the rows held out
             now = replace(network, layers=tuple(layer.copy() for layer in layers))
             if (loss := _loss(now, test)) < least:
                 best, least = now, loss
-    return replace(best, layers=tuple(np.round(layer, _DIGITS) for layer in best.layers))
+    return replace(best, layers=tuple(np.round(layer, 5) for layer in best.layers))
 
 
 def _chance(examples: Examples) -> Floats:

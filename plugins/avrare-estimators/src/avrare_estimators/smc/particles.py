@@ -25,8 +25,6 @@ from avrare_estimators.smc.potentials import Paths, Potentials
 
 _LEAST_EFFECTIVE = 0.7
 """Share of a run's particles below whose effective number they are resampled."""
-_CHOICES = 2**32 - 1
-"""Address "particle" of a run's own uniform number, beyond those of its particles."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +279,8 @@ class Particles:
             return np.arange(size), weight, False
         # Sorted by potential: systematic resampling then keeps their distribution best.
         order = np.argsort(h, kind="stable")
-        address = self.first_run + run, self.course.stage + self.segment, _CHOICES
+        # beyond the particles of a run
+        address = self.first_run + run, self.course.stage + self.segment, 2**32 - 1
         uniform = float(self.course.plan.noise.choices(*address))
         parents = order[resample(target[order], wanted, uniform)]
         copies = wanted * target[parents] / target.sum()

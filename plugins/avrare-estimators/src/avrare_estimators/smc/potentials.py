@@ -23,10 +23,6 @@ _LEAST_HITS = 15.0
 """Effective rollouts beyond a level that is learnt."""
 _MOST_LEVELS = 6
 _LADDER = 10.0 ** (-np.arange(1, 25) / 2.0)
-_LEAST_NATS = 0.1
-"""Gain of a step's potential, in nats, below which particles are not resampled there."""
-_HELD_OUT = 5
-"""One rollout in so many, by its first ancestor, is held out of training."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +83,7 @@ class Potentials:
     @property
     def useful(self) -> list[int]:
         """Numbers of the scheduled steps at which the potential has a gain."""
-        return [int(k) for k in np.flatnonzero(self.gains >= _LEAST_NATS)]
+        return [int(k) for k in np.flatnonzero(self.gains >= 0.1)]  # a smaller gain is not worth resampling
 
     @property
     def reached(self) -> bool:
@@ -115,7 +111,8 @@ def learn(stages: Sequence[Paths], seed: tuple[int, ...]) -> Potentials | None:
     if not len(levels):
         return None
     reached = np.where(np.isinf(levels), paths.violated[:, None], _depth(paths)[:, None] >= levels)
-    examples = Examples(paths.features, reached, paths.weights, paths.root % _HELD_OUT == 0)
+    # a fifth of the first ancestors is held out of training
+    examples = Examples(paths.features, reached, paths.weights, paths.root % 5 == 0)
     if not all(reached[part].any(axis=0).all() for part in (examples.held_out, ~examples.held_out)):
         return None
     network = fit(examples, seed)

@@ -35,8 +35,6 @@ from avrare_estimators.two_fidelities.tape_recorder import Record, Recorder, dra
 from avrare_estimators.two_fidelities.two_phase import Design, plan_design, scale_rates
 
 _SEED_KEY = 0x2F1D
-_LEAST_PILOT = 50
-"""Tapes of a pilot below which nothing can be planned."""
 
 
 def build(config: MfmcConfig, scene: object | None = None) -> Mfmc:
@@ -121,7 +119,7 @@ class _Work:
     execute: Execute
 
     def estimate(self, total: float, pilot: int) -> list[Result]:
-        if pilot < _LEAST_PILOT:
+        if pilot < 50:  # too few tapes to plan anything
             return self._plain(total, "too few rollouts for a pilot", _Spent())
         if self.cost >= 1.0:
             return self._plain(total, "the cheap twin costs as much as the stack", _Spent())

@@ -16,8 +16,6 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Integers, Request, Rollouts
 
-_STAGE = 2**15
-
 
 @dataclass(frozen=True)
 class Record:
@@ -73,7 +71,7 @@ class Recorder(Estimator):
     def ask(self, state: _State) -> Request | None:
         """Return the next tapes, None when all are run."""
         done = state.info.rollouts
-        particles = self.particles[done : done + _STAGE]
+        particles = self.particles[done : done + 2**15]
         return Request.from_start(np.zeros_like(particles), particles) if len(particles) else None
 
     def tell(self, state: _State, rollouts: Rollouts) -> tuple[_State, Info]:

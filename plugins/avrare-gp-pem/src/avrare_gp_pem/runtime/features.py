@@ -29,8 +29,6 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime.visibility import Relative
 
-_CROP = 51.2  # half the side of the square that PointPillar sees on nuScenes [m]
-_SOFT = 3.0  # about half a vehicle's length: one that straddles the edge is partly seen [m]
 _STEPS = tuple(range(10, 90, 8))
 _THIN = 0.02  # floor of a span inside its logarithm [m]
 _NEAR = 0.1  # floor of the range inside its logarithm [m]
@@ -109,7 +107,8 @@ Column = Callable[[Box], Floats]
 
 
 def _step(at: float) -> Column:
-    return lambda box: np.tanh((box.reach - at) / _SOFT)
+    # half a vehicle's length [m]: a vehicle that straddles the edge is partly seen
+    return lambda box: np.tanh((box.reach - at) / 3.0)
 
 
 def _turns(name: str, pair: Callable[[Box], tuple[Floats, Floats]]) -> dict[str, Column]:
@@ -126,7 +125,7 @@ COLUMNS: dict[str, Column] = {
     "log_range": lambda box: np.log(np.maximum(box.range, _NEAR)),
     "abs_right": lambda box: np.abs(box.right),
     "abs_forward": lambda box: np.abs(box.forward),
-    "edge": _step(_CROP),
+    "edge": _step(51.2),  # half the side of the square that PointPillar sees on nuScenes [m]
     **{f"reach_{step}": _step(step) for step in _STEPS},
     "yaw": lambda box: np.arctan2(box.heading[1], box.heading[0]),
     **_turns("aspect", attrgetter("aspect")),

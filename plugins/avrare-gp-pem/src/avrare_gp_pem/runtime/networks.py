@@ -18,7 +18,6 @@ from avrare_gp_pem.runtime.blocks import evaluate_in_blocks
 Singles = NDArray[np.float32]
 
 _TILE = 16
-_TOGETHER = 24
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Networks:
             (n, O) means and zeros; a row depends on its own input only, to the last bit.
         """
         outputs = self.biases[-1].shape[1]
-        mean = evaluate_in_blocks(self._mean, x.astype(np.float32), outputs, _TOGETHER)
+        mean = evaluate_in_blocks(self._mean, x.astype(np.float32), outputs, 24)
         return mean, np.zeros_like(mean)
 
     def _mean(self, x: Singles) -> Singles:

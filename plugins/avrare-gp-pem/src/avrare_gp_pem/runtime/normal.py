@@ -51,14 +51,12 @@ _MIDDLE_BOTTOM = (
 )
 _INNER, _MIDDLE = 0.67448975, 5.656854249492380195
 _SQRT_1_2PI = 0.398942280401432677939946
-_LARGEST = 40.0  # the tail underflows here
-_DEPTH = 30
 _NEWTON, _LEAST, _MOST = 40, -37.0, 8.0  # beyond them the probability is 0 or 1 in double precision
 
 
 def cdf(z: Floats) -> Floats:
     """Return P(Z < z) of a standard normal Z, elementwise."""
-    size = np.minimum(np.abs(z), _LARGEST)
+    size = np.minimum(np.abs(z), 40.0)  # the tail underflows at 40
     tail, far = np.asarray(_rational_tail(np.minimum(size, _MIDDLE))), size >= _MIDDLE
     if far.any():  # rare, and the continued fraction is the slowest part
         tail = np.where(far, _continued_fraction(np.maximum(size, _MIDDLE)), tail)
@@ -96,7 +94,7 @@ def _rational_tail(size: Floats) -> Floats:
 
 def _continued_fraction(size: Floats) -> Floats:
     fraction = size
-    for depth in range(_DEPTH, 0, -1):
+    for depth in range(30, 0, -1):
         fraction = size + depth / fraction
     return _SQRT_1_2PI * _density_factor(size) / fraction
 

@@ -22,7 +22,6 @@ from avrare_gp_pem.runtime import normal
 
 _ARCSINH_END = 8.0  # the tables reach |t| = sinh(8), about 1490; a larger bound acts like this one
 _CELLS = 4000
-_SLACK = 1e-9  # rounding may put an error at the limit beyond it
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class StudentT:
 
     def truncated_log_density(self, t: Floats, bound: Floats, power: Floats | None = None) -> Floats:
         """Return the log density at ``t`` of T given |T| <= bound; -inf outside."""
-        inside = np.abs(t) <= bound * (1 + _SLACK)
+        inside = np.abs(t) <= bound * (1 + 1e-9)  # rounding may put an error at the limit beyond it
         if power is None:
             density = self.log_density(t) - np.log1p(-2 * self.upper_tail(bound))
             return np.where(inside, density, -np.inf)

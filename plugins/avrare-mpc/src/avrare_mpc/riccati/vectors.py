@@ -25,7 +25,6 @@ from avrare_mpc.riccati.lanes import WIDTH
 
 _DOUBLE, _LONG = ir.DoubleType(), ir.IntType(64)
 _VECTOR, _LONGS = ir.VectorType(_DOUBLE, WIDTH), ir.VectorType(_LONG, WIDTH)
-_BITS = ir.VectorType(ir.IntType(1), WIDTH)
 _ROW = 8 * WIDTH
 
 Emit = Callable[..., ir.Value]
@@ -66,7 +65,7 @@ class _LanesModel(models.PrimitiveModel):
 @register_model(MaskType)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: DataModelManager, kind: types.Type) -> None:
-        super().__init__(manager, kind, _BITS)
+        super().__init__(manager, kind, ir.VectorType(ir.IntType(1), WIDTH))
 
 
 def _splat(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:

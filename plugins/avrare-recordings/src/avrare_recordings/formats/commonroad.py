@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 _EGO_ID = 1
 _FIRST_LANELET_ID = 1001
 _MOST = sys.float_info.max
-_MOST_STEPS = 2**62  # what arrays of steps hold
 _MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
 
 
@@ -223,7 +222,7 @@ def _read_pose(path: str, name: str, state: State, static: bool = False) -> list
         raise UsageError(f"{path}: {text}")
     if not static and not _is_number(state.time_step):
         raise UsageError(f"{path}: {name} has a state whose time is an interval", "only steps are supported")
-    if not static and abs(state.time_step) >= _MOST_STEPS:
+    if not static and abs(state.time_step) >= 2**62:  # more than arrays of steps hold
         raise UsageError(f"{path}: {name} has a state at step {str(state.time_step)[:30]}")
     return [float(position[0]), float(position[1]), float(heading), float(speed)]
 

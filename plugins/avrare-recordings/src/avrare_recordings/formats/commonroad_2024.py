@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 SUFFIX = ".pb"
 _PROBLEMS = "-SC"
-_KINDS = ("dynamic", "map", "scenario")
 _OLDER, _HEADER = b"\x052020a", 16
 """Version in the first bytes of the older files."""
 
@@ -72,7 +71,7 @@ def open_2024(path: str) -> tuple[Scenario, PlanningProblemSet]:
 
 def _parse(path: str) -> tuple[str, Any]:
     data = Path(path).read_bytes()
-    for kind in _KINDS:
+    for kind in ("dynamic", "map", "scenario"):
         module = import_module(f"commonroad.common.protobuf.{kind}.commonroad_{kind}_pb2")
         message = getattr(module, f"CommonRoad{kind.capitalize()}")()
         try:

@@ -27,8 +27,6 @@ _ALIASES = ("vehicleid", "id", "trackid", "objectid", "carid", "name", "vehicles
 """Names of the column ``vehicle`` in other formats, ignoring case, ``_`` and ``-``."""
 _OFF_GRID = 0.25  # largest distance of a row from its sample, as a share of a step
 _JITTER = 0.05  # largest deviation of a step from the usual one, as a share of it
-_DIGITS = 9  # of a step [s]: nanoseconds
-_MAX_HEADING = 4 * math.pi  # a heading beyond two full turns is taken for degrees
 
 
 def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
@@ -252,7 +250,7 @@ def _place(table: CsvTable, vehicle: _VehicleRows, start: float, dt: float, samp
 
 def _read_state(table: CsvTable, row: int) -> list[float]:
     values = [table.finite(row, field) for field in FIELDS[:4]]
-    if abs(values[2]) > _MAX_HEADING:
+    if abs(values[2]) > 4 * math.pi:  # beyond two full turns it is taken for degrees
         hint = "headings are in radians, counter-clockwise from the direction of the road"
         raise UsageError(f"{table.position(row, 'heading')}: {values[2]:g} is more than two turns", hint)
     recorded = "acceleration" in table.names and table.cell(row, "acceleration")
@@ -291,7 +289,7 @@ def _find_step(table: CsvTable, times: Floats, rows: Sequence[int]) -> float:
             raise UsageError(f"{where}: goes back from {times[k]:g} s to {times[k + 1]:g} s", "sort by time")
         text = f"{times[k + 1]:g} s is {steps[k]:.4g} s after the sample before, others {usual:.4g} s"
         raise UsageError(f"{where}: {text}", "a recording has one step throughout: resample it, or split it")
-    step = round((float(times[-1]) - float(times[0])) / len(steps), _DIGITS)
+    step = round((float(times[-1]) - float(times[0])) / len(steps), 9)  # nanoseconds
     if not 0.0 < step < math.inf:
         text = f"{table.path}: a step is {usual:g} s"
         raise UsageError(text, "give the time in seconds; a step has at least a nanosecond")

@@ -14,8 +14,6 @@ from avrare_recordings.formats.commonroad_2024 import SUFFIX, is_companion
 from avrare_recordings.formats.csv_recording import open_csv
 from avrare_recordings.formats.drone_recording import is_drone_recording, open_drone_recording
 
-_SUFFIXES = (".xml", SUFFIX, ".csv")
-
 
 class Drives(Protocol):
     """Vehicles of one file, any of which can be the ego."""
@@ -51,7 +49,7 @@ def check_lanes(recording: Recording, road: Road | None) -> None:
 
 def list_recordings(folder: Path) -> Sequence[Path]:
     """Return the CommonRoad and CSV files of a folder and those below, but no files of metadata, in order."""
-    paths = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES]
+    paths = [path for path in sorted(folder.rglob("*")) if path.suffix.lower() in (".xml", SUFFIX, ".csv")]
     files = [
         path
         for path in paths

@@ -23,7 +23,6 @@ _WIDTH = 80
 _CHART_WIDTH = 64
 _UP_BLOCKS, _DOWN_BLOCKS = " ▁▂▃▄▅▆▇█", " ▔▀█"
 _UP_ROWS, _DOWN_ROWS = 4, 3
-_MAX_FORMULA_LINES = 6  # a longer formula is shown without its definitions
 
 
 def headline(result: MonitoringResult) -> list[Text]:
@@ -46,7 +45,8 @@ def _wrap_formula_lines(formula: str) -> list[str]:
     statements = formula.strip().splitlines()
     lines = [line for statement in statements for line in _wrap(statement, "  ").splitlines()]
     rest = list(itertools.dropwhile(lambda statement: re.match(r"\w+\([\w, ]*\) = ", statement), statements))
-    if len(lines) <= _MAX_FORMULA_LINES or not rest or len(rest) == len(statements):
+    # a longer formula is shown without its definitions
+    if len(lines) <= 6 or not rest or len(rest) == len(statements):
         return lines
     return ["  (--json prints its definitions)", *(_wrap(statement, "  ") for statement in rest)]
 

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 ASIDE = 30.0
 """Largest distance of a part of the road from the reference line [m]."""
 
-_ALONG = 0.8  # least advance of a lane along the line, as a share of its length: crossings turn away
-_WITH = 0.5  # least cosine between a vehicle and the lanelet that it drives on
-
 
 @dataclass(frozen=True)
 class _Section:
@@ -85,7 +82,7 @@ def _count_samples(by_id: Mapping[int, Lanelet], positions: Floats, headings: Fl
             s, _ = (line := PolygonalLine(centre)).to_road(*positions[inside].T)
             angle = line.heading(s)
             along = direction[inside] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            if count := int((along.sum(axis=1) > _WITH).sum()):
+            if count := int((along.sum(axis=1) > 0.5).sum()):  # within 60 degrees of the lanelet
                 counts[name] = count
     return counts
 
@@ -192,7 +189,7 @@ def _make_section(name: int, lanelet: Lanelet, line: ReferenceLine) -> _Section 
         advance = border[-1, 0] - border[0, 0]
         if not (np.isfinite(border).all() and np.abs(border[:, 1]).max() <= ASIDE):
             return None
-        if abs(advance) < _ALONG * length:
+        if abs(advance) < 0.8 * length:  # it turns away, as at a crossing
             return None
         borders.append(border)
     opposing = bool(borders[0][-1, 0] < borders[0][0, 0])

@@ -12,8 +12,6 @@ from avrare_estimators.common.samples.sampling import Sample, failing_weights
 from avrare_estimators.common.weights import effective_size, stratified_variance
 
 _LEAST_EFFECTIVE = 15.0
-_RISK = 1e-3
-"""Probability that stages which agree seem not to."""
 
 
 def find_differing(samples: Sequence[Sample], mean: float, variance: float) -> dict[str, str]:
@@ -27,7 +25,7 @@ def find_differing(samples: Sequence[Sample], mean: float, variance: float) -> d
     estimates = [estimate for sample in samples if (estimate := _estimate(sample))[2] >= _LEAST_EFFECTIVE]
     if not estimates or not mean:
         return {}
-    confidence = 1.0 - _RISK / len(estimates)
+    confidence = 1.0 - 1e-3 / len(estimates)  # the risk that stages which agree seem not to
     apart = [
         format_probability(value)
         for value, spread, effective in estimates

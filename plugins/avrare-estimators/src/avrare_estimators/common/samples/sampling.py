@@ -20,8 +20,6 @@ from avrare.rollout.request import Carry, Integers, Request, Rollouts
 from avrare_estimators.common.samples.sources import BLOCK, Source, Stratum
 from avrare_estimators.common.weights import mixture_log_weights, stratified_variance
 
-_WAVE = 8
-"""Number of chunks in flight at a time."""
 _TAPES = 3
 """Tapes of each row of a wave at the peak: drawn, asked for, and weighed."""
 
@@ -34,7 +32,7 @@ def wave_bytes(plan: Plan, memory: float | None) -> int:
 def _wave_rows(plan: Plan, memory: float | None) -> int:
     """Return the rows of a wave: some chunks, or fewer where their tapes would take half of the memory."""
     room = allowance(memory) // (2 * _TAPES * plan.tape_bytes)
-    return min(_WAVE * plan.chunk, max(BLOCK, room))
+    return min(8 * plan.chunk, max(BLOCK, room))  # chunks in flight
 
 
 @dataclass(frozen=True)

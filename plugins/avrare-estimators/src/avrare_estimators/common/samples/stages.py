@@ -9,12 +9,6 @@ LEAST_GAIN = 2.0
 """Gain over Monte Carlo from which a proposal is worth drawing from."""
 FEWEST_KNOWN = 40.0
 """Effective number of failures that must be known where the elite is not of failures alone."""
-_LEAST_SHOWN = 1.2
-"""Gain that the failures of a stage must have shown: below it two stages in a row end learning."""
-_STALLED = 0.8
-"""Ratio of a stage's relative variance to that before it above which learning has nothing left to gain."""
-_RISING = 1.25
-"""Ratio of a stage's gain to that before it from which learning continues, however small the gain."""
 
 
 def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
@@ -22,14 +16,15 @@ def is_learnt(stages: Sequence[dict[str, Any]], most: int) -> bool:
     if len(stages) > most:
         return True
     variances = [stage["relative_variance"] for stage in stages[1:] if stage["reached"]]
-    return len(variances) > 1 and variances[-1] > _STALLED * variances[-2]
+    return len(variances) > 1 and variances[-1] > 0.8 * variances[-2]  # learning has nothing left to gain
 
 
 def gain_nothing(stages: Sequence[dict[str, Any]]) -> bool:
     """Return whether two stages in a row have gained nothing, and the gain does not rise."""
     last = stages[-2:]
     hopeless = len(stages) > 2 and all(is_worthless(stage) for stage in last)
-    return hopeless and not (last[1]["gain"] or 0.0) > _RISING * (last[0]["gain"] or 0.0)
+    # learning continues while its gain rises, however small it is
+    return hopeless and not (last[1]["gain"] or 0.0) > 1.25 * (last[0]["gain"] or 0.0)
 
 
 def is_stuck(stages: Sequence[dict[str, Any]]) -> bool:
@@ -45,7 +40,7 @@ def is_worthless(stage: dict[str, Any]) -> bool:
     one before it must not contradict.
     """
     shown = stage.get("gain_shown")
-    if shown is not None and shown < _LEAST_SHOWN:
+    if shown is not None and shown < 1.2:  # two stages in a row that show less end learning
         return True
     return stage["gain"] is None or stage["gain"] < LEAST_GAIN
 

@@ -18,7 +18,6 @@ _SHIFTS = (2.6, 3.7, 4.8)
 """Means along a direction: tail probabilities from 3e-2 to 1e-7, about even in their logarithm."""
 _START, _SINGLE, _WINDOW = 0.15, 0.5, 0.35
 """Shares of the numbers of the start, of those of later steps, and of windows."""
-_WIDEST = 64
 
 
 @cache
@@ -27,7 +26,7 @@ def tail_atoms(steps: int, channels: int) -> TapeMixture:
     families = [(_START, [(0, 0)])]
     if steps:
         families.append((_SINGLE, [(t, t) for t in range(1, steps + 1)]))
-    widths = [2**k for k in range(1, 7) if 2**k <= min(steps, _WIDEST)]
+    widths = [2**k for k in range(1, 7) if 2**k <= min(steps, 64)]
     for width in widths:
         windows = [(t, t + width - 1) for t in range(1, steps + 2 - width, max(1, width // 2))]
         families.append((_WINDOW / len(widths), windows))

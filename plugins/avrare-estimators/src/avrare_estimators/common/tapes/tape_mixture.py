@@ -24,8 +24,6 @@ _DIGITS = 6
 """Decimals of a frozen number: rounding of the fit must not reach the rollouts."""
 _LEAST_SHARE = 1e-3
 """Least share of a component, over the largest."""
-_DROPPED = 0.02
-"""Share of the atoms that are left out, the least ones first."""
 _BLOCK = 2**20
 """Atoms of all rows that are weighed at once."""
 NONE = -1
@@ -327,7 +325,8 @@ def _without_least(shares: Group) -> Group:
     """Return shares without the least ones, which together are at most ``_DROPPED`` of all."""
     order = sorted(shares, key=shares.__getitem__)
     lost = np.cumsum([shares[row] for row in order])
-    dropped = set(order[: int(np.searchsorted(lost, _DROPPED * lost[-1]))]) if order else set()
+    # the least atoms are left out, 2 % of all
+    dropped = set(order[: int(np.searchsorted(lost, 0.02 * lost[-1]))]) if order else set()
     return {row: share for row, share in shares.items() if row not in dropped}
 
 

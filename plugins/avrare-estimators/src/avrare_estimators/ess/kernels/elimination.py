@@ -20,7 +20,6 @@ from avrare.rollout.request import Integers
 from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotate
 
 _CIRCLE = 2.0 * np.pi
-_MOST_TURNS = 200
 _GROWTH = 1.1
 
 
@@ -78,7 +77,7 @@ class Elimination(Kernel):
         short[rows[finite], 0] = (move.level[rows] - points.score)[finite]
         work = replace(work, short=np.concatenate([work.short, short], axis=1))
         move, rows = move.accept(good, points), rows[~good]
-        if move.turn >= _MOST_TURNS or not len(rows):
+        if move.turn >= 200 or not len(rows):
             return replace(move.stay(), work=work)
         # 2. Draw the next angle uniformly on what is left of the circle.
         uniforms = move.draw.uniforms(rows, move.turn)

@@ -29,7 +29,6 @@ _CIRCLE = 2.0 * np.pi
 _MOST_ROUNDS = 3
 _LENGTH = 1.0
 """Length scale of the process, radians."""
-_JITTER = 1e-4
 GRID = (np.arange(96) + 0.5) * (_CIRCLE / 96)
 """(G,) angles at which the process is looked at."""
 _erfc = np.vectorize(math.erfc, otypes=[np.float64])
@@ -197,7 +196,7 @@ class Posterior:
         """Return the process given scores (W, J) at angles (W, J)."""
         middle, scale = score.mean(axis=1), np.maximum(score.std(axis=1), 1e-9)
         values = (score - middle[:, None]) / scale[:, None]
-        among = _matern_52(angle[:, :, None] - angle[:, None, :]) + _JITTER * np.eye(angle.shape[1])
+        among = _matern_52(angle[:, :, None] - angle[:, None, :]) + 1e-4 * np.eye(angle.shape[1])
         across = _matern_52(angle[:, :, None] - GRID)
         weights = np.linalg.solve(among, across)
         mean = (weights * values[:, :, None]).sum(axis=1)
