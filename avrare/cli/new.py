@@ -49,7 +49,9 @@ def _write_scenario(args: argparse.Namespace) -> None:
         )
     name = args.name.removesuffix(".yaml")
     if not re.fullmatch(r"\w[\w.-]*", name):
-        raise UsageError(f"{args.name!r} is no name for a scenario", "for example cut_in")
+        raise UsageError(
+            f"{args.name!r} does not name a scenario: use letters, digits, -, _ and .", "for example cut_in"
+        )
     path = Path(args.out) / f"{name}.yaml"
     if args.python:
         if args.simulator or args.set or args.act:
@@ -103,7 +105,8 @@ def _write_catalogue(args: argparse.Namespace) -> None:
         say(f"left out: {file} ({format_count(cells, 'cell')}): {reason}", error=True)
     if not scenes:
         raise UsageError(
-            f"{source}: has no scene that the stack can drive in", "see `avrare scenes` for what is read"
+            f"{source}: has no scene that the stack can drive in",
+            "`avrare scenes` lists the features of files that are read",
         )
     write_catalogue(path, scenes, str(stack))
     total = format_count(sum(scene.cells for scene in scenes), "cell")

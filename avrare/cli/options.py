@@ -218,7 +218,7 @@ OPTIONS: dict[str, Options] = {
                 "kmeans (default), or hdbscan (needs scikit-learn)",
                 {"choices": ["kmeans", "hdbscan"], "default": "kmeans"},
             ),
-            "--shrink": "also say what is decisive in each kind's most typical failure, and when it was lost",
+            "--shrink": "also say which noise decides each kind's most typical failure, and when it was lost",
             "--budget KIND=N": (
                 "with --shrink: most rollouts for each of them, as rollouts=N (default 3000)",
                 {"type": read_rollouts},
@@ -257,7 +257,7 @@ OPTIONS: dict[str, Options] = {
         "--json": "print a JSON list",
     },
     "new": {
-        "what": ("what to create", {"choices": ["plugin", "scenario", "catalogue"]}),
+        "what": ("kind of file to create", {"choices": ["plugin", "scenario", "catalogue"]}),
         "name NAME": "name of the plugin's component, for example wind_gusts, or of the scenario; of a "
         "catalogue, the folder of scenes, or a file",
         "--kind KIND": (

@@ -47,8 +47,8 @@ def list_alternatives(loop: ClosedLoop) -> dict[str, ClosedLoop]:
     """
     if loop.controller is None:
         return {}
-    known = loop.scene if loop.tracker is None else loop.tracker.known_scene or loop.scene
-    controllers = _list_controllers(loop.controller, known if loop.tracker is not None else None)
+    scene = loop.scene if loop.tracker is None else loop.tracker.known_scene or loop.scene
+    controllers = _list_controllers(loop.controller, scene if loop.tracker is not None else None)
     return {f"planner that {name}": loop.controlled_by(each) for name, each in controllers.items()}
 
 

@@ -95,7 +95,7 @@ def build_stack(scenario: Scenario) -> Stack:
 
 
 def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts:
-    perception, tracker, controller, known = None, None, None, scene
+    perception, tracker, controller, seen_scene = None, None, None, scene
     if scenario.perception is not None:
         with _locate_errors(scenario, "perception"):
             perception = build_block(
@@ -107,15 +107,15 @@ def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts
             tracker = build_block(scenario.tracker, clock.pace_scene(scene, clock.tracker), Tracker)
             if perception is not None:
                 check_labels(perception, tracker)
-            known = tracker.known_scene or scene
+            seen_scene = tracker.known_scene or scene
     if scenario.controller is not None:
         with _locate_errors(scenario, "controller"):
-            paced = clock.pace_scene(known, clock.planner)
+            paced = clock.pace_scene(seen_scene, clock.planner)
             controller = build_block(scenario.controller, paced, Controller)
     if scenario.aeb is not None:
         with _locate_errors(scenario, "aeb"):
             controller = add_emergency_braking(
-                controller, scenario.aeb, clock.pace_scene(known, clock.planner)
+                controller, scenario.aeb, clock.pace_scene(seen_scene, clock.planner)
             )
     if controller is not None and adapt(Controller, controller).sees_truth:
         perception, tracker = None, None  # nobody reads them
@@ -267,9 +267,11 @@ def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str,
     part, formula = scenario.specifications[name], spec.formula
     if formula is None or not isinstance(part, Block):
         return []
-    found = [] if part.component.check else [(one.message, one.hint) for one in formula.warnings]
-    found += [(text, None) for text in reach_warnings(formula.node, scenario.steps)]
-    return [(f"{scenario.path}: specifications.{name}: {text}", hint) for text, hint in found]
+    findings = (
+        [] if part.component.check else [(warning.message, warning.hint) for warning in formula.warnings]
+    )
+    findings += [(text, None) for text in reach_warnings(formula.node, scenario.steps)]
+    return [(f"{scenario.path}: specifications.{name}: {text}", hint) for text, hint in findings]
 
 
 @contextmanager

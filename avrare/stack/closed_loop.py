@@ -122,14 +122,14 @@ class ClosedLoop(System):
 
     def initial(self, noise: Floats) -> LoopState:
         """Return the state at t = 0 from noise (N, noise_size)."""
-        own, drawn = self.world_noise, None
+        world_size, drawn = self.world_noise, None
         if self.start is not None:
-            world, drawn = self.start.reset(noise[:, :own])
+            world, drawn = self.start.reset(noise[:, :world_size])
         else:
-            world = self.simulator.reset(noise[:, :own])
+            world = self.simulator.reset(noise[:, :world_size])
         memory = self.controller.start(len(noise)) if self.controller is not None else None
         if self.burn_in is not None:
-            observation, track, latent = self.burn_in.run(world, noise[:, own:])
+            observation, track, latent = self.burn_in.run(world, noise[:, world_size:])
             return LoopState(world, observation, track, memory, latent, drawn)
         track = self.tracker.start(world) if self.tracker is not None else None
         latent = self.perception.start(noise[:, self._seen]) if self.perception is not None else None
@@ -173,10 +173,10 @@ class ClosedLoop(System):
 
     def signals(self, state: LoopState) -> Signals:
         """Return the simulator's signals, and the drawn values."""
-        found = self.simulator.signals(state.world)
+        signals = self.simulator.signals(state.world)
         if self.start is None or state.drawn is None:
-            return found
-        return {**found, **self.start.signals(state.drawn)}
+            return signals
+        return {**signals, **self.start.signals(state.drawn)}
 
     def faults(self, state: LoopState) -> Bools:
         """Return (N,) rows that the simulator reports as broken down, or whose scene is impossible."""
@@ -198,26 +198,26 @@ class ClosedLoop(System):
 
     def misreadings(self, state: LoopState) -> dict[str, Misreading]:
         """Return the errors that the simulator declares, and those of the perceived vehicles."""
-        found = dict(self.simulator.misreadings(state.world))
+        misreadings = dict(self.simulator.misreadings(state.world))
         if self.perception is not None and self.scene is not None and state.observation is not None:
-            found |= find_misreadings(self.perception, state.world, state.observation, self.scene)
-        return found
+            misreadings |= find_misreadings(self.perception, state.world, state.observation, self.scene)
+        return misreadings
 
     def features(self, state: LoopState) -> Floats:
         """Return (N, F) what the parts declare, or else what every driving stack has."""
         driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
-        found = [_read_features(self.simulator, state.world)]
-        if found[0] is None:
-            found = [flatten(self.signals(state)), vehicle_features(state.world) if driving else None]
-        found.append(_read_features(self.perception, state.latent))
+        parts = [_read_features(self.simulator, state.world)]
+        if parts[0] is None:
+            parts = [flatten(self.signals(state)), vehicle_features(state.world) if driving else None]
+        parts.append(_read_features(self.perception, state.latent))
         tracked = _read_features(self.tracker, state.track)
         if tracked is None and self.tracker is not None and driving:
             tracked = track_features(self.tracker, state.track, state.world)
         planned = _read_features(self.controller, state.memory)
         if planned is None and self.controller is not None:
             planned = plan_features(self.controller.plan(state.memory))
-        found += [tracked, planned]
-        return np.concatenate([part for part in found if part is not None], axis=1)
+        parts += [tracked, planned]
+        return np.concatenate([part for part in parts if part is not None], axis=1)
 
 
 def _read_features(part: Any, state: Any) -> Floats | None:
@@ -275,8 +275,10 @@ class WeightedLoop(SystemWrapper):
                 target.start,
                 target.burn_in,
             )
-        own = target.world_noise
-        self.noise_size = max(target.noise_size, own + (proposal.noise_size if proposal is not None else 0))
+        world_size = target.world_noise
+        self.noise_size = max(
+            target.noise_size, world_size + (proposal.noise_size if proposal is not None else 0)
+        )
         self.noise_names = self.perfect_noise = None  # those of the target, or of the proposal
 
     def _proposal_density(self, law: SamplingLaw | None) -> Any:
@@ -299,8 +301,10 @@ class WeightedLoop(SystemWrapper):
         if self._density is None:
             return replace(state, loop=loop)
         target: Any = self.target.perception
-        own, other = (model.log_prob(loop.world, loop.observation) for model in (target, self._density))
-        return WeightedLoopState(loop, state.log_weight + (own - other))
+        log_target, log_drawn = (
+            model.log_prob(loop.world, loop.observation) for model in (target, self._density)
+        )
+        return WeightedLoopState(loop, state.log_weight + (log_target - log_drawn))
 
     def unwrap(self, state: WeightedLoopState) -> LoopState:
         """Return the state of the loop without its weight."""

@@ -46,7 +46,7 @@ def add_emergency_braking(
         UsageError: The controller or the road is missing.
     """
     if controller is None:
-        raise UsageError("there is no controller beside it", "add a `controller:` block, or remove `aeb:`")
+        raise UsageError("the stack has no controller", "add a `controller:` block, or remove `aeb:`")
     if scene is None:
         raise UsageError("it needs a driving simulator", "remove the block `aeb:`")
     return EmergencyBraking(controller, options, scene)
@@ -102,9 +102,9 @@ class EmergencyBraking(Controller):
             "time_to_collision": options.time_to_collision and _EARLIER * options.time_to_collision,
             "needed_deceleration": options.needed_deceleration and options.needed_deceleration / _EARLIER,
         }
-        found = {name: (each, options) for name, each in self._controller.alternatives().items()}
-        found["begins emergency braking earlier"] = self._controller, options.model_copy(update=begin)
-        return {name: EmergencyBraking(*each, self._scene) for name, each in found.items()}
+        variants = {name: (each, options) for name, each in self._controller.alternatives().items()}
+        variants["begins emergency braking earlier"] = self._controller, options.model_copy(update=begin)
+        return {name: EmergencyBraking(*each, self._scene) for name, each in variants.items()}
 
     def counts(self, memory: BrakeMemory) -> Mapping[str, NDArray[np.int64]]:
         """Return the counters of the controller itself, and ``aeb_interventions``."""

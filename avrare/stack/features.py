@@ -24,11 +24,11 @@ def system_features(system: System, state: object) -> Floats:
 
 def check_features(part: object, values: object) -> Floats:
     """Return declared features as floats (N, F); a ``UsageError`` for another shape."""
-    found = np.asarray(values, dtype=np.float64)
-    if found.ndim != 2:
-        text = f"features of {type(part).__name__} have shape {found.shape}, not (N, F)"
+    features = np.asarray(values, dtype=np.float64)
+    if features.ndim != 2:
+        text = f"features of {type(part).__name__} have shape {features.shape}, not (N, F)"
         raise UsageError(text, "return a NumPy array with one row a particle, or leave `features` out")
-    return found
+    return features
 
 
 def monitor_features(
@@ -48,9 +48,9 @@ def flatten(signals: Signals) -> Floats:
 def vehicle_features(world: Any) -> Floats:
     """Return positions, speeds and headings (N, F) of a driving world, the others relative to the ego."""
     ego, others = world.ego, world.others
-    own = [ego.x, ego.y, ego.speed, ego.heading, ego.acceleration]
+    ego_columns = [ego.x, ego.y, ego.speed, ego.heading, ego.acceleration]
     relative = [others.x - ego.x[:, None], others.y - ego.y[:, None], others.speed, others.heading]
-    return np.concatenate([np.stack(own, axis=1), *relative], axis=1)
+    return np.concatenate([np.stack(ego_columns, axis=1), *relative], axis=1)
 
 
 def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
@@ -58,19 +58,19 @@ def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
 
     None where the tracker predicts something else than vehicles.
     """
-    others, found = world.others, tracker.predict(track, 1)
-    if not isinstance(found, Prediction):
+    others, predicted = world.others, tracker.predict(track, 1)
+    if not isinstance(predicted, Prediction):
         return None
-    known = np.isfinite(found.x[..., 0])
+    tracked = np.isfinite(predicted.x[..., 0])
     with np.errstate(invalid="ignore"):  # what is not tracked is infinitely far away
         errors = [
-            found.x[..., 0] - others.x,
-            found.y[..., 0] - others.y,
-            found.x[..., 1] - found.x[..., 0],
-            found.y[..., 1] - found.y[..., 0],
+            predicted.x[..., 0] - others.x,
+            predicted.y[..., 0] - others.y,
+            predicted.x[..., 1] - predicted.x[..., 0],
+            predicted.y[..., 1] - predicted.y[..., 0],
         ]
-    kept = [np.where(known, error, 0.0) for error in errors]
-    return np.concatenate([known.astype(np.float64), *kept], axis=1)
+    columns = [np.where(tracked, error, 0.0) for error in errors]
+    return np.concatenate([tracked.astype(np.float64), *columns], axis=1)
 
 
 def plan_features(states: Floats | None) -> Floats | None:

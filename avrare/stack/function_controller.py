@@ -98,7 +98,7 @@ class FunctionController(Controller):
     def _rows(self, observation: object, n: int) -> Any:
         answers = [self._answer(_row(observation, row)) for row in range(n)]
         try:
-            return np.array([np.atleast_1d(one) for one in answers], dtype=np.float64)
+            return np.array([np.atleast_1d(answer) for answer in answers], dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
             raise UsageError(f"{self.function.__name__} must return numbers: {error}") from None
 
@@ -115,9 +115,9 @@ def _neighbours(prediction: Prediction | None, scene: Scene) -> dict[str, Neighb
     if prediction is None:
         return {}
     x, y = prediction.x, prediction.y
-    known = np.isfinite(x[..., 0]) & np.isfinite(y[..., 0])
+    tracked = np.isfinite(x[..., 0]) & np.isfinite(y[..., 0])
     with np.errstate(invalid="ignore"):  # of vehicles that are infinitely far away
-        speed_x, speed_y = (np.where(known, p[..., 1] - p[..., 0], 0.0) / scene.dt for p in (x, y))
+        speed_x, speed_y = (np.where(tracked, p[..., 1] - p[..., 0], 0.0) / scene.dt for p in (x, y))
     return {
         name: Neighbour(x[:, v, 0], y[:, v, 0], speed_x[:, v], speed_y[:, v])
         for v, name in enumerate(scene.names)
@@ -139,7 +139,9 @@ def _row(observation: Any, row: int) -> Any:
 def _action(answer: Any, n: int, batched: bool) -> Action:
     try:
         pair = answer if batched else np.reshape(answer, (n, 2)).T
-        acceleration, yaw_rate = (np.broadcast_to(np.asarray(one, dtype=np.float64), (n,)) for one in pair)
+        acceleration, yaw_rate = (
+            np.broadcast_to(np.asarray(values, dtype=np.float64), (n,)) for values in pair
+        )
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"a driving controller's act must return {_WANTED}: {error}") from None
     return Action(acceleration.copy(), yaw_rate.copy())

@@ -20,7 +20,7 @@ from avrare.scenario.value_positions import Mark, Node
 
 _TEMPLATES = Path(__file__).with_name("templates")
 _NO_CONTROLLER = (
-    "# controller: {plugin: NAME}   # the stack under test, where the simulator does not act by itself"
+    "# controller: {plugin: NAME}   # the stack under test, where the simulator does not drive it"
 )
 
 
@@ -56,7 +56,7 @@ def write_scenario(
         raise UsageError(f"simulator {name!r} takes no actions: it needs no controller", "leave out --act")
     head = [
         f"name: {path.stem}",
-        "description: one sentence that says what happens here",
+        "description: the traffic and the danger in one sentence",
         f"steps: 100   # of {built.dt:g} s",
         "simulator:",
         f"  plugin: {name}",

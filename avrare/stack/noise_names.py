@@ -24,7 +24,7 @@ def find_noise_names(part: NoisyPart, label: str = "noise") -> tuple[str, ...]:
     if given is None:
         return tuple(f"{label} {channel}" for channel in range(part.noise_size))
     if isinstance(given, str) or not isinstance(given, Iterable):
-        text = f"{type(part).__name__} has noise_names {given!r}, which is no list of names"
+        text = f"{type(part).__name__} has noise_names {given!r}, which is not a list of names"
         raise UsageError(text, "give one name for each noise number, or leave noise_names out")
     names = tuple(map(str, given))
     if len(names) != part.noise_size:
@@ -47,7 +47,7 @@ def find_perfect_noise(part: NoisyPart) -> NDArray[np.float64]:
     try:
         numbers = np.asarray(part.perfect_noise, dtype=np.float64)
     except (TypeError, ValueError):
-        text = f"{name} has perfect_noise {part.perfect_noise!r}, which are no numbers"
+        text = f"{name} has perfect_noise {part.perfect_noise!r}, which are not numbers"
         raise UsageError(text, hint) from None
     if numbers.shape != (part.noise_size,):
         size = f"{numbers.size}" if numbers.ndim == 1 else f"an array {numbers.shape} of"

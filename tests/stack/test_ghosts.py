@@ -67,7 +67,7 @@ def test_splitting_with_ghosts_that_is_killed_goes_on_to_the_same_bits(problem, 
 def test_a_tracker_that_is_told_the_vehicle_is_refused(capsys):
     assert main(["validate", "--build", LANE_CHANGE, "--set", GHOSTS]) == 4
     error = capsys.readouterr().err
-    assert "tracker: it is told which vehicle each detection is of" in error
+    assert "tracker: it needs to know the vehicle of each detection" in error
     assert "association: hungarian" in error
 
 

@@ -42,11 +42,11 @@ def problem(**members):
     [
         ({"noise_names": ("gust",)}, "Gusts has 1 noise_names, but noise_size is 2"),
         ({"noise_names": ("gust", "rain", "fog")}, "Gusts has 3 noise_names, but noise_size is 2"),
-        ({"noise_names": "gust"}, "Gusts has noise_names 'gust', which is no list of names"),
-        ({"noise_names": 2}, "Gusts has noise_names 2, which is no list of names"),
+        ({"noise_names": "gust"}, "Gusts has noise_names 'gust', which is not a list of names"),
+        ({"noise_names": 2}, "Gusts has noise_names 2, which is not a list of names"),
         ({"perfect_noise": np.zeros(3)}, "Gusts has 3 perfect_noise, but noise_size is 2"),
         ({"perfect_noise": [[0.0, 0.0]]}, r"Gusts has an array \(1, 2\) of perfect_noise, but noise_size"),
-        ({"perfect_noise": "none"}, "Gusts has perfect_noise 'none', which are no numbers"),
+        ({"perfect_noise": "none"}, "Gusts has perfect_noise 'none', which are not numbers"),
     ],
 )
 def test_a_problem_refuses_names_that_do_not_fit_its_noise(members, words):

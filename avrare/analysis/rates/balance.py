@@ -67,19 +67,19 @@ def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, dri
     low, high = divide_estimates((total.value, *total.sampling), (reference.value, *reference.sampling))
     if total.value and reference.value:
         shifts = [
-            (one - other) * max(_log(met.value, met.low), _log(met.high, met.value))
-            for met, one, other in zip(exposures, total.shares, reference.shares, strict=True)
-            if one != other
+            (share - other) * max(_log(met.value, met.low), _log(met.high, met.value))
+            for met, share, other in zip(exposures, total.shares, reference.shares, strict=True)
+            if share != other
         ]
         ratio, shift = total.value / reference.value, math.hypot(*shifts)
         low = ratio * math.exp(-math.hypot(_log(ratio, low), shift))
         high = ratio * math.exp(min(math.hypot(_log(high, ratio), shift), 700.0))  # exp(710) overflows
     scenes = [
         (
-            _divide(one.probability, other.probability),
-            divide_estimates((one.probability, *one.interval), (other.probability, *other.interval)),
+            _divide(scene.probability, other.probability),
+            divide_estimates((scene.probability, *scene.interval), (other.probability, *other.interval)),
         )
-        for one, other in zip(results, others, strict=True)
+        for scene, other in zip(results, others, strict=True)
     ]
     highest = max(total.interval[1], reference.interval[1])
     return RiskBalance(rule, unit, _divide(total.value, reference.value), (low, high), highest, tuple(scenes))

@@ -57,7 +57,7 @@ class Catalogue:
         settings = read_driver(text)
         if not settings:
             hint = "write CONTROLLER=MODEL, such as reference_driver=fsm"
-            raise UsageError(f"{text}: is no driver of a catalogue's scenes", hint)
+            raise UsageError(f"{text}: does not name a driver of a catalogue's scenes", hint)
         return replace(self, driver=tuple(settings))
 
     def list_shared_rules(self, index: int) -> tuple[str, ...]:
@@ -99,13 +99,13 @@ class Catalogue:
         return Budget(whole.kind, whole.amount / parts)
 
     def own_cost(self, kind: str, steps: Sequence[int]) -> float:
-        """Return what the budgets of scenes take of the catalogue's, of rollouts or of steps."""
+        """Return the rollouts or steps of the catalogue's budget that those of scenes take."""
         taken = []
         for entry, count in zip(self.document.scenes, steps, strict=True):
             if entry.budget is not None:
-                own, whole = entry.budget.budget, float(max(count, 1))
-                scale = 1.0 if own.kind == kind else whole if kind == "steps" else 1.0 / whole
-                taken.append(own.amount * scale)
+                budget, whole = entry.budget.budget, float(max(count, 1))
+                scale = 1.0 if budget.kind == kind else whole if kind == "steps" else 1.0 / whole
+                taken.append(budget.amount * scale)
         return math.fsum(taken)
 
     def budget(self, given: Budget | None) -> Budget | None:
@@ -119,8 +119,8 @@ class Catalogue:
                 text = "no scene shares a budget: each has an estimator of its own"
                 raise UsageError(text, "give the scenes in the catalogue a budget")
             return None
-        own = self.document.budget
-        return given or (own.budget if own is not None else None)
+        stated = self.document.budget
+        return given or (stated.budget if stated is not None else None)
 
 
 def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:
@@ -142,7 +142,9 @@ def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:
         raise scenario_error(mistakes)
     scenes = tree.entries["scenes"].items
     blocks = [_block(node) for node in scenes]
-    mistakes = [one for k, block in enumerate(blocks) for one in _check_block(scenes[k], block, k, path)]
+    mistakes = [
+        mistake for k, block in enumerate(blocks) for mistake in _check_block(scenes[k], block, k, path)
+    ]
     if mistakes:
         raise scenario_error(mistakes)
     names = [_specifications(path, *pair) for pair in zip(document.scenes, scenes, strict=True)]
@@ -155,11 +157,11 @@ def load_catalogue(source: str | os.PathLike[str]) -> Catalogue:
     if mistakes:
         raise scenario_error(mistakes)
     served = zip(document.scenes, scenes, blocks, range(len(scenes)), strict=True)
-    own = tuple(_own_rules(path, *one, rules) for one in served)
-    if document.budget is None and any(set(rules) - set(one) for one in own):
+    own_rules = tuple(_own_rules(path, *scene, rules) for scene in served)
+    if document.budget is None and any(set(rules) - set(names) for names in own_rules):
         hint = "budget: cost of all scenes together, such as {rollouts: 2000}"
         raise scenario_error([Mistake(tree.mark, ("budget",), "required, but missing", hint)])
-    return Catalogue(path, document, rules, own, tuple(blocks))
+    return Catalogue(path, document, rules, own_rules, tuple(blocks))
 
 
 def _path(catalogue: str, entry: SceneEntry) -> str:
@@ -175,7 +177,11 @@ def _plain(entry: SceneEntry) -> list[str]:
     # Options of the scene's own estimator are not those of Monte Carlo.
     if entry.estimator is None:
         return list(entry.set)
-    return [one for one in entry.set if one.strip().partition("=")[0].split(".")[0].strip() != "estimator"]
+    return [
+        setting
+        for setting in entry.set
+        if setting.strip().partition("=")[0].split(".")[0].strip() != "estimator"
+    ]
 
 
 def _block(scene: Node) -> Node | None:
@@ -193,8 +199,8 @@ def _check_block(scene: Node, block: Node | None, index: int, path: str) -> list
     if not isinstance(written, str):
         return mistakes
     near = did_you_mean(written, [FROM_FILE])
-    own = near if near is not None and near.startswith("did you mean") else None
-    return [replace(one, path=place, hint=own or one.hint) for one in mistakes]
+    near_hint = near if near is not None and near.startswith("did you mean") else None
+    return [replace(mistake, path=place, hint=near_hint or mistake.hint) for mistake in mistakes]
 
 
 def _specifications(path: str, entry: SceneEntry, node: Node) -> list[str]:
@@ -220,27 +226,27 @@ def _own_rules(
     """Return the rules that the scene's own estimator estimates."""
     if entry.estimator is None:
         return ()
-    own = {} if block is None else block.entries
-    if (named := own.get("specifications")) is not None:
+    options = {} if block is None else block.entries
+    if (named := options.get("specifications")) is not None:
         mistakes = [
             Mistake(
-                item.mark,
+                rule_node.mark,
                 ("scenes", index, "estimator", "specifications", k),
-                f"no rate of {item.value!r} is estimated",
-                did_you_mean(str(item.value), rules),
+                f"no rate of {rule_node.value!r} is estimated",
+                did_you_mean(str(rule_node.value), rules),
             )
-            for k, item in enumerate(named.items)
-            if item.value not in rules
+            for k, rule_node in enumerate(named.items)
+            if rule_node.value not in rules
         ]
         if mistakes:
             raise scenario_error(mistakes)
     estimated = _load(path, entry, node, entry.set, block).estimated
-    found = tuple(rule for rule in rules if rule in estimated)
-    if not found:
+    served = tuple(rule for rule in rules if rule in estimated)
+    if not served:
         mark, place = node.entries["estimator"].mark, ("scenes", index, "estimator")
         text, hint = "it estimates no rule of the catalogue", f"these are {', '.join(rules)}"
         raise scenario_error([Mistake(mark, place, text, hint)])
-    return found
+    return served
 
 
 def _check_rules(
@@ -248,11 +254,12 @@ def _check_rules(
 ) -> list[Mistake]:
     mistakes = []
     for index, rule in enumerate(document.rules or ()):
-        for scene, known in zip(document.scenes, names, strict=True):
-            if rule not in known:
+        for scene, specifications in zip(document.scenes, names, strict=True):
+            if rule not in specifications:
                 node = tree.entries["rules"].items[index]
                 text = f"scene {scene.name!r} has no specification {rule!r}"
-                mistakes.append(Mistake(node.mark, ("rules", index), text, did_you_mean(rule, known)))
+                hint = did_you_mean(rule, specifications)
+                mistakes.append(Mistake(node.mark, ("rules", index), text, hint))
                 break
     for index, threshold in enumerate(document.thresholds):
         if threshold.rule not in rules:

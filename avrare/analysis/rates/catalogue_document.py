@@ -156,7 +156,7 @@ class CatalogueDocument(_Model):
     """Catalogue file."""
 
     name: Slug = Field(description="name of the catalogue")
-    description: str | None = Field(default=None, description="what it stands for")
+    description: str | None = Field(default=None, description="scenes that it stands for")
     scenes: tuple[SceneEntry, ...] = Field(min_length=1, max_length=1000, description="scenes and exposures")
     rules: tuple[str, ...] | None = Field(
         default=None, min_length=1, description="specifications; default: those that all scenes have"
@@ -177,10 +177,10 @@ class CatalogueDocument(_Model):
         names = [scene.name for scene in self.scenes]
         if len(set(names)) < len(names):
             raise ValueError("every scene needs a name of its own")
-        units = {scene.unit for scene in self.scenes} | {one.unit for one in self.thresholds}
+        units = {scene.unit for scene in self.scenes} | {threshold.unit for threshold in self.thresholds}
         if "cell" in units and len(units) > 1:
             raise ValueError(
-                "scenes with exposures and cells of a grid are mixed: a share of cells is no rate"
+                "scenes with exposures and cells of a grid are mixed: a share of cells is not a rate"
             )
         if self.speed is None and len(units) > 1:
             raise ValueError("hours and km are mixed: give the mean speed [km/h] that converts them")

@@ -1,4 +1,4 @@
-"""One interval of a sum of exposures times probabilities, with its sampling and exposure parts told apart.
+"""One interval of a sum of exposures times probabilities, split into sampling and exposure parts.
 
 The rate is the sum over scenes of e_i p_i, both factors estimated independently. The interval recovers the
 variances from the intervals of the parts, each at its own end (MOVER: Zou, Huang and Zhang, A note on
@@ -64,17 +64,17 @@ def combine(exposures: Sequence[Quantity], probabilities: Sequence[Quantity]) ->
     pairs = list(zip(exposures, probabilities, strict=True))
     value = math.fsum(e.value * p.value for e, p in pairs)
     terms = [_deviations(e, p) for e, p in pairs]
-    known_e = [_deviations(Quantity(e.value, e.value, e.value), p) for e, p in pairs]
-    known_p = [_deviations(e, Quantity(p.value, p.value, p.value)) for e, p in pairs]
+    of_probabilities = [_deviations(Quantity(e.value, e.value, e.value), p) for e, p in pairs]
+    of_exposures = [_deviations(e, Quantity(p.value, p.value, p.value)) for e, p in pairs]
     doubt = [below + above for below, above in terms]
     whole = math.fsum(doubt)
     return Total(
         value,
         _around(value, terms),
-        _around(value, known_e),
-        _around(value, known_p),
+        _around(value, of_probabilities),
+        _around(value, of_exposures),
         tuple(e.value * p.value / value if value else 0.0 for e, p in pairs),
-        tuple(one / whole if whole else 0.0 for one in doubt),
+        tuple(width / whole if whole else 0.0 for width in doubt),
     )
 
 
@@ -88,7 +88,7 @@ def _deviations(e: Quantity, p: Quantity) -> tuple[float, float]:
 
 
 def _around(value: float, terms: Sequence[tuple[float, float]]) -> Interval:
-    below, above = (math.sqrt(math.fsum(one[k] for one in terms)) for k in (0, 1))
+    below, above = (math.sqrt(math.fsum(term[k] for term in terms)) for k in (0, 1))
     return max(value - below, 0.0), value + above
 
 

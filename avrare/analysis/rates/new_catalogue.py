@@ -66,26 +66,26 @@ class CatalogueWriter:
         scenes = (scene for file in files for scene in self._divide(file))
         return list({scene.settings: scene for scene in scenes}.values())
 
-    def _divide(self, found: FoundScene) -> Iterator[NewScene]:
+    def _divide(self, file: FoundScene) -> Iterator[NewScene]:
         drawn: list[Axis] = []
         # numbers of a larger file are drawn; its cells do not become scenes
-        if math.prod(map(len, found.axes)) > 100:
-            drawn = [axis for axis in found.axes if self._may_be_drawn(found, axis)]
-        for choices in product(*(axis for axis in found.axes if axis not in drawn)):
-            settings = self._write(found, {key: text for choice in choices for key, text in choice.items()})
+        if math.prod(map(len, file.axes)) > 100:
+            drawn = [axis for axis in file.axes if self._may_be_drawn(file, axis)]
+        for choices in product(*(axis for axis in file.axes if axis not in drawn)):
+            settings = self._write(file, {key: text for choice in choices for key, text in choice.items()})
             laws = tuple(_write_law(axis) for axis in drawn)
             try:
                 cells = self._count_possible(self._build(settings), drawn)
                 self._build(settings + laws)
             except AvrareError as error:
-                self.reasons[found.path, error.lines()[0]] += math.prod(map(len, drawn))
+                self.reasons[file.path, error.lines()[0]] += math.prod(map(len, drawn))
                 continue
             if cells:
-                yield NewScene(found.path, settings + laws, cells)
+                yield NewScene(file.path, settings + laws, cells)
 
-    def _write(self, found: FoundScene, options: Choice) -> tuple[str, ...]:
+    def _write(self, file: FoundScene, options: Choice) -> tuple[str, ...]:
         folder = os.path.dirname(self.stack) or "."
-        shared = {"plugin": self.component.name, **found.options}
+        shared = {"plugin": self.component.name, **file.options}
         shared["file"] = os.path.relpath(str(shared["file"]), folder)
         values = (f"simulator.{key}={_quote(text)}" for key, text in options.items())
         return f"simulator={json.dumps(shared)}", *values
@@ -93,13 +93,13 @@ class CatalogueWriter:
     def _build(self, settings: Sequence[str]) -> Simulator:
         return build_block(load(self.stack, settings, "mc").simulator, None, Simulator)
 
-    def _may_be_drawn(self, found: FoundScene, axis: Axis) -> bool:
+    def _may_be_drawn(self, file: FoundScene, axis: Axis) -> bool:
         names = {name for choice in axis for name in choice}
         texts = [text for choice in axis for text in choice.values()]
         if len(axis) < 2 or len(names) > 1 or not all(map(_NUMBER.fullmatch, texts)):
             return False
         try:
-            self._build(self._write(found, {})).drawing(dict.fromkeys(names))
+            self._build(self._write(file, {})).drawing(dict.fromkeys(names))
         except AvrareError:
             return False  # it decides what the file means, or the reason is given with the scenes
         return True

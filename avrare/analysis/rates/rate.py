@@ -120,12 +120,12 @@ def rate_catalogue(
     _keep_budgets(catalogue, budget, folder)
     runner = _Runner(catalogue, folder, resume, estimate)
     # 1. The scenes' own estimators; what they find is a part of the rates that the others are to narrow.
-    own = runner.run_own()
-    estimates: list[dict[str, SceneEstimate]] = [dict(scene) for scene in own]
+    separate = runner.run_own()
+    estimates: list[dict[str, SceneEstimate]] = [dict(scene) for scene in separate]
     if budget is not None:
         # 2. Pilots of the other rules divide the budget, and 3. their shares are run.
         pilot = [_read(run) for run in runner.run("pilot", [document.pilot] * count)]
-        rollouts = divide(catalogue, budget, steps, pilot, own)
+        rollouts = divide(catalogue, budget, steps, pilot, separate)
         runs = runner.run("scenes", rollouts)
         estimates = [scene | _read(run) for scene, run in zip(estimates, runs, strict=True)]
     broken = [
@@ -142,8 +142,8 @@ def rate_catalogue(
     return rates
 
 
-def _read(run: Run | None, own: bool = False) -> dict[str, SceneEstimate]:
-    return {} if run is None else {name: SceneEstimate(result, own) for name, result in run.items()}
+def _read(run: Run | None, separate: bool = False) -> dict[str, SceneEstimate]:
+    return {} if run is None else {name: SceneEstimate(result, separate) for name, result in run.items()}
 
 
 def _write(path: Path, text: str) -> None:

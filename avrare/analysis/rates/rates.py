@@ -161,7 +161,7 @@ class CatalogueRates(Answer):
     @property
     def verdict(self) -> str | None:
         """Gravest verdict; None without thresholds."""
-        return worst_verdict(one.verdict for rate in self.rates for one in rate.decisions)
+        return worst_verdict(decision.verdict for rate in self.rates for decision in rate.decisions)
 
     @property
     def exit_code(self) -> ExitCode:
@@ -213,22 +213,22 @@ class CatalogueRates(Answer):
 
 
 def _own_entries(estimates: SceneEstimates) -> dict[str, object]:
-    own = {
+    fields = {
         rule: {name: estimate.result.to_dict()[name] for name in _OWN_FIELDS}
         for rule, estimate in estimates.items()
         if not estimate.follows_counts
     }
     warnings = {rule: estimate.warnings for rule, estimate in estimates.items() if estimate.warnings}
-    return ({"estimates": own} if own else {}) | ({"warnings": warnings} if warnings else {})
+    return ({"estimates": fields} if fields else {}) | ({"warnings": warnings} if warnings else {})
 
 
 def _rule_entry(rate: RuleRate) -> dict[str, object]:
     totals = {f"per_{unit}": asdict(total) for unit, total in rate.totals.items()}
     blind = {f"blind_bound_per_{unit}": bound for unit, bound in rate.blind.items()}
     thresholds = [
-        {"bound": one.threshold.text, "verdict": one.verdict}
-        | ({"reasons": list(one.reasons)} if one.reasons else {})
-        for one in rate.decisions
+        {"bound": decision.threshold.text, "verdict": decision.verdict}
+        | ({"reasons": list(decision.reasons)} if decision.reasons else {})
+        for decision in rate.decisions
     ]
     return {"rule": rate.rule, **totals, **blind, "thresholds": thresholds}
 
@@ -238,7 +238,7 @@ def divide(
     budget: Budget,
     steps: Sequence[int],
     pilot: Sequence[SceneEstimates],
-    own: Sequence[SceneEstimates] = (),
+    separate: Sequence[SceneEstimates] = (),
 ) -> list[int]:
     """Return the rollouts of each scene from its pilot; 0 where an estimator of its own estimates all rules.
 
@@ -247,7 +247,7 @@ def divide(
         budget: Cost of everything, the pilot and the budgets of scenes included.
         steps: Steps of a rollout of each scene.
         pilot: Of each scene, by rule that shares the budget.
-        own: Estimates of scenes by their own estimators, if known.
+        separate: Estimates of scenes by their own estimators, if known.
 
     Raises:
         UsageError: The budget is too small.
@@ -262,11 +262,13 @@ def divide(
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
     rates = [from_scene(entry, document.confidence) for entry in document.scenes]
-    known = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
-    exposures = _in_unit(catalogue, known, "hour") or _in_unit(catalogue, known, "km") or known
+    expected = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
+    exposures = _in_unit(catalogue, expected, "hour") or _in_unit(catalogue, expected, "km") or expected
     seen = [[_counts(pilot[index].get(rule)) for rule in catalogue.rules] for index in sharing]
     others = [
-        math.fsum(e * _own_probability(scene.get(rule)) for e, scene in zip(exposures, own, strict=False))
+        math.fsum(
+            e * _own_probability(scene.get(rule)) for e, scene in zip(exposures, separate, strict=False)
+        )
         for rule in catalogue.rules
     ]
     chosen = allocate(
@@ -276,8 +278,8 @@ def divide(
         budget.amount - spent,
         others,
     )
-    found = dict(zip(sharing, chosen, strict=True))
-    return [found.get(index, 0) for index in range(len(steps))]
+    rollouts = dict(zip(sharing, chosen, strict=True))
+    return [rollouts.get(index, 0) for index in range(len(steps))]
 
 
 def _counts(estimate: SceneEstimate | None) -> tuple[int, int] | None:
@@ -306,10 +308,10 @@ def compute(
 def _rule_rate(
     catalogue: Catalogue, rule: str, exposures: Sequence[Quantity], estimates: Sequence[SceneEstimates]
 ) -> RuleRate:
-    document, found = catalogue.document, [scene[rule] for scene in estimates]
-    few = sum(estimate.result.failures.count for estimate in found if estimate.follows_counts) < FEW
-    parts = [estimate.quantity(document.confidence, few) for estimate in found]
-    bounds = [None if estimate.follows_counts else estimate.result.blind_bound for estimate in found]
+    document, results = catalogue.document, [scene[rule] for scene in estimates]
+    few = sum(estimate.result.failures.count for estimate in results if estimate.follows_counts) < FEW
+    parts = [estimate.quantity(document.confidence, few) for estimate in results]
+    bounds = [None if estimate.follows_counts else estimate.result.blind_bound for estimate in results]
     totals, blind = {}, {}
     for unit in ("hour", "km", "cell"):
         values = _in_unit(catalogue, [1.0] * len(exposures), unit)
@@ -323,24 +325,26 @@ def _rule_rate(
         if any(bound is not None for bound in bounds):
             blind[unit] = math.fsum(e.high * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
     names = [entry.name for entry in document.scenes]
-    asked = [one for one in document.thresholds if one.rule == rule]
-    scenes = dict(zip(names, found, strict=True))
-    decisions = tuple(_decide(totals[one.unit], blind.get(one.unit), one, scenes) for one in asked)
+    asked = [threshold for threshold in document.thresholds if threshold.rule == rule]
+    scenes = dict(zip(names, results, strict=True))
+    decisions = tuple(
+        _decide(totals[threshold.unit], blind.get(threshold.unit), threshold, scenes) for threshold in asked
+    )
     return RuleRate(rule, totals, decisions, blind)
 
 
 def _in_unit(catalogue: Catalogue, values: Sequence[float], unit: str) -> list[float] | None:
     # Exposures per hour or per km, or shares of cells; None where no speed says how.
-    speed, found = catalogue.document.speed, []
+    speed, converted = catalogue.document.speed, []
     cells = math.fsum(entry.cells or 0 for entry in catalogue.document.scenes)
     for entry, value in zip(catalogue.document.scenes, values, strict=True):
         if entry.unit == unit:
-            found.append(value / cells if unit == "cell" else value)
+            converted.append(value / cells if unit == "cell" else value)
         elif speed is None or "cell" in (unit, entry.unit):
             return None
         else:
-            found.append(value / speed if unit == "km" else value * speed)
-    return found
+            converted.append(value / speed if unit == "km" else value * speed)
+    return converted
 
 
 def _decide(

@@ -10,24 +10,24 @@ def describe_warnings(rates: CatalogueRates) -> list[str]:
     """Return the health warnings of all scenes; each line once, with the scenes and rules that it is of."""
     lines: dict[str, list[str]] = {}
     for entry, estimates in zip(rates.catalogue.document.scenes, rates.estimates, strict=True):
-        for rule, one in estimates.items():
-            for name, text in one.warnings.items():
+        for rule, estimate in estimates.items():
+            for name, text in estimate.warnings.items():
                 lines.setdefault(f"warning {name}: {text}", []).append(f"{entry.name} {rule}")
     return [f"{', '.join(places)}: {text}" for text, places in lines.items()]
 
 
 def describe_blind(rates: CatalogueRates) -> list[str]:
-    """Return what the rates leave out of failures that the scores of estimators do not lead to."""
-    found = []
+    """List upper bounds on failures that the estimators' scores do not lead to."""
+    sentences = []
     for rate in rates.rates:
         for unit, bound in list(rate.blind.items())[:1]:
             text = "failures that the score or proposal of a scene's estimator does not lead to"
-            found.append(f"{rate.rule}: {text} could add {format_probability(bound, 2)} per {unit}")
-    return found
+            sentences.append(f"{rate.rule}: {text} could add {format_probability(bound, 2)} per {unit}")
+    return sentences
 
 
 def describe_grid(rates: CatalogueRates) -> list[str]:
-    """Return what the rates of a grid of scenes are, none where the scenes have exposures."""
+    """Return that the rates are shares of cells; nothing where the scenes have exposures."""
     cells = sum(entry.cells or 0 for entry in rates.catalogue.document.scenes)
     return [f"share of {cells:,} cells, no exposure"] if cells else []
 
@@ -64,7 +64,7 @@ def list_scenes(rates: CatalogueRates) -> list[tuple[str, ...]]:
                 for result in results
                 for text in (format_probability(result.probability), format_interval(result.interval))
             ]
-            known = any(result.probability for result in results)
-            quotient = format_ratio(ratio, interval) if known else "not known"
+            has_failed = any(result.probability for result in results)
+            quotient = format_ratio(ratio, interval) if has_failed else "not known"
             rows.append((balance.rule, entry.name, *cells, quotient, format_percent(round(share, 3))))
     return rows

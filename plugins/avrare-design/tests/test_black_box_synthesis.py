@@ -202,8 +202,8 @@ def test_estimates_prove_it_where_the_start_is_rare(path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--parameter", GAIN, "--rate", "1"], "--rate is no option for a parameter with a dot"),
-        (["--parameter", "gain", "--budget", "rollouts=9"], "--budget is no option for a linear system"),
+        (["--parameter", GAIN, "--rate", "1"], "--rate is not an option for a parameter with a dot"),
+        (["--parameter", "gain", "--budget", "rollouts=9"], "--budget is not an option for a linear system"),
         (["--parameter", "gain", "--parameter", "mean"], "one parameter of a linear system at a time"),
         (["--parameter", GAIN, "--set", 'specifications.near.stl="always (x < 99)"'], "no failure was found"),
         (["--parameter", GAIN, "--proof", "seconds=3"], "--proof must be rollouts=N"),

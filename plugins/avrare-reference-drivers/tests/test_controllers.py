@@ -229,7 +229,7 @@ def test_rates_of_a_catalogue_beside_another_driver(tmp_path):
     assert "negative risk balance" in page
     again = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out", resume=True)
     assert again.to_dict() == rates.to_dict()
-    with pytest.raises(UsageError, match="no driver of a catalogue's scenes"):
+    with pytest.raises(UsageError, match="does not name a driver of a catalogue's scenes"):
         avrare.rate(catalogue, against="fsm", out=tmp_path / "other")
 
 

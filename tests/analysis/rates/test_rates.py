@@ -230,7 +230,7 @@ def test_a_share_of_cells_is_told_from_a_rate(catalogue, capsys):
     assert main(["rate", catalogue(GRID)]) in (0, 1, 3)
     assert "share of 40 cells, no exposure" in capsys.readouterr().out
     mixed = GRID.replace("cells: 30", "exposure: {per_hour: 2.0}")
-    assert "a share of cells is no rate" in refused(catalogue(mixed))
+    assert "a share of cells is not a rate" in refused(catalogue(mixed))
     assert "give the scene's exposure; or" in refused(catalogue(GRID.replace(", cells: 30", "")))
     assert "give one of per_hour, per_km and per_cell" in refused(
         catalogue(GRID.replace('per_cell: "< 0.5"', 'per_cell: "< 0.5", per_km: "< 1"'))

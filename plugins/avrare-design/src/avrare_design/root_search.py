@@ -280,7 +280,7 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
             break
         best = max(best, trial.interval[0])
     if any(trial.result.health for trial in trials):
-        doubts.append("some estimates have health warnings; the answer is no better than they are")
+        doubts.append("some estimates have health warnings; the answer can be as wrong as they are")
     least = min(trials, key=lambda trial: trial.interval[1])
     if keeping is None and least.interval[0] < limit:
         times = math.ceil(least.interval[1] / limit)

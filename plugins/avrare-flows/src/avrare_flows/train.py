@@ -90,7 +90,7 @@ def _check_samples(samples: Floats, kind: str, steps: int, blocks: int | None, s
     data = np.asarray(samples, dtype=np.float64)
     data = data[:, None] if data.ndim == 1 else data
     if kind not in KINDS:
-        raise UsageError(f"there is no kind of flow {kind!r}", did_you_mean(kind, KINDS))
+        raise UsageError(f"unknown kind of flow {kind!r}", did_you_mean(kind, KINDS))
     if data.ndim != 2 or len(data) < _FEWEST:
         raise UsageError(f"samples have shape {data.shape}", f"give at least {_FEWEST} rows of noise, (M, n)")
     bad = np.flatnonzero(~np.isfinite(data).all(axis=1))

@@ -142,7 +142,7 @@ def weigh_noise(
         UsageError: A size or an option does not fit.
     """
     if weights not in WEIGHTS:
-        raise UsageError(f"there are no weights {weights!r}", did_you_mean(str(weights), WEIGHTS))
+        raise UsageError(f"unknown weights {weights!r}", did_you_mean(str(weights), WEIGHTS))
     if (log_density is None) == (weights == "importance"):
         raise UsageError(
             "importance weights need log_density, weights as in the paper take none",

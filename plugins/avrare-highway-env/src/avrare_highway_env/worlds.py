@@ -49,7 +49,7 @@ def capture(environment: AbstractEnv) -> Snapshot:
     objects = [*road.vehicles, *road.objects]
     ego = next(k for k, vehicle in enumerate(road.vehicles) if vehicle is environment.vehicle)
     copies = tuple((type(body), _copy(vars(body))) for body in objects)
-    return Snapshot(copies, len(road.vehicles), ego, getattr(road, "steps", 0))
+    return Snapshot(copies, len(road.vehicles), ego, road.steps if hasattr(road, "steps") else 0)
 
 
 def restore(environment: AbstractEnv, snapshot: Snapshot) -> None:

@@ -145,7 +145,7 @@ def estimate_parameter_gradient(
         UsageError: The parameter or its gradient does not exist.
     """
     if parameter not in PARAMETERS or getattr(system, parameter) is None:
-        raise UsageError(f"there is no parameter {parameter!r}", did_you_mean(parameter, PARAMETERS))
+        raise UsageError(f"the system has no parameter {parameter!r}", did_you_mean(parameter, PARAMETERS))
     value: Floats = getattr(system, parameter)
     failing = sample_failures(Problem(system, formula, steps), effort, seed)
     names = AffineFormula.of(formula).signals

@@ -58,7 +58,7 @@ exit code: 0 done (any stack: and the change is proved), 3 not shown
 _OPTIONS: Options = {
     **SCENARIO,
     **SET,
-    "--parameter PATH": ("what to change; may be repeated", {"action": "append", "required": True}),
+    "--parameter PATH": ("parameter to change; may be repeated", {"action": "append", "required": True}),
     "--specification NAME": "specification; required if there are several",
     "--steps N": ("estimates at most, with the start (default 5; linear: 10)", {"type": int}),
     "--target P": ("stop at this probability", {"type": float}),
@@ -71,7 +71,7 @@ _OPTIONS: Options = {
         "--run DIR": "run of this scenario, whose stored failures are used in the first step",
         "--step X": ("relative step of the differences (default 0.1)", {"type": float, "default": 0.1}),
         "--directions K": (
-            "random directions of a gradient, for many numbers (default 0: each number by itself)",
+            "random directions of a gradient, for many numbers (default 0: one number at a time)",
             {**NATURAL, "default": 0},
         ),
         "--proof KIND=N": (
@@ -116,7 +116,7 @@ def execute(args: argparse.Namespace) -> int:
 def _refuse(args: argparse.Namespace, defaults: Mapping[str, object], what: str) -> None:
     for name, default in defaults.items():
         if getattr(args, name) != default:
-            raise UsageError(f"--{name} is no option for {what}", "see `avrare synthesise --help`")
+            raise UsageError(f"--{name} is not an option for {what}", "see `avrare synthesise --help`")
 
 
 def _execute_linear(args: argparse.Namespace) -> int:

@@ -8,8 +8,8 @@ WARNINGS = {
     "few_roots": "the failures of {runs} runs, of which {extinct} died out and count as 0, descend from only "
     "{roots} first particles: use more particles or fewer discards (in `ess`, more chains)",
     "leaps": "{share:.0%} of the first rollouts that pass the level of 1 % come from below that of 10 % in a "
-    "single step: there is no way up to failures that one outlier decides, and runs that have met none of "
-    "them agree on too low a probability; compare with ess, mc, or is with a learned proposal",
+    "single step: splitting cannot climb towards failures that one outlier decides, and runs that have met "
+    "none of them agree on too low a probability; compare with `ess`, `mc`, or `is` with a learned proposal",
     "no_failures": "no rollout failed: the proposal does not reach a failure, and the probability is known "
     "only to lie below the upper end of the interval; use more rollouts, or mc",
     "weight_degenerate": "{reason}: the interval is opened to hold for any weights; use more rollouts, a "
