@@ -54,7 +54,6 @@ from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
 from avrare.scenario.scenario_files import is_catalogue, load_scenarios
 
-_PILOT_ROLLOUTS = 200
 _CHECK = "check.json"
 
 
@@ -192,11 +191,12 @@ def _plan(
 def _pilot(target: CheckTarget, budget: Budget | None, machine: Execution) -> list[Result]:
     """Run a first estimate: short for Monte Carlo and auto, otherwise as the scenario says."""
     estimator = target.definition.estimator
+    pilot_rollouts = 200
     if budget is None and isinstance(estimator.config, McConfig):
         runs = estimator.config.runs
-        budget = Budget("rollouts", max(runs, min(_PILOT_ROLLOUTS, estimator.config.rollouts * runs)))
+        budget = Budget("rollouts", max(runs, min(pilot_rollouts, estimator.config.rollouts * runs)))
     elif budget is None and isinstance(estimator.config, AutoConfig):
-        budget = Budget("rollouts", _PILOT_ROLLOUTS)
+        budget = Budget("rollouts", pilot_rollouts)
     return estimate_look(target.scenario, target.definition.estimated, Look(1, 1.0, budget), machine)
 
 

@@ -20,8 +20,6 @@ from avrare.output.terminal.console import make_console
 from avrare.plugin.component import GROUP, KINDS
 from avrare.plugin.registry import VARIABLE, Row, default_registry
 
-_COLUMNS = ("kind", "name", "distribution", "version", "status", "detail", "summary")
-
 
 def execute(args: argparse.Namespace) -> int:
     """Print one row per component and per plugin that could not be loaded, or check components."""
@@ -60,7 +58,8 @@ def _import_seconds() -> dict[str, float]:
 
 
 def _entry(row: Row, seconds: dict[str, float] | None) -> dict[str, object]:
-    entry = {key: getattr(row, key) for key in _COLUMNS}
+    columns = ("kind", "name", "distribution", "version", "status", "detail", "summary")
+    entry = {key: getattr(row, key) for key in columns}
     return entry if seconds is None else {**entry, "import_seconds": seconds.get(row.distribution)}
 
 

@@ -12,8 +12,6 @@ from avrare.driving.values import Bools, Floats, Lane, Road
 
 _TOUCHING = 0.3
 """Most distance of two borders that are one line [m]."""
-_BEYOND = 0.01
-"""Distance from a lane's end at which its continuation is looked for [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +63,9 @@ def _borders(lane: Lane, others: list[Lane], left: bool) -> Iterator[Marking]:
 
 
 def _ends(lane: Lane, others: list[Lane], road: Road) -> Iterator[Marking]:
+    beyond = 0.01  # [m]
     # Where a map ends no line is drawn, nor where another lane goes on.
-    for at, outward in ((0, -_BEYOND), (-1, _BEYOND)):
+    for at, outward in ((0, -beyond), (-1, beyond)):
         x, right, left = (float(part[at]) for part in (lane.stations, lane.right, lane.left))
         if not road.begin < x < road.end or abs(x) >= ENDLESS or left - right < _TOUCHING:
             continue

@@ -16,7 +16,6 @@ from avrare.plugin.registry import Registry
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*")
-_MAX_LENGTH = 24
 
 _SUMMARIES = {
     "simulator": "a point mass in gusty wind",
@@ -30,7 +29,6 @@ _SUMMARIES = {
 }
 _DRIVING = ("perception", "tracker", "controller")
 _HEADERS = {"estimator": "from typing import ClassVar\n\n", "executor": ""}
-_SUITE = "from avrare.testing.estimators import EstimatorConformance\n"
 
 
 def check_name(name: str, kinds: Sequence[str], registry: Registry) -> str:
@@ -41,10 +39,11 @@ def check_name(name: str, kinds: Sequence[str], registry: Registry) -> str:
     short = name.removeprefix("avrare-")
     if keyword.iskeyword(short):
         raise UsageError(f"{name!r} is a Python keyword", "choose another name; for example wind_gusts")
-    if not _NAME.fullmatch(short) or len(short) > _MAX_LENGTH:
+    longest = 24
+    if not _NAME.fullmatch(short) or len(short) > longest:
         raise UsageError(
             f"{name!r} is not a valid plugin name",
-            f"use lowercase letters and digits, '-' or '_' between them, at most {_MAX_LENGTH} characters; "
+            f"use lowercase letters and digits, '-' or '_' between them, at longest {longest} characters; "
             "for example wind_gusts",
         )
     component = short.replace("-", "_")
@@ -113,6 +112,7 @@ def _files(name: str, kinds: Sequence[str], driving: bool) -> dict[str, str]:
 
 def _placeholders(name: str, kind: str, driving: bool) -> dict[str, str]:
     variant = "controller_plain" if kind == "controller" and not driving else kind
+    suite = "from avrare.testing.estimators import EstimatorConformance\n"
     return {
         "Name": "".join(word.capitalize() for word in name.split("_")),
         "kind": kind,
@@ -120,7 +120,7 @@ def _placeholders(name: str, kind: str, driving: bool) -> dict[str, str]:
         "extras": "\n            driving=True," if kind in _DRIVING and variant == kind else "",
         "variant": variant,
         "test_header": _HEADERS.get(kind, "import numpy as np\n"),
-        "test_footer": _SUITE if kind == "estimator" else "",
+        "test_footer": suite if kind == "estimator" else "",
     }
 
 

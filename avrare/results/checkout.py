@@ -6,15 +6,12 @@ import os
 import subprocess
 from pathlib import Path
 
-_OFF = ("core.fsmonitor=false", "core.hooksPath=/dev/null")
 _ENVIRONMENT = {
     "GIT_OPTIONAL_LOCKS": "0",  # nothing is written
     "GIT_NO_LAZY_FETCH": "1",
     "GIT_ALLOW_PROTOCOL": "none",  # for versions that do not know the line above
     "GIT_TERMINAL_PROMPT": "0",
 }
-_OWN = ("local\t", "worktree\t")
-_FILTERS = r"^filter\..*\.(clean|smudge|process)$"
 
 
 def describe_checkout(folder: Path) -> tuple[str | None, bool | None]:
@@ -26,15 +23,18 @@ def describe_checkout(folder: Path) -> tuple[str | None, bool | None]:
     code, commit = _git(folder, "rev-parse", "HEAD")
     if code != 0:
         return None, None
-    code, filters = _git(folder, "config", "--show-scope", "--get-regexp", _FILTERS)
-    if code not in (0, 1) or any(line.startswith(_OWN) for line in filters.splitlines()):
+    filtering = r"^filter\..*\.(clean|smudge|process)$"
+    code, filters = _git(folder, "config", "--show-scope", "--get-regexp", filtering)
+    own_scopes = ("local\t", "worktree\t")
+    if code not in (0, 1) or any(line.startswith(own_scopes) for line in filters.splitlines()):
         return commit, None
     code, changes = _git(folder, "status", "--porcelain", "--untracked-files=no", "--ignore-submodules=dirty")
     return commit, bool(changes) if code == 0 else None
 
 
 def _git(folder: Path, *words: str) -> tuple[int, str]:
-    command = ["git", *(word for option in _OFF for word in ("-c", option)), *words]
+    off = ("core.fsmonitor=false", "core.hooksPath=/dev/null")
+    command = ["git", *(word for option in off for word in ("-c", option)), *words]
     try:
         answer = subprocess.run(
             command,

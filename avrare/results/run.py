@@ -47,8 +47,6 @@ from avrare.scenario.yaml import MAX_BYTES, dump
 RESULT, PROVENANCE = "result.json", "provenance.json"
 _SCHEMA = 1
 """Format of result.json."""
-_DERIVED = (WHY_FILE, "report.html", "nominal.png", "worst_*.png")
-"""Patterns of the files that are made from a result: they do not belong to the next one in its folder."""
 
 
 class _StoredRun(BaseModel):
@@ -378,6 +376,8 @@ def _remove_stale(folder: Path, written: Collection[str]) -> None:
     files = list(files) if isinstance(files, dict) else ["learned.json"]
     names = [name for name in files if Path(name).name == name]
     stale = [folder / name for name in names if name not in written]
-    for path in [*stale, *(path for pattern in _DERIVED for path in folder.glob(pattern))]:
+    # files made from a result, which do not belong to the next one in its folder
+    derived = (WHY_FILE, "report.html", "nominal.png", "worst_*.png")
+    for path in [*stale, *(path for pattern in derived for path in folder.glob(pattern))]:
         if path.is_file():
             path.unlink()

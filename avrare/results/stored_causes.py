@@ -14,7 +14,6 @@ from avrare.base.stored_files import read_json
 from avrare.base.visible_text import spell_line
 
 WHY_FILE = "why.json"
-_AGAIN = "remove it, or let the command write it again"
 _Text = Annotated[str, AfterValidator(spell_line)]
 
 
@@ -106,9 +105,10 @@ def _select(analyses: Mapping[str, _Analysis], probabilities: Mapping[str, float
 def _read(path: Path) -> _WhyFile:
     if not path.is_file():
         return _WhyFile()
+    hint = "remove it, or let the command write it again"
     try:
-        return _WhyFile.model_validate(read_json(path, _AGAIN))
+        return _WhyFile.model_validate(read_json(path, hint))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
-        raise UsageError(f"{path}: it cannot be read: {place}: {first['msg']}", _AGAIN) from None
+        raise UsageError(f"{path}: it cannot be read: {place}: {first['msg']}", hint) from None

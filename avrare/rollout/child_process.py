@@ -31,7 +31,6 @@ from avrare.protocols import Adapted
 
 _CHILD_SECONDS = 20.0
 """Time that a child has for its answer."""
-_POLL_SECONDS = 0.1
 _IDLE_SECONDS = 1.5
 """Time without work after which a child hangs; so will the next one, and none is forked any more."""
 _PARTS_DEPTH, _MAX_PARTS = 3, 1000
@@ -153,11 +152,12 @@ def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[b
 def _wait(connection: Connection, child: int) -> bool:
     """Return whether a child has answered or died, rather than hung."""
     end, work, idle = time.monotonic() + _CHILD_SECONDS, "", 0.0
+    poll = 0.1
     while time.monotonic() < end and idle < _IDLE_SECONDS:
-        if connection.poll(_POLL_SECONDS):
+        if connection.poll(poll):
             return True
         before, work = work, _read_work(child)
-        idle = idle + _POLL_SECONDS if work == before else 0.0
+        idle = idle + poll if work == before else 0.0
     return False
 
 

@@ -12,17 +12,15 @@ from avrare.protocols import Specification, System
 LEAST, MOST = 25, 4096
 WORLD_ROWS = 50
 """Rows of worlds that are simulated one at a time: a policy that acts on them all at once pays for fewer."""
-_BYTES = 2**22
-"""Bytes of the rows of a chunk, states and monitors; fewer rows cost more overhead than a cache saves."""
-_STEPS = 2**17
-"""Simulated steps of a chunk, so that progress is seen and saved now and then."""
 
 
 def choose_chunk(system: System, monitors: tuple[Specification, ...], steps: int) -> int:
     """Return the largest number of rows per chunk, from the memory of one row and the steps of a rollout."""
     if system.lacks is not None:
         return WORLD_ROWS
-    rows = min(_BYTES // max(_bytes_of_a_row(system, monitors), 1), _STEPS // max(steps, 1))
+    most_bytes = 2**22  # fewer rows cost more overhead than a cache saves
+    most_steps = 2**17  # so that progress is seen and saved now and then
+    rows = min(most_bytes // max(_bytes_of_a_row(system, monitors), 1), most_steps // max(steps, 1))
     return int(np.clip(rows, LEAST, MOST))
 
 

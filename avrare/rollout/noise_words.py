@@ -17,8 +17,6 @@ from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 _NEUTRAL_FACTOR = 3.0
 """Errors are described above this multiple of the largest one without noise."""
 _WINDOWS = 8
-_MIN_STANDARD_ERRORS = 4.0
-"""Standard errors from which on noise is set apart from chance."""
 _MAX_WINDOWS = 3
 
 
@@ -146,15 +144,16 @@ def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[
     """Return the stretches that differ from chance: by the sign of their mean, or 0 by their size alone."""
     stretches: list[tuple[int, int, int]] = []
     steps = np.arange(1, len(mean))
+    chance = 4.0  # standard errors up to which noise may be chance
     for window in [np.zeros(1, dtype=np.int64), *np.array_split(steps, min(_WINDOWS, max(len(steps), 1)))]:
         count = effective * len(window)
         if not len(window):
             continue
         shift = float(mean[window].mean()) * math.sqrt(count)
         size = (float(square[window].mean()) - 1.0) * math.sqrt(count / 2.0)
-        if max(abs(shift), size) < _MIN_STANDARD_ERRORS:
+        if max(abs(shift), size) < chance:
             continue
-        sign = int(np.sign(shift)) if abs(shift) >= _MIN_STANDARD_ERRORS else 0
+        sign = int(np.sign(shift)) if abs(shift) >= chance else 0
         first, last = int(window[0]), int(window[-1])
         if stretches and stretches[-1][0] == sign and first - stretches[-1][2] - 1 <= len(window):
             first = stretches.pop()[1]

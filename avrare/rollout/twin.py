@@ -15,9 +15,6 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.stack.closed_loop import ClosedLoop
 
-_LONG_ENOUGH = 0.2
-"""Seconds of a measurement."""
-_MOST_ROWS = 256
 _REPEATS = 3
 """The first one pays for compilation and loading."""
 
@@ -93,11 +90,13 @@ def measure_cost(problem: Any, twin: Any) -> float:
 
 def _seconds(problem: Any) -> float:
     noise, rows = NoiseSource(0, problem.noise_size), 1
+    long_enough = 0.2  # [s]
+    most_rows = 256
     while True:
         request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
         began = time.perf_counter()
         problem.simulate(noise, request, scored=False)
         seconds = time.perf_counter() - began
-        if seconds >= _LONG_ENOUGH or rows >= min(problem.chunk, _MOST_ROWS):
+        if seconds >= long_enough or rows >= min(problem.chunk, most_rows):
             return max(seconds, 1e-9) / rows
-        rows = min(problem.chunk, _MOST_ROWS, 8 * rows)
+        rows = min(problem.chunk, most_rows, 8 * rows)

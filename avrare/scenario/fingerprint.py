@@ -14,8 +14,6 @@ from avrare.plugin.option_marks import FILE, is_marked
 from avrare.plugin.options import Options
 from avrare.scenario.schema import Scenario
 
-_NOT_COUNTED = ("seed", "exposure", "requirements", "odd", "objective")
-
 
 def fingerprint(scenario: Scenario) -> str:
     """Return 16 hexadecimal digits of the resolved scenario, its plugins' versions and the files it names.
@@ -23,7 +21,8 @@ def fingerprint(scenario: Scenario) -> str:
     Defaults count; seed, exposure and the tags that only evidence reads do not. The number of workers and the
     executor are not part of a scenario, nor is the size of a chunk that it does not name.
     """
-    resolved = {key: value for key, value in comparable(scenario).items() if key not in _NOT_COUNTED}
+    not_counted = ("seed", "exposure", "requirements", "odd", "objective")
+    resolved = {key: value for key, value in comparable(scenario).items() if key not in not_counted}
     if resolved["estimator"].get("memory", 0) is None:  # only a given one may change how work is divided
         del resolved["estimator"]["memory"]
     content = {"scenario": resolved, "versions": scenario.versions}

@@ -30,7 +30,6 @@ _CORE_KEYS = {"estimator": ("plugin", "specifications")}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
 _NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
-_FEWEST_MEMBERS = 3
 _STORED, _RESULT = "scenario.yaml", "result.json"
 """Files that mark a run folder: its scenario and its result."""
 
@@ -146,8 +145,9 @@ def _resolve_members(tree: Node, document: Document, path: str, registry: Regist
             text = "is not a path in the stack"
             mistakes.append(Mistake(values.name_mark, ("ensemble", key), text, hint))
     sizes = {len(values) for values in document.ensemble.values()}
-    if len(sizes) > 1 or min(sizes) < _FEWEST_MEMBERS:
-        hint = f"each path has a value for every draw, at least {_FEWEST_MEMBERS} of them"
+    fewest = 3
+    if len(sizes) > 1 or min(sizes) < fewest:
+        hint = f"each path has a value for every draw, at least {fewest} of them"
         text = "its lists differ in length or are short"
         mistakes.append(Mistake(ensemble.name_mark, ("ensemble",), text, hint))
     if mistakes:

@@ -16,7 +16,6 @@ import yaml
 from avrare.scenario.value_positions import Mark, Node, Scalar
 
 MAX_BYTES = 1_000_000
-MAX_NODES = 20_000
 MAX_DEPTH = 50
 
 _TAG = "tag:yaml.org,2002:"
@@ -119,8 +118,9 @@ class _Converter:
 def _check_size(mark: yaml.Mark | None, depth: int, count: int) -> None:
     if depth > MAX_DEPTH:
         raise _Refusal(mark, f"nested more than {MAX_DEPTH} deep")
-    if count > MAX_NODES:
-        raise _Refusal(mark, f"more than {MAX_NODES} values, aliases expanded", "use fewer aliases")
+    most_values = 20_000
+    if count > most_values:
+        raise _Refusal(mark, f"more than {most_values} values, aliases expanded", "use fewer aliases")
 
 
 def _key(node: yaml.Node) -> str:

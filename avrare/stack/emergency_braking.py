@@ -14,9 +14,6 @@ from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Controller, Floats, adapt
 from avrare.scenario.aeb import Aeb
 
-_EARLIER = 2.0
-"""Factor on the time to collision, and on the inverse of the deceleration, of one that begins earlier."""
-
 
 @dataclass(frozen=True)
 class BrakeMemory:
@@ -98,9 +95,10 @@ class EmergencyBraking(Controller):
     def alternatives(self) -> dict[str, Controller]:
         """Return those of the controller itself, braked likewise, and one that begins to brake earlier."""
         options = self._options
+        earlier = 2.0
         begin = {
-            "time_to_collision": options.time_to_collision and _EARLIER * options.time_to_collision,
-            "needed_deceleration": options.needed_deceleration and options.needed_deceleration / _EARLIER,
+            "time_to_collision": options.time_to_collision and earlier * options.time_to_collision,
+            "needed_deceleration": options.needed_deceleration and options.needed_deceleration / earlier,
         }
         variants = {name: (each, options) for name, each in self._controller.alternatives().items()}
         variants["begins emergency braking earlier"] = self._controller, options.model_copy(update=begin)

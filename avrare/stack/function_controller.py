@@ -21,7 +21,6 @@ from avrare.stack.python_file import FileOptions, find_member
 
 EXAMPLE = Path(__file__).with_name("templates") / "act.py.txt"
 """Function for simulators without vehicles, as `avrare new scenario --act` writes it."""
-_WANTED = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
 
 
 class FunctionConfig(FileOptions):
@@ -143,7 +142,8 @@ def _action(answer: Any, n: int, batched: bool) -> Action:
             np.broadcast_to(np.asarray(values, dtype=np.float64), (n,)) for values in pair
         )
     except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError(f"a driving controller's act must return {_WANTED}: {error}") from None
+        wanted = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
+        raise UsageError(f"a driving controller's act must return {wanted}: {error}") from None
     return Action(acceleration.copy(), yaw_rate.copy())
 
 

@@ -19,9 +19,6 @@ from avrare.scenario.validation import check_options
 from avrare.scenario.value_positions import Mark, Node
 
 _TEMPLATES = Path(__file__).with_name("templates")
-_NO_CONTROLLER = (
-    "# controller: {plugin: NAME}   # the stack under test, where the simulator does not drive it"
-)
 
 
 def write_scenario(
@@ -74,7 +71,10 @@ def write_scenario(
     if act:
         template = "act.py.txt" if built.scene is None else "act_driving.py.txt"
         texts[path.with_suffix(".py")] = (_TEMPLATES / template).read_text(encoding="utf-8")
-    plain = "\n".join([*head, _NO_CONTROLLER, *tail]) + "\n"
+    no_controller = (
+        "# controller: {plugin: NAME}   # the stack under test, where the simulator does not drive it"
+    )
+    plain = "\n".join([*head, no_controller, *tail]) + "\n"
     texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain
     _write_files(texts, plain)
     return tuple(signals)

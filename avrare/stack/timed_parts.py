@@ -12,9 +12,6 @@ from avrare.stack.clock import Clock
 from avrare.stack.timed_controller import TimedController
 from avrare.stack.timed_perception import ExactPerception, PacedTracker, TimedPerception
 
-_FRAMES = ("sensor_period", "tracker_period", "perception_latency", "perception_jitter", "lost_frames")
-_CYCLES = ("planner_period", "planning_latency", "missed_cycles", "actuation_delay", "compensated")
-
 
 class Parts(NamedTuple):
     """Parts of a stack, as far as there are any."""
@@ -32,7 +29,9 @@ def time_parts(
     Raises:
         UsageError: An option is about a part that the scenario has not.
     """
-    frames, cycles = ([name for name in names if getattr(timing, name)] for names in (_FRAMES, _CYCLES))
+    of_frames = ("sensor_period", "tracker_period", "perception_latency", "perception_jitter", "lost_frames")
+    of_cycles = ("planner_period", "planning_latency", "missed_cycles", "actuation_delay", "compensated")
+    frames, cycles = ([name for name in names if getattr(timing, name)] for names in (of_frames, of_cycles))
     if frames and parts.tracker is None:
         raise UsageError(f"{frames[0]} needs a tracker", "add a `tracker:` block, or remove the option")
     controlled = bool(cycles) or actuators != Actuators()

@@ -16,7 +16,6 @@ from avrare.protocols import System, adapt
 from avrare.worlds.determinism import STEPS, Findings, probe
 
 _WANTS = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
-_MEND = "return new arrays from `step`, and derive every random choice from its noise"
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,11 @@ def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[st
     """Raise a ``UsageError`` if an estimator of this name needs what is missing."""
     missing = [need for need in needs if lacks.get(need)]
     if missing:
+        hint = "return new arrays from `step`, and derive every random choice from its noise"
         raise UsageError(
             f"{estimator} must {' and '.join(_WANTS[need] for need in missing)}, which this system does not "
             f"allow: {lacks[missing[0]]}",
-            f"{_MEND}; estimator: {{plugin: mc}} needs neither",
+            f"{hint}; estimator: {{plugin: mc}} needs neither",
         )
 
 

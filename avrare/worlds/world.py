@@ -13,7 +13,6 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats
 
 Copy = Literal["replay", "deepcopy", "hook"]
-_HINT = "signals and observation have the same names and shapes in every world, at every step"
 Columns = tuple[dict[str, Floats], Floats]
 """Signals (N, ...) by name, and observations (N, d)."""
 
@@ -123,7 +122,8 @@ class ByName:
             columns = {name: np.array([row[0][name] for row in rows], dtype=np.float64) for name in names}
             return columns, np.array([seen for _, seen in rows], dtype=np.float64)
         except (KeyError, ValueError, TypeError) as error:
-            raise UsageError(f"the worlds do not give the same signals: {error!r}", _HINT) from error
+            hint = "signals and observation have the same names and shapes in every world, at every step"
+            raise UsageError(f"the worlds do not give the same signals: {error!r}", hint) from error
 
 
 class Table:

@@ -22,11 +22,9 @@ from avrare.protocols import Simulator
 from avrare.scenario.load import load
 from avrare.stack.builder import build_block
 
-_MOST_SCENES = 1000
 _PILOT, _ROLLOUTS = 10, 100
 """Rollouts of each scene, of the pilot and altogether."""
 _NUMBER = re.compile(r"[-+]?\d+(\.\d*)?")
-_QUOTE = "'"
 
 Choice: TypeAlias = Mapping[str, str]
 Axis: TypeAlias = tuple[Choice, ...]
@@ -122,8 +120,9 @@ def write_catalogue(path: Path, scenes: Sequence[NewScene], stack: str) -> None:
     Raises:
         UsageError: There are too many scenes, or the file exists or cannot be written.
     """
-    if len(scenes) > _MOST_SCENES:
-        text = f"{len(scenes)} scenes are more than the {_MOST_SCENES} of a catalogue"
+    most_scenes = 1000
+    if len(scenes) > most_scenes:
+        text = f"{len(scenes)} scenes are more than the {most_scenes} of a catalogue"
         raise UsageError(text, "give fewer files, or a folder of them at a time")
     if path.exists():
         raise UsageError(f"{path}: already exists", "choose another --out")
@@ -135,6 +134,7 @@ def write_catalogue(path: Path, scenes: Sequence[NewScene], stack: str) -> None:
         "scenes:",
     ]
     numbers: Counter[str] = Counter()
+    quote = "'"
     for scene in scenes:
         name = _name(scene.path)
         numbers[name] += 1
@@ -143,7 +143,7 @@ def write_catalogue(path: Path, scenes: Sequence[NewScene], stack: str) -> None:
             f"    scenario: {json.dumps(os.path.relpath(stack, path.parent))}",
             f"    cells: {scene.cells}",
             "    set:",
-            *(f"      - '{setting.replace(_QUOTE, 2 * _QUOTE)}'" for setting in scene.settings),
+            *(f"      - '{setting.replace(quote, 2 * quote)}'" for setting in scene.settings),
         ]
     with explain_file_errors(f"{path}: cannot write", "choose another --out"):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,6 @@ SCHEMA = 1
 SCENARIO = "scenario.yaml"
 _OWN_FILES = re.compile(r"\.?(\d{6}-\d{6}\.npz|checkpoint\.json|scenario\.yaml)(\.\w+){0,2}")
 """Names of checkpoint files, and of temporary ones that a killed process has left."""
-_MAX_DIFFERENCES = 5
 _AFRESH = "start afresh in another folder"
 
 # Members of a chunk's file, beside ``ARRAYS`` and the counters.
@@ -85,8 +84,9 @@ class Checkpoint:
                     write_atomic(folder / name, content, durable=True)
                 write_atomic(folder / INDEX, index.encode(), durable=True)
         elif changes := differences(stored["task"], wanted):
-            more = len(changes) - _MAX_DIFFERENCES
-            listed = "; ".join(changes[:_MAX_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
+            shown = 5
+            more = len(changes) - shown
+            listed = "; ".join(changes[:shown]) + (f"; and {more} more" if more > 0 else "")
             raise UsageError(
                 f"{folder}: this checkpoint belongs to another estimate: {listed}",
                 "undo the change to resume, or choose another folder to start afresh",

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from avrare.base.errors import UsageError, did_you_mean
 
 KINDS = ("steps", "rollouts", "seconds")
-MAX_AMOUNT = 1e15
-"""More than a century of simulation."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,9 @@ class Budget:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
-        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= MAX_AMOUNT):
-            wanted = f"a positive number up to {MAX_AMOUNT:g}"
+        largest = 1e15  # more than a century of simulation
+        if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= largest):
+            wanted = f"a positive number up to {largest:g}"
             hint = f"for example {self.kind}=1000"
             raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}", hint)
 

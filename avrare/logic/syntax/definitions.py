@@ -12,8 +12,6 @@ from avrare.logic.syntax.trees import get_subtree, get_token
 if TYPE_CHECKING:
     from lark import Token, Tree
 
-_NUMERIC = {"number", "negative", "arithmetic", "call", "group"}
-
 
 @dataclass(frozen=True)
 class Definition:
@@ -103,7 +101,8 @@ class Definitions:
         if last.name is not None and last.parameters:
             hint = f"add the formula that uses it, such as: forall o in others: always {last.name}(o)"
             raise make_error(self.text, last.name, f"{last.name} is defined, but a formula is missing", hint)
-        if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= _NUMERIC:
+        numeric = {"number", "negative", "arithmetic", "call", "group"}
+        if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= numeric:
             hint = "write == to compare; the last statement is the formula"
             raise make_error(self.text, get_token(tree, 1), "'=' defines a number, not a formula", hint)
 

@@ -19,7 +19,6 @@ _SIGNLESS = {
     "!=": "|l - r|: 0 where it is false, never below",
 }
 _SAME = {"<->": "iff", "!==": "!="}
-_TERMS = ("signal", "arithmetic", "negative", "call")
 _BINARY = ("connective", "implication", "until")
 
 
@@ -75,7 +74,8 @@ def _find_unused(text: str, definitions: Definitions) -> list[_Placed]:
 def _assigned_signal(text: str, definitions: Definitions, tree: Tree[Token]) -> list[_Placed]:
     # ``p = q`` or ``p = q + 1`` as the last statement defines p as ``q > 0``.
     last = definitions.last
-    if last.name is None or last.body.data not in _TERMS or str(last.body.children[0]) in definitions.all:
+    terms = ("signal", "arithmetic", "negative", "call")
+    if last.name is None or last.body.data not in terms or str(last.body.children[0]) in definitions.all:
         return []
     message = f"'=' does not compare: it names the formula {last.name}, which is the right side above 0"
     return [_warn(text, get_token(tree, 1), message, f"write {last.name} == ... to compare")]

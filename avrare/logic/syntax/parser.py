@@ -21,13 +21,8 @@ if TYPE_CHECKING:
 MAX_DEPTH = 100
 """Deeper nesting is refused, as evaluation is recursive."""
 
-MAX_CHARACTERS = 200_000
-"""Longer texts are refused: reading one takes seconds and much memory."""
 
 _NAME = r"[^\W\d][\w.]*"
-_TYPES = ("float", "double", "real", "int", "long", "bool", "complex", "float32", "float64")
-_IMPORT = rf"from\s+{_NAME}\s+import\s+({_NAME})"
-_RESERVED = "|".join(sorted({*WORDS, *INFIX_LETTERS}))
 _STARTS = r"(?<![^\n;])([ \t]*)"
 _ENDS = r"(?=[ \t]*(?:;|\r?\n|#|//|/\*|\Z))"
 
@@ -51,8 +46,9 @@ def parse_with_warnings(text: str, dt: float | Fraction = 1.0) -> tuple[nodes.No
     """
     if not isinstance(text, str):
         raise FormulaError(f"a formula must be text, not {type(text).__name__}")
-    if len(text) > MAX_CHARACTERS:
-        message = f"the formula has {len(text):,} characters, more than {MAX_CHARACTERS:,}"
+    longest = 200_000  # reading more takes seconds and much memory
+    if len(text) > longest:
+        message = f"the formula has {len(text):,} characters, more than {longest:,}"
         raise FormulaError(message, "compute parts of the formula as signals of the system")
     return _parse(text, _read_period(dt))
 
@@ -100,11 +96,14 @@ def _parse_statements(text: str) -> list[Tree[Token]]:
 
 
 def _blank_declarations(text: str) -> str:
+    types_of_c = ("float", "double", "real", "int", "long", "bool", "complex", "float32", "float64")
+    importing = rf"from\s+{_NAME}\s+import\s+({_NAME})"
     # rtamt's ``float x``, ``input float x``, ``output T y``, ``specification name``, ``from m import T`` and
     # ``@topic(x, name)`` are blanked, so that every place in the text stays where it is; of
     # ``const float c = 3.0`` the definition ``c = 3.0`` remains.
-    types = "|".join((*_TYPES, *(re.escape(name) for name in re.findall(_IMPORT, text))))
-    other = rf"(?!(?:{_RESERVED})\b){_NAME}"
+    types = "|".join((*types_of_c, *(re.escape(name) for name in re.findall(importing, text))))
+    reserved = "|".join(sorted({*WORDS, *INFIX_LETTERS}))
+    other = rf"(?!(?:{reserved})\b){_NAME}"
     declarations = (
         rf"specification[ \t]+{other}",
         rf"(?:from[ \t]+{_NAME}[ \t]+)?import[ \t]+{_NAME}",

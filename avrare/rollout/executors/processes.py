@@ -11,8 +11,6 @@ from avrare.rollout.executors.work import ExecutorConfig, Work
 from avrare.rollout.executors.worker_pool import WorkerPool
 from avrare.rollout.executors.worker_process import HINT, WorkerProcess, exit_if_unguarded
 
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
 
 def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecutor:
     """Build the executor."""
@@ -29,8 +27,9 @@ class ProcessExecutor(WorkerPool):
         """Take the work; a process starts with its first task."""
         exit_if_unguarded()
         self._payload = pickle_work(work)
+        single_thread = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
         # Processes read these before any of our code runs in them.
-        self._added_variables = [name for name in _ONE_THREAD if name not in os.environ]
+        self._added_variables = [name for name in single_thread if name not in os.environ]
         os.environ.update(dict.fromkeys(self._added_variables, "1"))
         super().open(work)
 

@@ -25,12 +25,8 @@ from avrare.rollout.request import Request, Rollouts
 _LOOK_SECONDS = 0.5
 """Time between two looks at the workers while the parent waits for an outcome."""
 _MOST_ATTEMPTS, _CHUNK_ATTEMPTS = 3, 2
-_PARTS = 4
-"""Parts of a chunk that is divided: fewer workers die than with halves, and as many parts are run."""
 _SLOWEST = 3.0
 """Time that a chunk may take beside the limit of a rollout, over that of the slowest chunk so far."""
-_HOPELESS = 8
-"""Rollouts of a divided chunk that all end their worker, after which the estimate is given up."""
 
 
 class WorkerLost(Exception):
@@ -136,15 +132,17 @@ class WorkerPool(Executor):
             outcome: Rollouts = self._try(chunk, attempts)
         except WorkerLost as loss:
             if chunk.rows > 1:
-                edges = [chunk.rows * part // _PARTS for part in range(_PARTS + 1)]
+                count = 4  # fewer workers die than with halves, and as many parts are run
+                edges = [chunk.rows * part // count for part in range(count + 1)]
                 parts = [chunk.slice(*pair) for pair in pairwise(edges) if pair[0] < pair[1]]
                 # The chunk was tried again before, so that one more death is enough.
                 return Rollouts.join([self._run_chunk(part, 1, crashes) for part in parts])
             crashes.append(True)
             if loss.blameless or chunk.crash:
                 raise
-            if len(crashes) == _HOPELESS and all(crashes):
-                raise WorkerLost(f"{loss}, as each of {_HOPELESS} rollouts alone") from None
+            most_crashes = 8
+            if len(crashes) == most_crashes and all(crashes):
+                raise WorkerLost(f"{loss}, as each of {most_crashes} rollouts alone") from None
             how = f"takes more than {self._timeout:g} s" if loss.hangs else f"ended its process ({loss})"
             return self._run_chunk(replace(chunk, crash=f"the rollout {how}"), _CHUNK_ATTEMPTS, [])
         crashes.append(False)

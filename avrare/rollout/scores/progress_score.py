@@ -33,8 +33,6 @@ from avrare.protocols import Floats, Signals, Specification, Verdict
 from avrare.rollout.scores.term_sizes import ScaledMonitor
 
 _NEARLY = math.nextafter(1.0, 0.0)
-_SAFE = 0.01
-"""Danger of a part that holds with its typical size."""
 Pair = tuple[nodes.Node, nodes.Node]
 _OPPOSITE = {"always": "eventually", "eventually": "always", "next": "s_next", "s_next": "next"}
 
@@ -116,8 +114,9 @@ class Danger:
         return self.first + np.arange(len(self.values[0]))
 
     def _atom(self, margin: Floats, scale: float) -> Floats:
-        lost = 1.0 - (1.0 - _SAFE) * margin / scale
-        held = np.where(margin < scale, np.minimum(lost, _NEARLY), _SAFE * scale / margin)
+        typical_danger = 0.01
+        lost = 1.0 - (1.0 - typical_danger) * margin / scale
+        held = np.where(margin < scale, np.minimum(lost, _NEARLY), typical_danger * scale / margin)
         return np.where(margin > 0, held, 1.0)
 
     def _deficit(self, node: nodes.Node) -> Floats:

@@ -23,7 +23,6 @@ _MemoryT = TypeVar("_MemoryT")
 _History = dict[str, NDArray[Any]]
 ScoreFunction = Callable[[_History, int], Floats]
 """``function(signals so far, t) -> (N,)``; signals have shape (N, t + 1, ...)."""
-_SCORE_HINT = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
 
 
 @dataclass(frozen=True)
@@ -140,14 +139,15 @@ class FunctionScored(_Scored[_History | None]):
                 name: np.concatenate([state.memory[name], values], axis=1) for name, values in history.items()
             }
         t = next(iter(history.values())).shape[1] - 1
+        hint = "it gets the signals so far, (N, t + 1, ...) each, and t; it must return (N,)"
         try:
             value = np.asarray(self.function(history, t), dtype=np.float64)
         except (Exception, SystemExit) as error:
             reason = f"{type(error).__name__}: {error}"
-            raise UsageError(f"the score function raised at step {t}: {reason}", _SCORE_HINT) from error
+            raise UsageError(f"the score function raised at step {t}: {reason}", hint) from error
         if value.shape != state.score.shape:
             raise UsageError(
                 f"the score function returned shape {value.shape} for {len(state.score)} particles",
-                _SCORE_HINT,
+                hint,
             )
         return np.fmax(state.score, value), history

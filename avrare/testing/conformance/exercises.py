@@ -153,20 +153,18 @@ def _plain_controller(part: Controller, tape: Floats, between: Between) -> Itera
         yield {f"action at step {step}": action}
 
 
-_MAX_OBSERVATION = 64
-
-
 def _observation_size(part: Controller) -> int:
     """Return the count of numbers that a controller without vehicles takes, by trying."""
     reason = ""
-    for size in range(1, _MAX_OBSERVATION + 1):
+    most_numbers = 64
+    for size in range(1, most_numbers + 1):
         try:
             part.act(part.start(2), np.zeros((2, size)), None)
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
             continue
         return size
-    raise Skipped(f"no observation of 1 to {_MAX_OBSERVATION} numbers fits it: {reason}")
+    raise Skipped(f"no observation of 1 to {most_numbers} numbers fits it: {reason}")
 
 
 def _specification(part: Specification, tape: Floats, between: Between) -> Iterator[Outputs]:

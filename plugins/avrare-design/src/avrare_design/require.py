@@ -29,9 +29,6 @@ from avrare_design.root_search import find_requirement
 from avrare_design.scenario_parameters import ParametricScenario
 from avrare_design.sensitivity import knows_score
 
-_WIDE = 5.0
-_OWN_MODEL = "the answer is that under the scenario's own model alone: its ensemble is left out"
-
 
 def require(
     path: str | os.PathLike[str],
@@ -89,11 +86,8 @@ def require(
         requirement = find_requirement(
             evaluate, parameter, name, limit, between, confidence=definition.confidence
         )
-    return (
-        replace(requirement, warnings=(*requirement.warnings, _OWN_MODEL))
-        if definition.members
-        else requirement
-    )
+    note = "the answer is that under the scenario's own model alone: its ensemble is left out"
+    return replace(requirement, warnings=(*requirement.warnings, note)) if definition.members else requirement
 
 
 @dataclass(frozen=True)
@@ -143,7 +137,8 @@ def _choose_range(parameter: str, value: float) -> tuple[float, float]:
     if value <= 0.0:
         raise UsageError(f"{parameter} is {value:g}: where should be looked?", "say between which values")
     least = 1.0 if isinstance(value, int) else 0.0
-    return max(least, value / _WIDE), value * _WIDE
+    wide = 5.0
+    return max(least, value / wide), value * wide
 
 
 def _reweighable(problem: Problem, parameter: str, result: Result) -> bool:

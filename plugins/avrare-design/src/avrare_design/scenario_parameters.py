@@ -39,7 +39,6 @@ from avrare_design.sensitivity import (
 )
 
 _DEFAULT = "perception."
-_INDICES = re.compile(r"(\.\d+)+$")
 _HALVINGS = 5
 """Times that the step to a value which the scenario refuses is halved."""
 
@@ -74,8 +73,9 @@ class ParametricScenario:
 
     def settings(self, values: Mapping[str, str]) -> tuple[str, ...]:
         """Return the settings, as for ``--set``, that give parameters these values (YAML)."""
+        indices = re.compile(r"(\.\d+)+$")
         # A list that is a default is not in the file: it is written out before its entries are set.
-        paths = dict.fromkeys(_INDICES.sub("", path) for path in values if _INDICES.search(path))
+        paths = dict.fromkeys(indices.sub("", path) for path in values if indices.search(path))
         lists = {path: look_up(self.scenario.definition.resolved, path) for path in paths}
         written = {path: dump_list(value) for path, value in lists.items() if isinstance(value, list)}
         return tuple(f"{path}={value}" for path, value in [*written.items(), *values.items()])

@@ -21,7 +21,6 @@ from avrare_flows.flow import KINDS, AffineCoupling, Block, Flow, Network, Splin
 _BATCH, _HELD_OUT, _LOOK = 512, 0.1, 50
 _BINS, _LEAST_BOUND, _ROOM = 12, 5.0, 1.25
 """Bins of a spline; its least bound in standard deviations, and its bound over the farthest sample."""
-_FEWEST = 50
 _pyro: Any = distributions  # has no types of its own
 _transforms: Any = transforms
 
@@ -91,8 +90,9 @@ def _check_samples(samples: Floats, kind: str, steps: int, blocks: int | None, s
     data = data[:, None] if data.ndim == 1 else data
     if kind not in KINDS:
         raise UsageError(f"unknown kind of flow {kind!r}", did_you_mean(kind, KINDS))
-    if data.ndim != 2 or len(data) < _FEWEST:
-        raise UsageError(f"samples have shape {data.shape}", f"give at least {_FEWEST} rows of noise, (M, n)")
+    fewest = 50
+    if data.ndim != 2 or len(data) < fewest:
+        raise UsageError(f"samples have shape {data.shape}", f"give at least {fewest} rows of noise, (M, n)")
     bad = np.flatnonzero(~np.isfinite(data).all(axis=1))
     if len(bad):
         numbers = ", ".join(f"{number:g}" for number in data[bad[0]])

@@ -30,8 +30,6 @@ RATE_LIMIT = 13.0
 """Limit of the servo in either direction [rad/s]."""
 START = (-3.5, 0.1, 0.0, 0.0, 7.0, 0.0, 0.0)
 """Nominal state at t = 0. The wire is at x = z = 0."""
-_STILL = 1e-10
-"""Keeps the root smooth at rest [m^2/s^2]."""
 
 Columns = tuple[Any, ...]
 
@@ -51,8 +49,9 @@ def rates(state: Columns, elevator_rate: Any, math: Any = np) -> Columns:
     swing = CHORD * (turn + elevator_rate)
     tail_x = vx + HINGE * turn * sine + swing * up
     tail_z = vz - HINGE * turn * cosine - swing * along
-    wing_speed = math.sqrt(vx * vx + vz * vz + _STILL)
-    tail_speed = math.sqrt(tail_x * tail_x + tail_z * tail_z + _STILL)
+    smoothing = 1e-10  # keeps the root smooth at rest [m^2/s^2]
+    wing_speed = math.sqrt(vx * vx + vz * vz + smoothing)
+    tail_speed = math.sqrt(tail_x * tail_x + tail_z * tail_z + smoothing)
     wing = DENSITY * WING * (sine * vx - cosine * vz) * wing_speed  # along the plate's normal, backwards
     tail = DENSITY * ELEVATOR * (up * tail_x - along * tail_z) * tail_speed
     return (

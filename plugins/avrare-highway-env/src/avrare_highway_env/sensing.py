@@ -11,9 +11,6 @@ from avrare.driving.geometry import Rectangle
 from avrare.protocols import Floats
 from avrare_highway_env.config import LidarConfig
 
-_PARALLEL = 1e-12
-"""Cosine below which a ray counts as parallel to a side."""
-
 
 def directions(cells: int) -> tuple[Floats, Floats]:
     """Return x and y of the rays (cells,): ray k points 2 pi k / cells to the left of the x axis."""
@@ -63,7 +60,8 @@ def cast(
 
 def _slab(begin: Floats, towards: Floats, half: float) -> tuple[Floats, Floats]:
     """Return where rays enter and leave |coordinate| <= half."""
-    safe = np.where(np.abs(towards) < _PARALLEL, _PARALLEL, towards)
+    parallel = 1e-12  # least cosine that is not taken for 0
+    safe = np.where(np.abs(towards) < parallel, parallel, towards)
     first, second = (-half - begin) / safe, (half - begin) / safe
     return np.minimum(first, second), np.maximum(first, second)
 

@@ -22,8 +22,6 @@ from avrare_highway_env.sensing import Ego, Sensors
 from avrare_highway_env.tape import TapeRandom
 from avrare_highway_env.worlds import EGO, capture, gap_ahead, others_of, read, restore
 
-_TUNED = ("desired_speed", "time_gap", "acceleration", "deceleration")
-"""Options of the traffic that drivers take."""
 _BEYOND_TYRES = {
     "roundabout": "the other drivers go round a ring of 20 m at 16 m/s, 1.3 g to the side",
     "intersection": "the other drivers turn right on a radius of 9 m at 10 m/s, 1.1 g to the side",
@@ -96,7 +94,8 @@ class HighwayEnvSimulator(Simulator):
         ego = self.environment.vehicle
         self._ego_size = float(ego.LENGTH), float(ego.WIDTH)
         self._lengths, self._widths = (np.full(capacity, size) for size in self._ego_size)
-        tuned = {f"traffic.{name}": getattr(config.traffic, name) for name in _TUNED}
+        tuned_names = ("desired_speed", "time_gap", "acceleration", "deceleration")
+        tuned = {f"traffic.{name}": getattr(config.traffic, name) for name in tuned_names}
         self._fixed = {
             name: value
             for name, value in {**tuned, "ego_speed": config.ego_speed}.items()

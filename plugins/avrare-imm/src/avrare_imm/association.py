@@ -21,7 +21,6 @@ from avrare_imm.imm import measurement_distance, predict_measurement
 from avrare_imm.life import LifeRules
 from avrare_imm.tracker import ImmTrack, ImmTracker
 
-_STATE = ("x", "y", "heading", "speed", "acceleration")
 _LENGTH, _WIDTH = 4.5, 1.8  # of a track where the scene has no vehicle [m]
 
 
@@ -45,7 +44,8 @@ class AssociatingTracker(ImmTracker):
     def start(self, world: Any) -> ImmTrack:
         """Return the tracks before any observation: at the vehicles or none, by option; no spare ones."""
         others, spare = world.others, self.config.spare_tracks
-        padded = {name: np.pad(getattr(others, name), ((0, 0), (0, spare))) for name in _STATE}
+        state = ("x", "y", "heading", "speed", "acceleration")
+        padded = {name: np.pad(getattr(others, name), ((0, 0), (0, spare))) for name in state}
         track = self._start_at(Vehicles(**padded))
         if track.life is None or self.config.start != "truth":
             return track

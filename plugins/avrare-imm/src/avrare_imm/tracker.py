@@ -29,9 +29,6 @@ from avrare_imm.imm import (
 from avrare_imm.life import Life, LifeRules
 from avrare_imm.models import STOP, Horizon, ModelSet, lateral_models, longitudinal_models, look_ahead
 
-_SURELY_MOVES = 2.0
-"""Speed from which a vehicle does not stand at the start of its track [standard deviations]."""
-
 
 @dataclass(frozen=True)
 class ImmTrack:
@@ -270,7 +267,8 @@ class ImmTracker(Tracker):
         longitudinal = same_modes(along, longitudinal_variances, even)
         lateral = same_modes(across, lateral_variances, self._lane_prior(across[..., 0]))
         if self._standing is not None:
-            moves = along[..., 1] ** 2 > _SURELY_MOVES**2 * longitudinal_variances[1]
+            deviations = 2.0  # standard deviations
+            moves = along[..., 1] ** 2 > deviations**2 * longitudinal_variances[1]
             stands = np.where(moves, STOP, 1.0 / modes)
             longitudinal = set_probability(longitudinal, self._standing, stands)
             lateral = set_probability(lateral, -1, stands)

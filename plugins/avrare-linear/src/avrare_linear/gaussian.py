@@ -15,8 +15,6 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.protocols import Floats, System
 from avrare.rollout.noise import NoiseSource
 
-_BATCH = 1024
-"""Tapes per batch."""
 _CHECKS, _TOLERANCE, _ROUNDING = 8, 1e-9, 1e-12
 
 
@@ -60,8 +58,9 @@ class TrajectoryGaussian:
         signals = tuple(mean)
         middle = np.stack([mean[name][0] for name in signals], axis=1)
         parts = [np.empty((0, *middle.shape))]
-        for first in range(0, size, _BATCH):
-            units = np.eye(min(_BATCH, size - first), size, first).reshape(-1, *shape)
+        batch = 1024
+        for first in range(0, size, batch):
+            units = np.eye(min(batch, size - first), size, first).reshape(-1, *shape)
             columns = simulate_signals(system, units, signals)
             parts.append(np.stack([columns[name] for name in signals], axis=2) - middle)
         return TrajectoryGaussian(signals, middle, np.concatenate(parts).transpose(1, 2, 0))

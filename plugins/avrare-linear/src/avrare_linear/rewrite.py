@@ -25,8 +25,6 @@ ATTRIBUTES = {
     "observer": "observer",
 }
 """Parameter -> attribute of ``LinearSystem`` with its value, or with a factor of its covariance."""
-_DIGITS = 9
-_KALMAN_INPUTS = ("covariance", "process_noise", "measurement_noise")
 
 
 def has_parameter(system: LinearSystem, parameter: str) -> bool:
@@ -53,7 +51,8 @@ def rewrite_scenario(resolved: dict[str, Any], parameter: str, value: Floats) ->
     simulator = scenario["simulator"]
     if simulator["plugin"] != "linear":
         raise UsageError("the system is not linear", "use `simulator: {plugin: linear, ...}`")
-    if parameter in _KALMAN_INPUTS and simulator.get("observer") is not None:
+    kalman_inputs = ("covariance", "process_noise", "measurement_noise")
+    if parameter in kalman_inputs and simulator.get("observer") is not None:
         options = {key: option for key, option in simulator.items() if key != "plugin"}
         observer = from_config(LinearConfig.model_validate(options)).observer
         if observer is not None:
@@ -63,8 +62,9 @@ def rewrite_scenario(resolved: dict[str, Any], parameter: str, value: Floats) ->
 
 
 def _plain(value: Floats) -> list[object]:
+    digits = 9
     # Rounded entry by entry: symmetric matrices stay symmetric.
-    rounded: list[object] = np.vectorize(lambda entry: float(f"{entry:.{_DIGITS}g}"))(value).tolist()
+    rounded: list[object] = np.vectorize(lambda entry: float(f"{entry:.{digits}g}"))(value).tolist()
     return rounded
 
 

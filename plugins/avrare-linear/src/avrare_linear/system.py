@@ -23,7 +23,6 @@ from avrare.rollout.request import Integers
 from avrare_linear.gains import kalman, regulator
 
 Columns = tuple[Floats, ...]
-_FACTORS = ("A", "B", "C", "process", "measurement", "spread", "gain", "observer")
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,8 @@ class LinearSystem(System):
             *(f"process noise of {name}" for name in self.names[0]),
             *(f"measurement noise of {name}" for name in self.names[2]),
         )
-        self._used = {name: _pattern(getattr(self, name)) for name in _FACTORS}
+        factors = ("A", "B", "C", "process", "measurement", "spread", "gain", "observer")
+        self._used = {name: _pattern(getattr(self, name)) for name in factors}
 
     def initial(self, noise: Floats) -> LinearState:
         """Return the state at t = 0."""

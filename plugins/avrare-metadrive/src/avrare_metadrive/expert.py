@@ -20,14 +20,11 @@ from avrare_policy.network import Network
 WEIGHTS = "metadrive/examples/ppo_expert/expert_weights.npz"
 OTHERS = 4
 """Number of nearest vehicles in the observation, without noise."""
-MIRRORED = (10, 15)
-"""Entries whose sign MetaDrive changed after the training: directions of the next two curves."""
 PROVENANCE = {
     "source": f"metadrive-simulator {version.CHECKED}, {WEIGHTS}",
     "license": "Apache-2.0",
     "sha256": "ed66fed9ecfbe7c1acd18a9d95c659119892dcc773758f40849c3390c6f38eaf",
 }
-_LAYERS = ("fc_1", "fc_2", "fc_out")
 
 
 def build(config: ExpertConfig, scene: object | None = None) -> PolicyController:
@@ -60,14 +57,16 @@ def read(path: Path) -> Network:
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            weights = [np.asarray(file[f"default_policy/{name}/kernel"], np.float32) for name in _LAYERS]
-            biases = [np.asarray(file[f"default_policy/{name}/bias"], np.float32) for name in _LAYERS]
+            layers = ("fc_1", "fc_2", "fc_out")
+            weights = [np.asarray(file[f"default_policy/{name}/kernel"], np.float32) for name in layers]
+            biases = [np.asarray(file[f"default_policy/{name}/bias"], np.float32) for name in layers]
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise PluginError(f"{path}: not MetaDrive's expert: {error}", version.HINT) from None
     actions = len(biases[-1]) // 2  # the other half: logarithms of standard deviations
     weights[-1], biases[-1] = np.ascontiguousarray(weights[-1][:, :actions]), biases[-1][:actions]
     # (o - 1) / -1 = 1 - o
     mean, scale = np.zeros(len(weights[0])), np.ones(len(weights[0]))
-    mean[list(MIRRORED)], scale[list(MIRRORED)] = 1.0, -1.0
+    mirrored = (10, 15)  # directions of the next two curves, whose sign MetaDrive changed after the training
+    mean[list(mirrored)], scale[list(mirrored)] = 1.0, -1.0
     ends = np.full(actions, -1.0), np.full(actions, 1.0)
     return Network(tuple(weights), tuple(biases), "tanh", mean, scale, *ends, PROVENANCE)

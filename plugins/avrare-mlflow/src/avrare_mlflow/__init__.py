@@ -10,7 +10,6 @@ from avrare.base.errors import PluginError
 from avrare.results.run import Run
 
 VARIABLE = "MLFLOW_TRACKING_URI"
-_METRICS = ("probability", "relative_error", "blind_bound", "rollouts", "failures", "errors", "seconds")
 
 
 def on_result(run: Run) -> str | None:
@@ -66,9 +65,10 @@ def _list_parameters(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _list_metrics(run: Run) -> Iterator[tuple[str, float]]:
+    metrics = ("probability", "relative_error", "blind_bound", "rollouts", "failures", "errors", "seconds")
     for specification, result in run.items():
         for name, number in result.to_dict().items():
-            if name in _METRICS and isinstance(number, (int, float)):
+            if name in metrics and isinstance(number, (int, float)):
                 yield f"{specification}/{name}", float(number)
         for name, end in zip(("low", "high"), result.interval, strict=True):
             yield f"{specification}/{name}", end

@@ -4,13 +4,12 @@ import importlib.util
 
 from avrare.plugin.component import Component, hookimpl
 
-_NOT_COMPILED = "; riccati backend not compiled, pip install 'avrare-mpc[fast]'"
-
 
 @hookimpl
 def avrare_components() -> list[Component]:
     """Return the controller ``mpc``."""
-    note = _NOT_COMPILED if importlib.util.find_spec("numba") is None else ""
+    not_compiled = "; riccati backend not compiled, pip install 'avrare-mpc[fast]'"
+    note = not_compiled if importlib.util.find_spec("numba") is None else ""
     return [
         Component(
             kind="controller",

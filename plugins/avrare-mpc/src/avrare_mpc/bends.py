@@ -16,9 +16,6 @@ from avrare.driving import Vehicles
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
 
-_SPACING = 0.5
-"""Distance of the stations at which speeds in bends are kept [m]."""
-
 
 def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
     """Return stations ``x`` (N, V, H + 1) as the ego's own and the length from there at its offset [m]."""
@@ -54,7 +51,8 @@ class BendSpeed:
     """
 
     def __init__(self, line: ReferenceLine, offsets: Sequence[float], lateral: float, braking: float) -> None:
-        self._stations = s = np.arange(0.0, line.length + _SPACING, _SPACING)
+        spacing = 0.5  # [m]
+        self._stations = s = np.arange(0.0, line.length + spacing, spacing)
         curvature = line.curvature(s)
         tightest = np.max([np.abs(curvature / (1.0 - curvature * y)) for y in offsets], axis=0)
         # the square of the speed falls by 2 b in each metre

@@ -14,8 +14,6 @@ from avrare_mpc.bends import beside_ego
 
 _LONG = 1e4
 """Length of the obstacle there [m]."""
-_REACH = 1.0
-"""Length that a through lane may lack at either end of the road [m]."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +74,10 @@ def find_gaps(road: Road, lanes: Sequence[int]) -> LaneGaps:
     gaps = []
     if road.lanes:
         begin, end = lane_ends(road)
+        reach = 1.0  # a through lane may lack so much of the road [m]
         for lane in lanes:
-            if begin[lane] > begin.min() + _REACH:
+            if begin[lane] > begin.min() + reach:
                 gaps.append((begin[lane], -1.0, road.lane_centres[lane]))
-            if end[lane] < end.max() - _REACH:
+            if end[lane] < end.max() - reach:
                 gaps.append((end[lane], 1.0, road.lane_centres[lane]))
     return LaneGaps(*np.array(gaps).reshape(-1, 3).T)

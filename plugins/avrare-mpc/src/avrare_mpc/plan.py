@@ -21,8 +21,6 @@ STAGE = 8
 """Number of variables of a stage: the states, acceleration, turn rate, lateral slack."""
 TIE = 1e-6
 """Plans whose costs differ by less, relatively, are the same minimum: the first one counts."""
-_BRAKING = (0.0, 3.0)
-"""Decelerations of the guesses towards one lane [m/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +152,13 @@ def initial_inputs(start: Floats, centres: tuple[float, ...], steps: int, dt: fl
 def _guessed_motion(
     start: Floats, centres: tuple[float, ...], steps: int, dt: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
+    decelerations = (0.0, 3.0)  # [m/s^2]
     # x and speed (N, B, H + 1) differ by braking, y (N, C, H + 1) by lane, heading (N, C, B, H + 1) by both
-    braking, lanes, time = np.array(_BRAKING)[:, None], np.array(centres)[:, None], np.arange(steps + 1) * dt
+    braking, lanes, time = (
+        np.array(decelerations)[:, None],
+        np.array(centres)[:, None],
+        np.arange(steps + 1) * dt,
+    )
     x0, y0, v0, h0 = (start[:, i, None, None] for i in range(4))
     speed = np.where(v0 > 0.0, np.maximum(v0 - braking * time, 0.0), v0)
     # a guess reaches its lane after three quarters of the horizon
@@ -163,7 +166,7 @@ def _guessed_motion(
     y = y0 + (lanes - y0) * part**2 * (3.0 - 2.0 * part)
     x = np.broadcast_to(x0, speed.shape).copy()
     x[..., 1:] += np.cumsum(speed[..., :-1] * dt, axis=-1)
-    heading = np.zeros((len(start), len(centres), len(_BRAKING), steps + 1))
+    heading = np.zeros((len(start), len(centres), len(decelerations), steps + 1))
     np.arctan2(np.diff(y)[:, :, None], np.maximum(np.diff(x), dt)[:, None], out=heading[..., :-1])
     heading[..., 0] = h0
     return x, y, speed, heading

@@ -7,8 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
 
 @contextmanager
 def defer_signals() -> Iterator[None]:
@@ -21,7 +19,8 @@ def defer_signals() -> Iterator[None]:
         yield
         return
     deferred: list[int] = []
-    handlers = {number: handler for number in _SIGNALS if callable(handler := signal.getsignal(number))}
+    signals = (signal.SIGINT, signal.SIGTERM)
+    handlers = {number: handler for number in signals if callable(handler := signal.getsignal(number))}
     for number in handlers:
         signal.signal(number, lambda number, _: deferred.append(number))
     try:

@@ -28,10 +28,7 @@ from avrare_gp_pem.runtime.variant import Variant
 MIN_DOF, MAX_DOF = 1.05, 30.0  # range of the tables of ``student_t``
 _PRIOR = 5.0  # weight of the prior that nothing needs to change [rows]
 _TINY = 1e-12
-_MAX_LOG_STRETCH = 5.0
 _MAX_LOG_POWER = 1.0
-_FORMS = (0, 1, 2)
-"""Free numbers of the tails' power: none (Student-t), one for all ranges, one more for nearby vehicles."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +81,12 @@ def calibrate(variant: Variant, unseen: UnseenRows) -> Variant:
 
 def _calibrate_error(variant: Variant, seen: UnseenRows, axis: int) -> Floats:
     every_row = np.arange(len(seen.detected))
-    losses = np.zeros((len(_FORMS), 2))  # all errors, large errors
+    forms = (0, 1, 2)  # free numbers of the tails' power: none (Student-t), one, one more for nearby vehicles
+    losses = np.zeros((len(forms), 2))  # all errors, large errors
     for block in np.array_split(every_row, 5):
         rest = _ErrorsUnderLaws(variant, seen.take(np.setdiff1d(every_row, block)), axis)
         left_out = _ErrorsUnderLaws(variant, seen.take(block), axis)
-        for form in _FORMS:
+        for form in forms:
             losses[form] += left_out.losses(_fit_error(rest, form))
     likely, large = losses.T / len(every_row)
     allowed = likely <= likely.min() + 2e-3  # nats per error that better tails may cost
@@ -155,8 +153,9 @@ class _ErrorsUnderLaws:
 def _with_error(variant: Variant, axis: int, parameters: Floats) -> Variant:
     log_stretch, freedom, *log_powers = parameters
     stretch, dof, tail = variant.stretch.copy(), variant.dof.copy(), variant.tail.copy()
+    most_log = 5.0
     # clipped, because errors that are all zero would shrink the scale to nothing
-    stretch[axis] = np.exp(np.clip(log_stretch, -_MAX_LOG_STRETCH, _MAX_LOG_STRETCH))
+    stretch[axis] = np.exp(np.clip(log_stretch, -most_log, most_log))
     dof[axis] = min(MIN_DOF + np.exp(freedom), MAX_DOF)
     tail[axis] = np.clip(log_powers, -_MAX_LOG_POWER, _MAX_LOG_POWER)
     return replace(variant, stretch=stretch, dof=dof, tail=tail)

@@ -19,7 +19,6 @@ _DATA = (
     "docs/perception.md"
 )
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
-_MOST_MEMBERS = 100
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,8 +72,9 @@ def _seed(text: str) -> int:
 
 
 def _members(text: str) -> int:
-    if not text.isdecimal() or not (text == "0" or 3 <= int(text) <= _MOST_MEMBERS):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 3 to {_MOST_MEMBERS}")
+    most_members = 100
+    if not text.isdecimal() or not (text == "0" or 3 <= int(text) <= most_members):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 3 to {most_members}")
     return int(text)
 
 

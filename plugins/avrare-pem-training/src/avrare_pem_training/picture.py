@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MODEL, _DATA, _SECOND = "#1b6ca8", "#d9701a", "#7b3fa0"
-_QUANTILES = (0.5, 0.9, 0.99)
 _BANDS = np.array([0, 10, 20, 30, 40, 50, 60, 80, 200.0])
-_ANGLES = np.array([0, 0.5, 1, 2, 3, 5, 10, 20, 45.0])
 
 
 def draw(path: Path, title: str, scored: Mapping[str, ScoredRows]) -> None:
@@ -34,7 +32,8 @@ def draw(path: Path, title: str, scored: Mapping[str, ScoredRows]) -> None:
     _reliability(panels[0, 0], labels)
     _roc(panels[0, 1], [labels, detector])
     _detection_by(panels[0, 2], detector, detector.rows.range, _BANDS, "range [m]")
-    _detection_by(panels[0, 3], labels, off_axis(labels.rows.yaw), _ANGLES, "angle to the ego's axes [deg]")
+    angles = np.array([0, 0.5, 1, 2, 3, 5, 10, 20, 45.0])
+    _detection_by(panels[0, 3], labels, off_axis(labels.rows.yaw), angles, "angle to the ego's axes [deg]")
     for i in (0, 1):
         _quantiles(panels[1, i], detector, i)
     _tails(panels[1, 2], labels)
@@ -89,10 +88,11 @@ def _quantiles(axes: Axes, scored: ScoredRows, axis: int) -> None:
     band = np.digitize(distance, _BANDS) - 1
     present = [i for i in range(len(_BANDS) - 1) if (band == i).sum() >= 30]
     places = np.arange(len(present))
-    for q, style in zip(_QUANTILES, ("-", "--", ":"), strict=True):
+    quantiles = (0.5, 0.9, 0.99)
+    for q, style in zip(quantiles, ("-", "--", ":"), strict=True):
         modelled, seen = ([float(np.quantile(v[band == i], q)) for i in present] for v in (drawn, error))
         axes.plot(places, modelled, style, color=_MODEL, label=f"model, {q:.0%}")
-        axes.plot(places, seen, "o", color=_DATA, ms=4, label="held-out" if q == _QUANTILES[0] else None)
+        axes.plot(places, seen, "o", color=_DATA, ms=4, label="held-out" if q == quantiles[0] else None)
     axes.set_xticks(places, [f"{_BANDS[i]:g}-{_BANDS[i + 1]:g}" for i in present], fontsize=7)
     axes.set(xlabel="range [m]", ylabel="|error| [m]", yscale="log")
     axes.set_title(f"error {AXIS_NAMES[scored.frame][axis]}, {scored.title}", fontsize=9)

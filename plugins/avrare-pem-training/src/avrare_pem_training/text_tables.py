@@ -51,7 +51,6 @@ _COLUMNS = {
     "err_rot_y": "error_yaw",
     "err_rot_z": "error_yaw",
 }
-_NEEDED = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "detected", "err_loc_x", "err_loc_y")
 _VISIBILITY_OF_OCCLUSION = np.array([4.0, 2.0, 1.0, 2.0])
 
 
@@ -100,7 +99,8 @@ def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Seq
             raise UsageError(f"{path}:{line}: {len(row)} numbers, expected {len(names)}: {' '.join(names)}")
     values = np.array([_floats(path, line, row) for line, row in rows])
     columns = {_COLUMNS[name]: values[:, i] for i, name in enumerate(names) if name in _COLUMNS}
-    missing = [_COLUMNS[name] for name in _NEEDED if name in default and _COLUMNS[name] not in columns]
+    needed = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "detected", "err_loc_x", "err_loc_y")
+    missing = [_COLUMNS[name] for name in needed if name in default and _COLUMNS[name] not in columns]
     if missing:
         raise UsageError(f"{path}: no column gives {', '.join(missing)}", f"known: {', '.join(_COLUMNS)}")
     numbers = [line for line, _ in rows]

@@ -8,9 +8,6 @@ import numpy as np
 
 from avrare_pem_training.table import DetectionTable
 
-_MOST_ROWS = 80  # rows between two consecutive frames of a vehicle
-_FARTHEST = 20.0  # way of a vehicle, seen from the ego, between two frames [m]
-
 
 def link_by_size(rows: DetectionTable, period: float) -> DetectionTable:
     """Return the rows with tracks: rows of one size, near one another in the log and on the road.
@@ -27,7 +24,9 @@ def link_by_size(rows: DetectionTable, period: float) -> DetectionTable:
     order = np.argsort(size.reshape(-1), kind="stable")
     place = np.stack([rows.right, rows.forward, rows.yaw], axis=1)[order]
     way = np.hypot(*np.diff(place[:, :2], axis=0).T)
-    continues = (np.diff(size.reshape(-1)[order]) == 0) & (np.diff(order) <= _MOST_ROWS) & (way < _FARTHEST)
+    most_rows = 80  # between two frames
+    farthest = 20.0  # way between two frames, seen from the ego [m]
+    continues = (np.diff(size.reshape(-1)[order]) == 0) & (np.diff(order) <= most_rows) & (way < farthest)
     continues &= (np.diff(place, axis=0) != 0).any(axis=1)
     begins = np.concatenate([[True], ~continues])
     number = np.cumsum(begins) - 1

@@ -22,7 +22,6 @@ from avrare.base.stored_files import read_regular
 from avrare_policy.network import Network
 
 Weights = Mapping[str, NDArray[np.float32]]
-_MAX_BYTES = 512 * 2**20
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,9 @@ def _read(path: Path) -> Weights:
         if zipfile.is_zipfile(io.BytesIO(content)):
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
                 if "policy.pth" in archive.namelist():  # a state dict is a zip archive, too
-                    if archive.getinfo("policy.pth").file_size > _MAX_BYTES:
-                        raise UsageError(f"{path}: policy.pth is larger than {_MAX_BYTES >> 20} MiB")
+                    most_bytes = 512 * 2**20
+                    if archive.getinfo("policy.pth").file_size > most_bytes:
+                        raise UsageError(f"{path}: policy.pth is larger than {most_bytes >> 20} MiB")
                     content = archive.read("policy.pth")
         tensors = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except UsageError:

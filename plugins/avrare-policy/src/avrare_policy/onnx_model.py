@@ -14,8 +14,6 @@ from avrare_policy.network import Floats
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-_TRIALS = 64
-
 
 class OnnxPolicy:
     """Policy from observation (N, D) to action (N, A): the first output of an ONNX model.
@@ -64,13 +62,14 @@ class OnnxPolicy:
         return np.asarray(action, dtype=np.float64).reshape(len(rows), -1)
 
     def _agrees_across_batches(self, path: Path) -> bool:
-        rows = np.random.default_rng(0).standard_normal((_TRIALS, self.inputs)).astype(self._type)
+        trials = 64
+        rows = np.random.default_rng(0).standard_normal((trials, self.inputs)).astype(self._type)
         try:
             whole = self._run(rows)
             return all(
                 np.array_equal(self._run(rows[at : at + size]), whole[at : at + size])
                 for size in (1, 2, 3, 5, 8, 13, 31, 64)
-                for at in range(0, _TRIALS, size)
+                for at in range(0, trials, size)
             )
         except Exception as error:
             raise UsageError(

@@ -16,9 +16,6 @@ from typing import Any
 from avrare.base.errors import UsageError
 from avrare_process.config import ProcessConfig
 
-_LOG_LENGTH = 300
-"""Characters of the end of the program's log that an error shows."""
-
 
 class ProcessEnded(Exception):
     """Program that ended before it answered."""
@@ -90,7 +87,8 @@ class Process:
     def _read_log(self) -> str:
         self._log.seek(0)
         text = self._log.read().decode(errors="replace").strip()
-        return f": ...{text[-_LOG_LENGTH:]}" if len(text) > _LOG_LENGTH else f": {text}" if text else ""
+        longest = 300
+        return f": ...{text[-longest:]}" if len(text) > longest else f": {text}" if text else ""
 
 
 def _start(config: ProcessConfig, log: Any) -> tuple[socket.socket, subprocess.Popen[bytes]]:

@@ -33,7 +33,6 @@ from avrare.stack.builder import build_rule
 from avrare_recordings.drive import find_road
 from avrare_recordings.formats.drives import Drives, check_lanes, list_recordings, open_drives
 
-_PART = 25  # egos of one file that a worker takes at a time
 _SHOWN = 5
 """Drives of each rule, and reasons of refusals, that are named."""
 
@@ -271,8 +270,9 @@ def _split_vehicles(file: str, question: Question, refusals: list[Refusal]) -> I
         names = tuple(name for name in names if name == question.ego)
         if not names:
             refusals.append(Refusal(file, question.ego, f"{file}: there is no vehicle {question.ego!r}"))
-    for begin in range(0, len(names), _PART):
-        yield file, names[begin : begin + _PART]
+    size = 25  # egos that a worker takes at a time
+    for begin in range(0, len(names), size):
+        yield file, names[begin : begin + size]
 
 
 def _run(

@@ -16,8 +16,6 @@ from avrare_recordings.formats.csv_recording import csv_vehicle_names, to_csv
 from avrare_recordings.formats.mcap_recording import write_mcap
 from avrare_recordings.formats.rerun_recording import write_rerun
 
-SUFFIXES = (".csv", ".xml", ".mcap", ".rrd")
-
 
 def export(replay: FailureReplay, path: str | os.PathLike[str]) -> list[str]:
     """Write the rollout of a replayed failure into a file, whose suffix chooses the format.
@@ -36,8 +34,9 @@ def export(replay: FailureReplay, path: str | os.PathLike[str]) -> list[str]:
         PluginError: A package that writes the format is not installed.
     """
     file = Path(path)
-    if file.suffix not in SUFFIXES:
-        raise UsageError(f"{path}: its suffix is of no format", f"one of {', '.join(SUFFIXES)}")
+    suffixes = (".csv", ".xml", ".mcap", ".rrd")
+    if file.suffix not in suffixes:
+        raise UsageError(f"{path}: its suffix is of no format", f"one of {', '.join(suffixes)}")
     source = f"failure {replay.failure.id}"
     if not replay.rollout.signals:
         raise UsageError(f"{source}: ends with an error at the start: there is nothing to write")

@@ -28,7 +28,6 @@ LANE_INFORMATION_GAP = 0.505
 """Free gap across at which who knows the lanes sees a cut-in, of cars 1.9 m wide in lanes of 3.5 m [m]."""
 
 _LOWEST_BRAKING, _HIGHEST_BRAKING, _OTHERS_BRAKING = 4.0, 6.0, 7.0
-_SAFE_BRAKING = 6.0
 _MARGIN = 2.0
 _LEAST_DISTANCE = 2.0
 _FSM_REACTION = 0.75
@@ -149,7 +148,8 @@ def rss_distance(speed: Floats, other_speed: Floats) -> Floats:
     """Return the safe distance along the road of RSS [m]."""
     later = speed + _RSS_REACTION * _RSS_ACCELERATION
     way = speed * _RSS_REACTION + _RSS_ACCELERATION * _RSS_REACTION**2 / 2.0
-    return way + later**2 / (2.0 * _SAFE_BRAKING) - other_speed**2 / (2.0 * _SAFE_BRAKING)
+    safe_braking = 6.0
+    return way + later**2 / (2.0 * safe_braking) - other_speed**2 / (2.0 * safe_braking)
 
 
 def demand_rss(seen: Situation) -> Floats:

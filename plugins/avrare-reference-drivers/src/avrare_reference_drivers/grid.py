@@ -18,8 +18,6 @@ from avrare_reference_drivers.drivers import CRITICAL_TTC, DRIVERS, Reaction, Si
 
 _STEP, _RATE = 0.1, 10.0
 """Time step [s], and steps per second."""
-_STEPS = 350
-"""Steps after the other has reached its speed across."""
 _LENGTH, _WIDTH, _OFFSET = 4.3, 1.9, 3.5
 """Size of both cars, and distance of their centres across when the other has reached its speed across [m]."""
 _GAIN = 1.5 / _RATE
@@ -108,13 +106,14 @@ def cut_in(
     speed, other, free, lateral = (np.broadcast_to(array, shape).ravel() for array in numbers)
     cars = _start(speed, other, free, lateral, Reaction.start(driver, len(speed)))
     impact = np.full(len(cars.row), np.nan)
-    for step in range(_STEPS + int(cars.ramp.max(initial=0))):
+    steps = 350  # after the other has reached its speed across
+    for step in range(steps + int(cars.ramp.max(initial=0))):
         seen = cars.at(step)
         braking, reaction = cars.reaction.advance(driver, driver.demand(seen), _STEP)
         later = cars.advance(step, np.maximum(seen.speed - braking * _STEP, 0.0), reaction)
         touching = (seen.gap < 0.0) & (seen.side_gap < 0.0)
         impact[cars.row[touching]] = seen.closing[touching]
-        over = touching | (step >= _STEPS + cars.ramp - 1) | _is_over(seen, later.speed)
+        over = touching | (step >= steps + cars.ramp - 1) | _is_over(seen, later.speed)
         if settles:
             over |= (seen.ahead >= 0.0) & ~(seen.side_gap > 0.0) & (seen.ttc > CRITICAL_TTC)
         cars = batch.take(later, np.flatnonzero(~over)) if over.any() else later

@@ -13,9 +13,6 @@ from avrare.plugin import Options
 from avrare.scenario.fingerprint import is_file
 from avrare_single_track.config import AFTER_IMPACT, AfterImpact, EgoConfig, FollowingConfig
 
-_TRACKS = "_tracks.csv"
-_KINDS = "tracksMeta", "recordingMeta"
-
 
 class HandedOverConfig(FollowingConfig[float]):
     """Recorded vehicles that a driver model takes over, from their state at the start.
@@ -72,8 +69,10 @@ def _list_companions(file: Path) -> list[Path]:
     companions: list[Path] = []
     if not is_file(file):
         return companions
-    if file.name.endswith(_TRACKS):
-        companions = [file.with_name(file.name.replace(_TRACKS, f"_{kind}.csv")) for kind in _KINDS]
+    suffix = "_tracks.csv"
+    if file.name.endswith(suffix):
+        kinds = "tracksMeta", "recordingMeta"
+        companions = [file.with_name(file.name.replace(suffix, f"_{kind}.csv")) for kind in kinds]
     elif file.suffix.lower() == ".pb":
         stem = file.stem.removesuffix("-SC")
         companions = [

@@ -22,8 +22,6 @@ _STEADY = 0.3
 """Most that a border of a lane may move aside where drivers keep to it [m]."""
 _ALIGNED = 0.25 * np.pi
 """Largest angle between a driver that is handed over and its lane [rad]."""
-_REACH = 1.0
-"""Length that a through lane may lack at either end of the road [m]."""
 
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
@@ -124,10 +122,11 @@ def has_constant_lanes(road: Road) -> bool:
 def continue_lanes(road: Road) -> Road:
     """Return the road with the lanes that reach its ends going on: where a map ends nobody has to stop."""
     lanes = []
+    reach = 1.0  # a through lane may lack so much at either end of the road [m]
     for lane in road.lanes:
         stations = lane.stations.copy()
-        stations[0] = -ENDLESS if stations[0] <= road.begin + _REACH else stations[0]
-        stations[-1] = ENDLESS if stations[-1] >= road.end - _REACH else stations[-1]
+        stations[0] = -ENDLESS if stations[0] <= road.begin + reach else stations[0]
+        stations[-1] = ENDLESS if stations[-1] >= road.end - reach else stations[-1]
         lanes.append(replace(lane, stations=stations))
     return replace(road, lanes=tuple(lanes))
 

@@ -24,9 +24,7 @@ from avrare_traffic_rules.rulebook import fill
 from avrare_traffic_rules.traffic import read_lights, read_traffic
 from avrare_traffic_rules.vocabulary import Definitions, Predicate, Setting
 
-_UNSCALED = Scales(longitudinal=1.0, lateral=1.0, speed=1.0, acceleration=1.0, heading=1.0, time=1.0)
 _WORD = r"[^\W\d]\w*(\.[^\W\d]\w*)*"
-_ALL_OTHERS = "write 'forall o in others: ...' and use o"
 
 
 def build(config: TrafficRuleConfig, scene: Scene | None) -> TrafficRule:
@@ -66,7 +64,8 @@ class TrafficRule(Specification):
         assert formula is not None  # it has no errors
         self.formula = formula
         self._definitions = DEFINITIONS[config.definitions]
-        self._setting = Setting(config, config.scales if self._definitions.scaled else _UNSCALED, scene.road)
+        unscaled = Scales(longitudinal=1.0, lateral=1.0, speed=1.0, acceleration=1.0, heading=1.0, time=1.0)
+        self._setting = Setting(config, config.scales if self._definitions.scaled else unscaled, scene.road)
         self._predicates = _look_up(self.formula.node, self._definitions, scene.names)
         if not scene.road.lane_centres:
             _require_no_lanes(config, self._predicates)
@@ -150,6 +149,7 @@ def _look_up(
 ) -> dict[str, tuple[Predicate, tuple[str, ...]]]:
     spellings = {"ego": "ego", "others": "others", **_spellings(vehicles)}
     meanings = {}
+    all_others = "write 'forall o in others: ...' and use o"
     for part in nodes.walk(node):
         if isinstance(part, nodes.Signal):
             name, _, inside = part.name.partition("(")
@@ -157,7 +157,7 @@ def _look_up(
             for word in words:
                 if word not in spellings:
                     raise FormulaError(
-                        f"there is no vehicle {word!r}", did_you_mean(word, spellings) or _ALL_OTHERS
+                        f"there is no vehicle {word!r}", did_you_mean(word, spellings) or all_others
                     )
             meanings[part.name] = definitions.find(name, len(words)), tuple(spellings[word] for word in words)
     return meanings

@@ -17,8 +17,6 @@ from avrare.protocols import Bools, Floats, Signals
 Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 """Function (length, width, heading) -> half the extent along and across the road."""
 
-_MOTION = ("x", "y", "heading", "speed", "acceleration")
-
 
 @dataclass(frozen=True)
 class Bodies:
@@ -147,10 +145,11 @@ def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents
     """
 
     def bodies(who: str, length: Floats, width: Floats, number: NDArray[np.int64]) -> Bodies:
+        motion = ("x", "y", "heading", "speed", "acceleration")
         try:
-            x, y, heading, speed, acceleration = (signals[f"{who}_{name}"] for name in _MOTION)
+            x, y, heading, speed, acceleration = (signals[f"{who}_{name}"] for name in motion)
         except KeyError as error:
-            hint = f"they read {', '.join(f'{who}_{name}' for name in _MOTION)}"
+            hint = f"they read {', '.join(f'{who}_{name}' for name in motion)}"
             raise UsageError(f"traffic rules need the signal {error}, which does not exist", hint) from error
         half_length, half_width = extents(length, width, heading)
         way = signals.get(f"{who}_way", np.full(number.shape, -1.0))

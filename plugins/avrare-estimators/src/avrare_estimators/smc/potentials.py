@@ -17,11 +17,8 @@ from avrare.rollout.request import Integers
 from avrare_estimators.common.weights import effective_size
 from avrare_estimators.smc.network import Examples, Network, fit
 
-_FLOOR = 0.2
-"""a0: share that does not depend on learning."""
 _LEAST_HITS = 15.0
 """Effective rollouts beyond a level that is learnt."""
-_MOST_LEVELS = 6
 _LADDER = 10.0 ** (-np.arange(1, 25) / 2.0)
 
 
@@ -94,7 +91,8 @@ class Potentials:
         """Return h (n,) at scheduled step number ``step``."""
         reached = self.network.probabilities(step, features)
         reached = np.where(features[:, -1:] >= self.levels, 1.0, reached)
-        return np.asarray(_FLOOR + (1.0 - _FLOOR) * (reached / self.chances).mean(axis=1))
+        floor = 0.2  # a0: share that does not depend on learning
+        return np.asarray(floor + (1.0 - floor) * (reached / self.chances).mean(axis=1))
 
 
 def learn(stages: Sequence[Paths], seed: tuple[int, ...]) -> Potentials | None:
@@ -141,8 +139,9 @@ def _choose_levels(paths: Paths) -> tuple[Floats, Floats]:
     if effective_size(weights[paths.violated]) >= _LEAST_HITS:
         levels[np.inf] = float(weights[paths.violated].sum())
     chosen = list(levels.items())
-    if len(chosen) > _MOST_LEVELS:
-        places = np.unique(np.linspace(0, len(chosen) - 1, _MOST_LEVELS).round().astype(int))
+    most_levels = 6
+    if len(chosen) > most_levels:
+        places = np.unique(np.linspace(0, len(chosen) - 1, most_levels).round().astype(int))
         chosen = [chosen[k] for k in places]
     return np.array([level for level, _ in chosen]), np.array([chance for _, chance in chosen])
 

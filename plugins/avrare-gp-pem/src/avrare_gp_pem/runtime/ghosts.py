@@ -26,7 +26,6 @@ from avrare_gp_pem.runtime.persistence import check_ratio
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
 NOISE_PER_GHOST = 5
-_NOISE = ("presence", "choice of place", "place along", "place across", "speed error")
 _ABSENT = 8.0  # rank above which a slot is emptied
 
 
@@ -159,7 +158,8 @@ class GhostPem:
     @property
     def noise_names(self) -> tuple[str, ...]:
         """Name of each noise number."""
-        ghost_names = (f"{kind} of ghost {k}" for k in range(1, self.ghosts.slots + 1) for kind in _NOISE)
+        kinds = ("presence", "choice of place", "place along", "place across", "speed error")
+        ghost_names = (f"{kind} of ghost {k}" for k in range(1, self.ghosts.slots + 1) for kind in kinds)
         return (*self.vehicles.noise_names, *ghost_names)
 
     @property

@@ -16,9 +16,6 @@ from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.observation_model import NOISE_PER_VEHICLE, ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 
-_NEVER = 1e-12
-"""Probability of a miss or a detection up to which it is taken for 0."""
-
 
 class Scales(Protocol):
     """Options of a model that scale its law."""
@@ -75,8 +72,9 @@ def shift_noise(law: ObservationLaw, other: ObservationLaw, noise: Floats) -> tu
 
 def _observes_more(law: ObservationLaw, other: ObservationLaw) -> Bools:
     """Return (N, V) where ``other`` observes what has probability 0 under ``own``."""
-    misses = (law.miss == 0.0) & (other.miss > _NEVER)
-    detects = (law.detect == 0.0) & (other.detect > _NEVER)
+    rounding = 1e-12  # taken for probability 0
+    misses = (law.miss == 0.0) & (other.miss > rounding)
+    detects = (law.detect == 0.0) & (other.detect > rounding)
     further = other.limit > law.limit or (law.speed_sd == 0.0) != (other.speed_sd == 0.0)
     return np.asarray(misses | detects | further)
 

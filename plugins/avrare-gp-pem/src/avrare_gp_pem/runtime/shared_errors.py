@@ -19,9 +19,6 @@ from avrare.protocols import Bools, Floats, PerceptionErrorModel, adapt
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 from avrare_gp_pem.config import Blackouts, CommonErrors, PoseErrors
 
-_COMMON = ("common error along", "common error across")
-_POSE = ("pose error along", "pose error across", "pose error of heading")
-
 
 @dataclass(frozen=True)
 class SharedMemory:
@@ -51,7 +48,9 @@ class SharedErrorPem(PerceptionErrorModel):
     ) -> None:
         self.model = model = adapt(PerceptionErrorModel, model)
         self._common, self._pose = common, pose
-        kinds = [(common, _COMMON), (pose, _POSE)]
+        common_names = ("common error along", "common error across")
+        pose_names = ("pose error along", "pose error across", "pose error of heading")
+        kinds = [(common, common_names), (pose, pose_names)]
         names = [name for options, channels in kinds if options is not None for name in channels]
         times = [options.time for options, channels in kinds if options is not None for _ in channels]
         decay = [1.0 if time is None else math.exp(-dt / time) for time in times]

@@ -17,8 +17,6 @@ from avrare.protocols import Bools, Floats
 
 Indices = NDArray[np.intp]
 _CORNERS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-_MARGIN = 1e-9  # rounding error of an angle or a distance
-_TINY = 1e-12  # replaces a direction component of zero, so that slabs need no special case
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,9 @@ def _may_be_hidden(seen: Relative, half: Floats) -> Bools:
     bearing = np.arctan2(seen.left, seen.forward)
     apart = np.abs(bearing[:, :, None] - bearing[:, None, :])
     apart = np.minimum(apart, 2 * np.pi - apart)
-    overlaps = apart <= half_angle[:, :, None] + half_angle[:, None, :] + _MARGIN
-    in_front = (distance - radius)[:, None, :] <= (distance + radius)[:, :, None] + _MARGIN
+    margin = 1e-9  # rounding error of an angle or a distance
+    overlaps = apart <= half_angle[:, :, None] + half_angle[:, None, :] + margin
+    in_front = (distance - radius)[:, None, :] <= (distance + radius)[:, :, None] + margin
     vehicles = np.arange(len(half))
     overlaps[:, vehicles, vehicles] = False
     return np.asarray((overlaps & in_front).any(axis=-1))
@@ -125,8 +124,9 @@ def _distances(seen: Relative, half: Floats, particle: Indices, angles: Floats) 
     cos, sin = np.cos(heading), np.sin(heading)
     origin = (-cos * forward - sin * left, sin * forward - cos * left)  # the ego's centre, for each vehicle
     enter, leave = np.zeros_like(turned), np.full_like(turned, np.inf)
+    tiny = 1e-12  # replaces a component of zero, so that slabs need no special case
     for axis, direction in enumerate((np.cos(turned), np.sin(turned))):
-        safe = np.where(np.abs(direction) < _TINY, _TINY, direction)
+        safe = np.where(np.abs(direction) < tiny, tiny, direction)
         start = origin[axis][:, None, :]
         first, second = (-half[:, axis] - start) / safe, (half[:, axis] - start) / safe
         enter = np.maximum(enter, np.minimum(first, second))

@@ -35,11 +35,6 @@ if TYPE_CHECKING:
     from commonroad.scenario.scenario import Scenario
     from commonroad.scenario.state import State
 
-_EGO_ID = 1
-_FIRST_LANELET_ID = 1001
-_MOST = sys.float_info.max
-_MARGIN = 50.0  # length of the lanelets beyond the vehicles [m]
-
 
 def read_commonroad(path: str, ego: str | None, road: Road | None = None) -> Recording:
     """Read the obstacles of a scenario as vehicles, one of them as the ego.
@@ -119,13 +114,15 @@ def to_commonroad(recording: Recording, name: str) -> str:
     location = ET.SubElement(root, "location")
     _add_texts(location, geoNameId="-999", gpsLatitude="999", gpsLongitude="999")
     ET.SubElement(ET.SubElement(root, "scenarioTags"), "interstate")
-    states = {_EGO_ID: np.stack([recording.signals[f"ego_{field}"] for field in FIELDS], axis=1)}
+    ego_id = 1
+    states = {ego_id: np.stack([recording.signals[f"ego_{field}"] for field in FIELDS], axis=1)}
     others = np.stack([recording.signals[f"others_{field}"] for field in FIELDS], axis=2)
-    states |= {_EGO_ID + 1 + v: others[:, v] for v in range(len(scene.names))}
+    states |= {ego_id + 1 + v: others[:, v] for v in range(len(scene.names))}
     sizes = [(scene.ego_length, scene.ego_width), *zip(scene.lengths, scene.widths, strict=True)]
     reach = np.concatenate([track[:, 0] for track in states.values()])
     begin, end = min(scene.road.begin, reach.min()), max(scene.road.end, reach.max())
-    _add_lanelets(root, scene.road, begin - _MARGIN, end + _MARGIN)
+    margin = 50.0  # of the lanelets beyond the vehicles [m]
+    _add_lanelets(root, scene.road, begin - margin, end + margin)
     for (number, track), (length, width) in zip(states.items(), sizes, strict=True):
         _add_obstacle(root, number, float(length), float(width), track)
     ET.indent(root)
@@ -228,7 +225,8 @@ def _read_pose(path: str, name: str, state: State, static: bool = False) -> list
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and bool(-_MOST <= value <= _MOST)
+    largest = sys.float_info.max
+    return isinstance(value, (int, float, np.number)) and bool(-largest <= value <= largest)
 
 
 def _read_size(path: str, obstacle: RecordedObstacle) -> tuple[float, float]:
@@ -243,15 +241,16 @@ def _read_size(path: str, obstacle: RecordedObstacle) -> tuple[float, float]:
 
 def _add_lanelets(root: ET.Element, road: Road, begin: float, end: float) -> None:
     half = 0.5 * road.lane_width
+    first_id = 1001
     for lane, centre in enumerate(road.lane_centres):
-        lanelet = ET.SubElement(root, "lanelet", id=str(_FIRST_LANELET_ID + lane))
+        lanelet = ET.SubElement(root, "lanelet", id=str(first_id + lane))
         for side, y in (("leftBound", centre + half), ("rightBound", centre - half)):
             bound = ET.SubElement(lanelet, side)
             for x in (begin, end):
                 _add_point(bound, x, y)
         for side, neighbour in (("adjacentLeft", lane + 1), ("adjacentRight", lane - 1)):
             if 0 <= neighbour < len(road.lane_centres):
-                ET.SubElement(lanelet, side, ref=str(_FIRST_LANELET_ID + neighbour), drivingDir="same")
+                ET.SubElement(lanelet, side, ref=str(first_id + neighbour), drivingDir="same")
         _add_texts(lanelet, laneletType="accessRamp" if lane in road.access_ramp else "mainCarriageWay")
 
 

@@ -26,7 +26,6 @@ Entity = dict[str, list[dict[str, object]]]
 """Primitives of an entity by kind."""
 
 _SCENE, SIGNALS = "foxglove.SceneUpdate", "avrare.Signals"
-_PRIMITIVES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _HEIGHT = 1.5  # of a vehicle [m]
 _COLOURS = {
     "ego": (0.11, 0.42, 0.66, 1.0),
@@ -179,6 +178,7 @@ def _colour(kind: str) -> dict[str, float]:
 def _update(time: float, entities: Mapping[str, Entity]) -> dict[str, object]:
     nanoseconds = round(1e9 * time)
     stamp = {"sec": nanoseconds // 10**9, "nsec": nanoseconds % 10**9}
+    primitive_kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
     return {
         # All entities of the topic go before those of this step appear: type 1 is ALL.
         "deletions": [{"timestamp": stamp, "type": 1, "id": ""}],
@@ -190,7 +190,7 @@ def _update(time: float, entities: Mapping[str, Entity]) -> dict[str, object]:
                 "lifetime": {"sec": 0, "nsec": 0},
                 "frame_locked": False,
                 "metadata": [],
-                **{kind: [] for kind in _PRIMITIVES},
+                **{kind: [] for kind in primitive_kinds},
                 **primitives,
             }
             for name, primitives in entities.items()

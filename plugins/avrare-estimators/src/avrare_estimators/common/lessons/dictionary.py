@@ -31,7 +31,6 @@ _FADED = 0.02
 _SHORTEST = 4
 _OVERLAP = 4
 """Windows of w steps begin every w / 4 steps."""
-_MOST_ROUNDS = 20
 _LEAST_NATS = 0.3
 """Gain in held-out likelihood from which pairs of channels are drawn."""
 _MOST_ITEMS, _MOST_GROUPS = 4000, 12
@@ -254,12 +253,13 @@ def _improve_shares(share: Floats, ratios: Floats, weights: Floats, defensive: f
 
 def _best_rounds(ratios: Floats, weights: Floats, defensive: float, start: Floats) -> int:
     """Return the number of rounds after which rows left out have the least second moment."""
-    loss = np.zeros(_MOST_ROUNDS)
+    most_rounds = 20
+    loss = np.zeros(most_rounds)
     for fold in range(_FOLDS):
         out = np.arange(len(weights)) % _FOLDS == fold
         fitted, held_out = ratios[~out], ratios[out]
         share = (1.0 - defensive) * start / start.sum()
-        for turn in range(_MOST_ROUNDS):
+        for turn in range(most_rounds):
             share = _improve_shares(share, fitted, weights[~out], defensive)
             loss[turn] += weights[out] @ (1.0 / (defensive + held_out @ share))
     return int(loss.argmin()) + 1

@@ -25,13 +25,10 @@ from avrare_estimators.common.weights import effective_size, resample, stratifie
 
 LEAST_ELITE = 80.0
 """Effective number of rows to learn from."""
-_MOST_ELITE = 500
 _BLOCK = 2**21
 """Noise numbers that are drawn again at once."""
 _FEW = 10.0
 """Effective number of failures from which the gain is that for failures, not for the elite."""
-_PAST = 0.2
-"""Share of the proposals of earlier stages in the final one: they are wider."""
 
 
 def require_noise(plan: Plan) -> None:
@@ -71,8 +68,9 @@ class Lessons:
         """Fit the next proposal to the elite."""
         rows, weights = self.elite
         weights = self._raise_failures(rows, weights)
-        if len(rows) > _MOST_ELITE:
-            rows = np.sort(rows[resample(weights, _MOST_ELITE, 0.5)])
+        most_rows = 500
+        if len(rows) > most_rows:
+            rows = np.sort(rows[resample(weights, most_rows, 0.5)])
             weights = np.ones(len(rows))
         mixture = fit(self._tapes(rows), weights, self.defensive)
         ratios = tuple(
@@ -228,7 +226,8 @@ class Lessons:
     def final(self) -> TapeMixture:
         """Return the proposal to estimate with: the newest, and a little of those before it."""
         before = self.mixtures[:-1]
-        shares = [*(_PAST / len(before) for _ in before), 1.0 - _PAST] if before else [1.0]
+        past = 0.2  # share of the proposals of earlier stages, which are wider
+        shares = [*(past / len(before) for _ in before), 1.0 - past] if before else [1.0]
         learned = blend(self.mixtures, shares)
         return learned if self.tail is None else with_tail_atoms(learned)
 

@@ -14,8 +14,6 @@ from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 
 SHARE = 0.2
 """Share of the tail atoms in a proposal beside which something was learned."""
-_SHIFTS = (2.6, 3.7, 4.8)
-"""Means along a direction: tail probabilities from 3e-2 to 1e-7, about even in their logarithm."""
 _START, _SINGLE, _WINDOW = 0.15, 0.5, 0.35
 """Shares of the numbers of the start, of those of later steps, and of windows."""
 
@@ -31,13 +29,14 @@ def tail_atoms(steps: int, channels: int) -> TapeMixture:
         windows = [(t, t + width - 1) for t in range(1, steps + 2 - width, max(1, width // 2))]
         families.append((_WINDOW / len(widths), windows))
     components: list[tuple[float, list[dict[Row, float]]]] = []
+    shifts = (2.6, 3.7, 4.8)  # tail probabilities from 3e-2 to 1e-7, about even in their logarithm
     for share, windows in families:
-        each = share / (len(windows) * channels * 2 * len(_SHIFTS))
+        each = share / (len(windows) * channels * 2 * len(shifts))
         components += [
             (each, [{(channel, first, last, 1.0, 0.0, side * shift, 1.0): 1.0}])
             for first, last in windows
             for channel in range(channels)
-            for shift in _SHIFTS
+            for shift in shifts
             for side in (-1.0, 1.0)
         ]
     return TapeMixture.of(components, (steps + 1, channels))
