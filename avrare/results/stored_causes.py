@@ -31,6 +31,7 @@ class StoredKind(_Stored):
     share: float
     representative: int
     text: _Text
+    cause: _Text = ""
     warnings: list[_Text]
     severity: _Text = ""
     decisive: _Text = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +14,27 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.noise_names import find_noise_names, find_perfect_noise
 
+_MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
 """Errors are described above this multiple of the largest one without noise."""
+_USUAL_DRAW = 0.5
+"""Normal score above which a drawn option is described."""
+_MAX_GAP_SHARE = 0.03
+"""Share of a rollout's steps between two stretches that are joined."""
+_SMALL_SHARE = 0.25
+"""Share of the greatest error, or sum, of a channel below which another is left out."""
+_SMALL_SHARE_OF_NORM = 0.05
+"""Share of a tape's norm below which the sum of a stretch is only counted."""
 _WINDOWS = 8
-_MAX_WINDOWS = 3
+_MIN_STANDARD_ERRORS = 4.0
+"""Standard errors from which on the size of noise in a window is set apart from chance."""
+_MIN_SUM_STANDARD_ERRORS = 5.0
+"""Standard errors from which on the sum of a stretch is: there are more stretches than windows."""
+_MAX_LENGTHS = 100
+"""Lengths of a stretch that are tried."""
+_NEAR_PEAK_SHARE = 0.95
+"""Share of the least likely sum above which a longer stretch is preferred."""
+_MAX_CAUSES = 3
 
 
 def format_time(step: int, dt: float | None) -> str:
@@ -69,7 +86,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
     """Join disturbances to one sentence; of a long list the smallest ones are only counted."""
     if not disturbances:
         return "nothing is disturbed"
-    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:8]
+    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_DISTURBANCES]
     largest = [each for each in largest if each.magnitude] or largest[:1]
     largest.sort(key=lambda each: each.step)
     phrases, previous = [], ""
@@ -100,11 +117,13 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
         for reading in rollout.misreadings.values()
         for error in words.find_errors(reading, bool(tape.any()))
     ]
-    least = 0.05 * float(np.linalg.norm(tape))  # below it, a stretch of raw noise is only counted
+    least = _SMALL_SHARE_OF_NORM * float(np.linalg.norm(tape))
     for channel in words.list_raw_channels(rollout.misreadings if disturbances else ()):
-        disturbances += words.find_peaks(channel, tape[:, channel], least)
+        for drift in _find_drifts(tape[:, channel], 1e-300):
+            each = words.describe_sum(channel, drift)
+            disturbances.append(each if each.magnitude >= least else replace(each, magnitude=0.0))
     for k, (value, score) in enumerate(words.list_draws(rollout)):
-        if abs(score) > 0.5:  # a usual draw needs no words
+        if abs(score) > _USUAL_DRAW:
             disturbances.append(words.tell_draw(k, value, score))
     return sorted(dict.fromkeys(disturbances), key=lambda each: each.step)
 
@@ -114,8 +133,8 @@ def find_common_noise(
 ) -> list[Disturbance]:
     """Describe how the noise of a sample of rollouts differs from chance, the largest difference first.
 
-    Means and squares of standard normal numbers in time windows are compared with chance;
-    windows that stand out on the same side, with at most one between them, are one.
+    Sums of the mean noise over stretches of time are compared with chance, and where none stands out the
+    squares in time windows.
 
     Args:
         problem: Problem with named noise, or not.
@@ -127,38 +146,40 @@ def find_common_noise(
     words, disturbances = _Words(problem), []
     moments = [np.einsum("f,ftc->ct", shares, power) for power in (tapes, tapes**2)]
     for channel, (mean, square) in enumerate(zip(*moments, strict=True)):
-        last_step = 0 if channel < words.drawn else problem.steps
-        for sign, first, last in _find_telling(mean[: last_step + 1], square, effective):
-            window, count = slice(first, last + 1), effective * (last - first + 1)
-            shift, size = float(mean[window].mean()), math.sqrt(square[window].mean())
-            text = f"{size:.2g} times as large as usual {format_span(first, last, problem.dt)}"
-            each = Disturbance(words.names[channel], text, first, (size**2 - 1.0) * math.sqrt(count / 2.0))
-            if sign:
-                magnitude = abs(shift) * math.sqrt(count)
-                each = words.tell_mean(channel, (first, last), shift, rollouts, shares, magnitude)
-            disturbances.append(each)
-    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_WINDOWS]
+        steps = 1 if channel < words.drawn else problem.steps + 1
+        drifts = list(_find_drifts(mean[:steps], _MIN_SUM_STANDARD_ERRORS / math.sqrt(effective)))
+        if drifts:
+            disturbances += words.describe_mean(channel, drifts, rollouts, shares)
+        else:
+            disturbances += words.find_wide_windows(channel, square[:steps], effective)
+    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_CAUSES]
 
 
-def _find_telling(mean: Floats, square: Floats, effective: float) -> list[tuple[int, int, int]]:
-    """Return the stretches that differ from chance: by the sign of their mean, or 0 by their size alone."""
-    stretches: list[tuple[int, int, int]] = []
-    steps = np.arange(1, len(mean))
-    chance = 4.0  # standard errors up to which noise may be chance
-    for window in [np.zeros(1, dtype=np.int64), *np.array_split(steps, min(_WINDOWS, max(len(steps), 1)))]:
-        count = effective * len(window)
-        if not len(window):
-            continue
-        shift = float(mean[window].mean()) * math.sqrt(count)
-        size = (float(square[window].mean()) - 1.0) * math.sqrt(count / 2.0)
-        if max(abs(shift), size) < chance:
-            continue
-        sign = int(np.sign(shift)) if abs(shift) >= chance else 0
-        first, last = int(window[0]), int(window[-1])
-        if stretches and stretches[-1][0] == sign and first - stretches[-1][2] - 1 <= len(window):
-            first = stretches.pop()[1]
-        stretches.append((sign, first, last))
-    return stretches
+def _find_drifts(numbers: Floats, least: float) -> Iterator[tuple[int, int, float]]:
+    """Yield stretches of numbers (T,) by time: first and last step, and their sum in its standard deviations.
+
+    The stretch with the least likely sum is found, then those before and after it that are at least a quarter
+    as unlikely; sums below ``least`` are left out.
+    """
+    if not len(numbers):
+        return
+    sums = np.concatenate([np.zeros(1), np.cumsum(numbers)])
+    lengths = np.unique(np.geomspace(1.0, len(numbers), _MAX_LENGTHS).round().astype(np.int64)).tolist()
+    scores = [(sums[length:] - sums[:-length]) / math.sqrt(length) for length in lengths]
+    peaks = np.array([float(np.abs(score).max()) for score in scores])
+    longest = int(np.flatnonzero(peaks >= _NEAR_PEAK_SHARE * peaks.max())[-1])
+    first = int(np.argmax(np.abs(scores[longest])))
+    sign = np.sign(scores[longest][first])
+    same_sign = first + np.flatnonzero(numbers[first : first + lengths[longest]] * sign > 0.0)
+    if peaks.max() < least or not len(same_sign):
+        return
+    first, last = int(same_sign[0]), int(same_sign[-1])
+    score = float(sums[last + 1] - sums[first]) / math.sqrt(last + 1 - first)
+    least = max(least, _SMALL_SHARE * abs(score))
+    yield from _find_drifts(numbers[:first], least)
+    yield first, last, score
+    for begin, end, later in _find_drifts(numbers[last + 1 :], least):
+        yield last + 1 + begin, last + 1 + end, later
 
 
 class _Words:
@@ -174,8 +195,7 @@ class _Words:
         self.names, self._perfect = find_noise_names(system), find_perfect_noise(system)
         self._loop = system if isinstance(system, ClosedLoop) else None
         self.drawn = 0 if self._loop is None or self._loop.start is None else self._loop.start.size
-        # stretches as near as 3 % of the steps are joined
-        self._dt, self._gap = problem.dt, max(1, round(0.03 * problem.steps))
+        self._dt, self._gap = problem.dt, max(1, round(_MAX_GAP_SHARE * problem.steps))
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
         """Return the channels that neither drawn options nor errors of these names describe."""
@@ -203,18 +223,26 @@ class _Words:
         name = self.names[number].removeprefix("draw of ")
         return Disturbance(name, f"is {value:.4g} ({score:+.2g} sigma)", 0, abs(score))
 
-    def find_peaks(self, channel: int, numbers: Floats, least: float) -> Iterator[Disturbance]:
-        """Yield the stretches of a channel in which its numbers (steps + 1,) have one sign.
+    def describe_sum(self, channel: int, drift: tuple[int, int, float]) -> Disturbance:
+        """Return in words the sum of a channel's numbers over a stretch, in its standard deviations."""
+        first, last, score = drift
+        total = " in sum" if last > first else ""
+        text = f"{score:+.2g} sigma{total} {format_span(first, last, self._dt)}"
+        return Disturbance(self.names[channel], text, first, abs(score))
 
-        Those whose norm is below ``least`` have no magnitude.
-        """
-        for sign in (1.0, -1.0):
-            for first, last in _find_stretches(sign * numbers > 0.0, self._gap):
-                section = np.maximum(sign * numbers[first : last + 1], 0.0)
-                upto = "" if first == last else "up to "
-                text = f"{upto}{sign * section.max():+.2g} sigma {format_span(first, last, self._dt)}"
-                norm = float(np.linalg.norm(section))
-                yield Disturbance(self.names[channel], text, first, norm if norm >= least else 0.0)
+    def find_wide_windows(self, channel: int, squares: Floats, effective: float) -> Iterator[Disturbance]:
+        """Yield the time windows in which the mean squares (T,) of a channel are larger than chance."""
+        edges = np.unique(np.linspace(1, len(squares), _WINDOWS + 1).astype(np.int64))
+        wide = np.zeros(len(squares), dtype=bool)
+        for first, end in zip([0, *edges[:-1]], edges, strict=True):
+            excess = float(squares[first:end].mean()) - 1.0
+            wide[first:end] = excess * math.sqrt(effective * (end - first) / 2.0) >= _MIN_STANDARD_ERRORS
+        for first, last in _find_stretches(wide, len(squares) // _WINDOWS):
+            square = float(squares[first : last + 1].mean())
+            span = format_span(first, last, self._dt)
+            text = f"{math.sqrt(square):.2g} times as large as usual to both sides {span}"
+            magnitude = (square - 1.0) * math.sqrt((last - first + 1) / 2.0)
+            yield Disturbance(self.names[channel], text, first, magnitude)
 
     def find_errors(self, reading: Misreading, noisy: bool) -> Iterator[Disturbance]:
         """Yield the stretches in which a reading (T,) fails, or is much farther off than without noise."""
@@ -231,67 +259,61 @@ class _Words:
             return
         errors = np.where(values != usual, np.nan_to_num(values), 0.0)
         limit = max(_NEUTRAL_FACTOR * float(np.nan_to_num(np.abs(usual)).max(initial=0.0)), reading.least)
-        # smaller than a quarter of the greatest error: left out
-        limit = max(limit, 0.25 * float(np.abs(errors).max(initial=0.0)))
+        limit = max(limit, _SMALL_SHARE * float(np.abs(errors).max(initial=0.0)))
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * errors > limit, self._gap):
                 peak = sign * float((sign * errors[first : last + 1]).max())
                 text = f"{_tell_error(reading, peak)} {format_span(first, last, self._dt)}"
                 yield Disturbance(reading.subject, text, first, abs(peak) / limit)
 
-    def tell_mean(
+    def describe_mean(
         self,
         channel: int,
-        stretch: tuple[int, int],
-        shift: float,
+        drifts: Sequence[tuple[int, int, float]],
         rollouts: Sequence[ReplayedRollout],
         shares: Floats,
-        magnitude: float,
-    ) -> Disturbance:
-        """Return in words what numbers of a channel do whose mean over rollouts is ``shift`` in a stretch."""
-        name = self.names[channel]
+    ) -> list[Disturbance]:
+        """Return in words what a channel does on average over rollouts; its mean has these ``drifts``."""
+        name, magnitude = self.names[channel], max(abs(score) for _, _, score in drifts)
         if channel < self.drawn:
             draws = np.array([self.list_draws(rollout)[channel] for rollout in rollouts])
             value, score = (shares @ draws).tolist()
-            each = self.tell_draw(channel, value, score)
-            return Disturbance(each.subject, f"{each.text} on average", 0, magnitude)
+            return [replace(self.tell_draw(channel, value, score), magnitude=magnitude)]
         readings = [rollout.misreadings[name] for rollout in rollouts if name in rollout.misreadings]
         if len(readings) < len(rollouts):
-            text = f"{shift:+.2g} sigma on average {format_span(*stretch, self._dt)}"
-            return Disturbance(name, text, stretch[0], magnitude)
-        errors = np.full((len(readings), max(len(reading.values) for reading in readings)), np.nan)
-        going = np.zeros(errors.shape)
+            return [self.describe_sum(channel, drift) for drift in drifts]
+        steps = max(len(reading.values) for reading in readings)
+        errors, usual, going = np.full((3, len(readings), steps), np.nan)
         for row, reading in enumerate(readings):
-            errors[row, : len(reading.values)] = reading.values
-            going[row, : len(reading.values)] = shares[row]
-        if readings[0].above:
-            sizes = _average(errors, going)
-        else:
-            lucky = shift * self._perfect[channel] > 0.0
-            sizes = _average(np.where(np.isnan(errors) != lucky, 1.0, 0.0), going)
-        first, last, size = _find_plateau(sizes, *stretch)
-        text = f"{_tell_error(readings[0], size)} on average"
+            count = len(reading.values)
+            errors[row, :count], usual[row, :count] = reading.values, reading.usual
+            going[row, :count] = shares[row]
+        subject = readings[0].subject
         if not readings[0].above:
-            share = float(sizes[first : last + 1].mean())
-            text = f"{'detected' if lucky else 'missed'} {100.0 * share:.0f} % of the time"
-        span = format_span(first, last, self._dt)
-        return Disturbance(readings[0].subject, f"{text} {span}", first, magnitude)
+            return [self._describe_detection(channel, subject, drift, errors, going) for drift in drifts]
+        mean = replace(readings[0], values=_average(errors, going), usual=_average(usual, going))
+        disturbances = list(self.find_errors(mean, True)) or [
+            self.describe_sum(channel, drift) for drift in drifts
+        ]
+        largest = max(each.magnitude for each in disturbances)
+        return [replace(each, magnitude=each.magnitude / largest * magnitude) for each in disturbances]
+
+    def _describe_detection(
+        self, channel: int, subject: str, drift: tuple[int, int, float], errors: Floats, going: Floats
+    ) -> Disturbance:
+        first, last, score = drift
+        lucky = score * self._perfect[channel] > 0.0
+        hit = np.where(np.isnan(errors) != lucky, 1.0, 0.0)
+        share = float(_average(hit, going)[first : last + 1].mean())
+        verb = "detected" if lucky else "missed"
+        text = f"{verb} {100.0 * share:.0f} % of the time {format_span(first, last, self._dt)}"
+        return Disturbance(subject, text, first, abs(score))
 
 
 def _average(values: Floats, weights: Floats) -> Floats:
-    """Return the weighted means (T,) of values (F, T) that are not NaN."""
-    present_weights = np.where(np.isnan(values), 0.0, weights)
-    sums = np.einsum("ft,ft->t", present_weights, np.nan_to_num(values))
-    return np.asarray(sums / np.maximum(present_weights.sum(axis=0), 1e-300))
-
-
-def _find_plateau(sizes: Floats, first: int, last: int) -> tuple[int, int, float]:
-    """Return the steps around the greatest size (T,) in a stretch at which it is at least half as large."""
-    last = min(last, len(sizes) - 1)
-    peak = first + int(np.argmax(np.abs(sizes[first : last + 1])))
-    large = sizes * np.sign(sizes[peak]) >= 0.5 * abs(sizes[peak])
-    begin, end = next(span for span in _find_stretches(large, 0) if span[0] <= peak <= span[1])
-    return begin, end, float(sizes[peak])
+    """Return the weighted means (T,) of values (F, T); 0 where no value has a weight, neither NaN."""
+    weights = np.where(np.isnan(values), np.nan, weights)
+    return np.asarray(np.nansum(values * weights, axis=0) / np.maximum(np.nansum(weights, axis=0), 1e-300))
 
 
 def _tell_error(reading: Misreading, size: float) -> str:

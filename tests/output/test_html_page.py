@@ -86,7 +86,7 @@ def test_the_first_lines_say_whether_each_threshold_holds(plane, tamper):
     summary = render_report(plane)
     summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
     assert "0 of 2 thresholds hold, 1 is exceeded, 1 is undecided." in summary
-    assert "broken in 1 in 350 rollouts (1 in 500 to 1 in 250, 95 % confidence)" in summary
+    assert "broken in 1 in 350 rollouts of 2 s (1 in 500 to 1 in 250, 95 % confidence)" in summary
     assert "allowed is less than 1 in 1,000: undecided" in summary
 
 

@@ -27,7 +27,7 @@ from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
-from avrare.rollout.noise_words import Disturbance, find_common_noise, format_time
+from avrare.rollout.noise_words import find_common_noise, format_time, join_disturbances
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals
 
@@ -49,7 +49,8 @@ class Kind:
     """Kind of failure.
 
     Attributes:
-        text: What happens, when, and the noise that goes with it.
+        text: What happens, and when.
+        cause: Noise that goes with it, on average; empty where none differs from chance.
         probability: Probability of a failure of this kind.
         interval: Its interval.
         share: Share of all failures.
@@ -64,6 +65,7 @@ class Kind:
     """
 
     text: str
+    cause: str
     probability: float
     interval: Interval
     share: float
@@ -111,6 +113,7 @@ class Kinds(Answer, Sequence[Kind]):
                 "failures": len(kind.members),
                 "representative": kind.representative,
                 "text": kind.text,
+                "cause": kind.cause,
                 "warnings": kind.warnings,
                 "severity": kind.severity,
                 "decisive": kind.decisive,
@@ -134,7 +137,8 @@ def _list_lines(number: int, kind: Kind) -> list[str]:
     part = format_estimate(kind.probability, kind.interval)
     share = f"{describe_share(kind.share)} of failures"
     line = f"{number}: {part}, {share}: {kind.text}; see failure {kind.representative}"
-    details = [f"   {kind.severity}"] if kind.severity else []
+    details = [f"   cause, on average: {kind.cause}"] if kind.cause else []
+    details += [f"   {kind.severity}"] if kind.severity else []
     details += [f"   failure {kind.representative} needs only: {kind.decisive}"] if kind.decisive else []
     details += [f"   {kind.lost}"] if kind.lost else []
     return [line, *details, *(f"   warning: {text}" for text in kind.warnings)]
@@ -278,6 +282,7 @@ def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kin
     severities = [causes[row].severity for row in rows.tolist()]
     return Kind(
         "; ".join(_describe(failing, labels, number, samples)),
+        describe_cause(failing.problem, sample, chosen, failing.rollouts),
         probability,
         interval,
         float(sample.shares[chosen].sum()),
@@ -293,7 +298,7 @@ def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kin
 def _describe(
     failing: _Failing, labels: NDArray[np.int64], number: int, samples: Sequence[int]
 ) -> Iterator[str]:
-    """Yield what happens first and when, what sets it apart from kinds in which the same does, and noise."""
+    """Yield what happens first and when, and what sets it apart from kinds in which the same does."""
     chosen, dt = labels == number, failing.problem.dt
     key, count = failing.find_key(chosen)
     often = "" if count == chosen.sum() else f" (in {count} of {chosen.sum()})"
@@ -305,8 +310,6 @@ def _describe(
         last = round(np.median(samples)) if samples else failing.problem.steps
         where = "the other kind" if len(alike) == 1 else "the others"
         yield f"{_tell_apart(failing, chosen, np.isin(labels, alike), last)} in {where})"
-    for disturbance in describe_noise(failing.problem, failing.sample, chosen, failing.rollouts):
-        yield f"{disturbance.subject} {disturbance.text}"
 
 
 def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> str:
@@ -323,10 +326,10 @@ def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> s
     return f"{name} is {here:.{digits}g} at {time} ({there:.{digits}g}"
 
 
-def describe_noise(
+def describe_cause(
     problem: Problem, sample: FailureSample, chosen: Bools, rollouts: Sequence[ReplayedRollout]
-) -> list[Disturbance]:
-    """Describe the noise that sets some failures apart from chance, the most telling first.
+) -> str:
+    """Return in words the noise that sets some failures apart from chance; empty where none does.
 
     Copies of one ancestor, or failures of one run of splitting, count as one.
     """
@@ -335,4 +338,5 @@ def describe_noise(
     families = np.unique(sample.clusters[rows], return_inverse=True)[1].reshape(-1)
     effective = 1.0 / float((np.bincount(families, shares) ** 2).sum())
     tapes = sample.failures.noise[rows]
-    return find_common_noise(problem, tapes, [rollouts[row] for row in rows.tolist()], shares, effective)
+    noise = find_common_noise(problem, tapes, [rollouts[row] for row in rows.tolist()], shares, effective)
+    return join_disturbances(noise) if noise else ""

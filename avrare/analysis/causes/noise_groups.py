@@ -72,8 +72,11 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
     if not isinstance(loop, ClosedLoop):
         return []
     drawn, world = count_draws(problem), loop.world_noise
-    parts = (("simulator", names[drawn:world]), ("perception", names[world:]))
-    return [(name, "component", members) for name, members in parts if members]
+    rows = []
+    for part, members in (("simulator", names[drawn:world]), ("perception", names[world:])):
+        named = len(members) == 1 and members[0] != f"{part} noise 0"
+        rows += [(members[0] if named else part, "component", members)] * bool(members)
+    return rows
 
 
 def find_start(problem: Problem) -> NoiseGroup | None:

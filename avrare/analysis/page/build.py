@@ -82,6 +82,7 @@ def _build_estimate(run: Run, result: Result) -> Estimate:
         tuple(result.health.items()),
         tuple(note.text for note in result.notes),
         result.blind_bound,
+        None if run.build_errors or run.problem.dt is None else run.problem.steps * run.problem.dt,
     )
 
 
@@ -193,9 +194,11 @@ def _build_answer(index: int, estimate: Estimate, stored: StoredCauses, exposure
 def _say_estimate(estimate: Estimate) -> str:
     low, high = estimate.interval
     level = f"{format_percent(estimate.confidence)} confidence"
+    length = "" if estimate.duration is None else f" of {estimate.duration:g} s"
     if not estimate.probability:
-        return f"never broken in {estimate.rollouts:,} rollouts, so in at most {_say_share(high)} ({level})"
-    rollouts = " of all rollouts" if estimate.probability >= _FREQUENT else " rollouts"
+        count = f"{estimate.rollouts:,} rollouts{length}"
+        return f"never broken in {count}, so in at most {_say_share(high)} ({level})"
+    rollouts = f"{' of all' * (estimate.probability >= _FREQUENT)} rollouts{length}"
     ends = f"at most {_say_share(high)}" if low <= 0.0 else f"{_say_share(low)} to {_say_share(high)}"
     return f"broken in {_say_share(estimate.probability)}{rollouts} ({ends}, {level})"
 

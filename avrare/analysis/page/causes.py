@@ -67,7 +67,8 @@ def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
         first = kinds.kinds[0]
         often = "" if len(kinds.kinds) == 1 else f" in {describe_share(first.share)} of them"
         severity = f" {_capitalise(first.severity)}." if first.severity else ""
-        sentences.append(f"What happens{often}: {first.text}.{severity}")
+        sentences.append(f"Cause{often}: {first.cause or 'no noise that differs from chance'}.")
+        sentences.append(f"What happens: {first.text}.{severity}")
     if attribution is None:
         sentences.append("What would help against them was not looked for.")
     elif attribution.perfect:
@@ -91,6 +92,7 @@ def _build_kinds(name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRoll
 
 def _build_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) -> Kind:
     sentences = (
+        f"Cause, on average: {kind.cause}." if kind.cause else "",
         f"{_capitalise(kind.severity)}." if kind.severity else "",
         f"It needs only this: {kind.decisive}." if kind.decisive else "",
         f"{_capitalise(kind.lost)}." if kind.lost else "",

@@ -24,7 +24,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Numbers of one specification, with its warnings by name and its notes."""
+    """Numbers of one specification, its warnings by name, and its notes; a rollout lasts ``duration`` [s]."""
 
     specification: str
     verdict: str | None
@@ -39,6 +39,7 @@ class Estimate:
     warnings: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
     blind_bound: float | None
+    duration: float | None
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,12 @@ def draw_charts(result: Result) -> tuple[Chart, ...]:
     return *draw_histogram(result), *draw_run_convergence(result)
 
 
-def draw_histogram(result: Result, rollouts: str = "the rollouts") -> tuple[Chart, ...]:
+def draw_histogram(result: Result, rollouts: str = "") -> tuple[Chart, ...]:
     """Return the histogram of robustness; bars below zero are violations. ``rollouts`` says of which ones."""
     robustness = result.robustness
+    if not rollouts:
+        stored, total = len(robustness), result.rollouts
+        rollouts = "the rollouts" if stored >= total else f"{stored:,} of {total:,} rollouts"
     finite = robustness[np.isfinite(robustness)]
     if not len(finite):
         return ()

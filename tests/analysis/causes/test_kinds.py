@@ -9,7 +9,7 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.failure_sample import FailureSample, ModelInterval
-from avrare.analysis.causes.kinds import describe_noise, find_kinds
+from avrare.analysis.causes.kinds import describe_cause, find_kinds
 from avrare.base.errors import UsageError
 from avrare.base.number_format import describe_share
 from avrare.estimation.combine.ensemble import combine
@@ -50,10 +50,10 @@ def test_two_modes_are_found_with_their_shares(result):
 def test_a_kind_is_told_by_what_is_violated_and_by_the_noise_that_does_it(result):
     likely, rare = find_kinds(result)
     assert likely.text.startswith("u0 < 2 is violated first")
-    assert "noise 0 " in likely.text
+    assert likely.cause.startswith("noise 0 +")
     assert "u1 <" in rare.text
-    assert "noise 1 " in rare.text
-    assert "noise 2 " not in likely.text + rare.text
+    assert rare.cause.startswith("noise 1 +")
+    assert "noise 2 " not in likely.cause + rare.cause
     tape = result.failures.noise[rare.representative, 0]
     assert tape[1] > 2.5
 
@@ -66,7 +66,7 @@ def test_kinds_with_the_same_violation_are_told_apart_by_a_signal():
     assert all(text.startswith("abs(x) < 12 is violated first") for text in texts)
     assert sorted("; x is -" in text for text in texts) == [False, True]
     assert all(" in the other kind)" in text for text in texts)
-    assert sorted("-0." in text and "sigma on average for" in text for text in texts) == [False, True]
+    assert sorted(" -" in kind.cause and "sigma in sum for" in kind.cause for kind in kinds) == [False, True]
 
 
 def test_one_mode_is_one_kind():
@@ -167,11 +167,11 @@ def test_noise_of_copies_tells_as_much_as_that_of_their_ancestors():
     ancestors = np.stack([np.zeros(64, dtype=int), families], axis=1)
     chosen = np.ones(64, dtype=bool)
     rollouts = replay_tapes(two_modes(), noise)
-    [told] = describe_noise(two_modes(), sample_of(noise, weights), chosen, rollouts)
-    assert (told.subject, told.text) == ("noise 1", "+1 sigma on average at step 0")
-    assert describe_noise(two_modes(), sample_of(noise, weights, ancestors), chosen, rollouts) == []
+    cause = describe_cause(two_modes(), sample_of(noise, weights), chosen, rollouts)
+    assert cause == "noise 1 +1 sigma at step 0"
+    assert describe_cause(two_modes(), sample_of(noise, weights, ancestors), chosen, rollouts) == ""
     of_runs = np.stack([families, np.arange(64)], axis=1)
-    assert describe_noise(two_modes(), sample_of(noise, weights, of_runs, runs=4), chosen, rollouts) == []
+    assert describe_cause(two_modes(), sample_of(noise, weights, of_runs, runs=4), chosen, rollouts) == ""
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_a_system_without_perception_is_described_by_its_names(linear):
     tape[0, 5] = -2.0
     expected = (
         "measurement noise of y_seen -2 sigma at t = 0.0 s, "
-        "then process noise of vx up to +3.1 sigma for 0.5 s from t = 1.0 s"
+        "then process noise of vx +4.1 sigma in sum for 0.5 s from t = 1.0 s"
     )
     assert describe_tape(linear.problem(linear.specifications), tape) == expected
 
@@ -76,7 +76,7 @@ def test_near_stretches_of_one_channel_are_one_and_tiny_ones_are_only_counted(li
     tape[[10, 12, 13], 2] = -1.0, -1.5, -1.0
     tape[[2, 18], 4] = 0.05
     text = describe_tape(linear.problem(linear.specifications), tape)
-    assert text == "process noise of vx up to -1.5 sigma for 0.4 s from t = 1.0 s, and 2 smaller ones"
+    assert text == "process noise of vx -1.8 sigma in sum for 0.4 s from t = 1.0 s, and 2 smaller ones"
 
 
 class Radar(System):
@@ -118,8 +118,8 @@ def test_a_sample_is_told_in_the_same_words(radar):
     tapes[:, :, 1] = np.where(np.arange(30) % 2, 3.0, -3.0)[:, None]
     found = find_common_noise(radar, tapes, replay_tapes(radar, tapes), np.full(30, 1 / 30), 30.0)
     texts = {each.subject: each.text for each in found}
-    assert texts["radar"] == "reads 3 m too long on average for 9.5 s from t = 1.0 s"
-    assert texts["wind"] == "3 times as large as usual for 10.5 s from t = 0.0 s"
+    assert texts["radar"] == "reads 3 m too long for 10.0 s from t = 0.5 s"
+    assert texts["wind"] == "3 times as large as usual to both sides for 10.5 s from t = 0.0 s"
     assert len(found) == 2  # neighbouring windows of one channel are one
 
 
