@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from avrare.analysis.check.validation import first_steps
@@ -96,24 +98,38 @@ def _write_catalogue(args: argparse.Namespace) -> None:
         )
     path = Path(args.out) / f"{source.resolve().stem}.yaml"
     stack = Path(args.stack or path.with_name(f"{path.stem}_stack.yaml"))
+    with _take_back(() if args.stack else (stack, stack.with_suffix(".py"))):
+        if args.stack is None:
+            write_stack(stack)
+        writer = CatalogueWriter(component, str(stack))
+        scenes = writer.list_scenes(late_import(component.scenes)(str(source), args.ego))
+        for (file, reason), cells in writer.reasons.items():
+            say(f"left out: {file} ({format_count(cells, 'cell')}): {reason}", error=True)
+        if not scenes:
+            raise UsageError(
+                f"{source}: has no scene that the stack can drive in",
+                "`avrare scenes` lists the features of files that are read",
+            )
+        write_catalogue(path, scenes, str(stack))
     if args.stack is None:
-        write_stack(stack)
         say(f"{stack}: the stack; {stack.with_suffix('.py')}: act(observation), its controller")
-    writer = CatalogueWriter(component, str(stack))
-    scenes = writer.list_scenes(late_import(component.scenes)(str(source), args.ego))
-    for (file, reason), cells in writer.reasons.items():
-        say(f"left out: {file} ({format_count(cells, 'cell')}): {reason}", error=True)
-    if not scenes:
-        raise UsageError(
-            f"{source}: has no scene that the stack can drive in",
-            "`avrare scenes` lists the features of files that are read",
-        )
-    write_catalogue(path, scenes, str(stack))
     total = format_count(sum(scene.cells for scene in scenes), "cell")
     say(
         f"{path}: {format_count(len(scenes), 'scene')} of {total}",
         f"next: avrare rate {shlex.quote(str(path))}",
     )
+
+
+@contextmanager
+def _take_back(files: Sequence[Path]) -> Iterator[None]:
+    # Files that are new are removed where what is written beside them is refused.
+    new = [file for file in files if not file.exists()]
+    try:
+        yield
+    except BaseException:
+        for file in new:
+            file.unlink(missing_ok=True)
+        raise
 
 
 def _choose_reader(registry: Registry) -> str:

@@ -188,3 +188,13 @@ def test_a_folder_without_scenes_and_a_file_that_is_there(folder, capsys):
     Path("scenes.yaml").write_text("mine")
     assert main(["new", "catalogue", str(scenes), "--stack", "stack.yaml"]) == 4
     assert Path("scenes.yaml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("mine", ["v", "scenes.yaml", "scenes_stack.py"])
+def test_a_refusal_leaves_only_what_was_there(folder, mine):
+    folder(values("v", -1 if mine == "v" else 20))
+    if mine != "v":
+        Path(mine).write_text("mine")
+    before = sorted(Path().glob("*"))
+    assert main(["new", "catalogue", "scenes"]) == 4
+    assert sorted(Path().glob("*")) == before
