@@ -19,10 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from studies.error_analysis import overestimate_bound, relative_variance, underestimate_bound
+from studies.figures import BLUE, GREY, ORANGE, RED, make_axes
 from studies.recorded_levels import RecordedLevels
 
 import avrare
@@ -38,7 +36,6 @@ from avrare_linear.synthesis import Effort, synthesise
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 REPETITIONS = 10
 BETAS = np.linspace(-3.0, -2.0, 11)
-_BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
 
 
 def corner_problem(beta: float) -> avrare.Problem:
@@ -56,12 +53,12 @@ def levels(picture: Path) -> None:
     problem = avrare.load(SCENARIOS / "constrained_gaussian.yaml").problem("clear")
     recorder = RecordedLevels(NestedLevelsConfig(chains=100, runs=1, level_probability=0.25), PcnKernel())
     (result,) = estimate_with(problem, recorder, SerialExecutor(), Settings(seed=4))
-    figure, ax = _figure(6.0, 4.6)
+    figure, (ax,) = make_axes(6.0, 4.6)
     shades = np.linspace(0.82, 0.0, len(recorder.tapes))
     for shade, tape in zip(shades, recorder.tapes, strict=True):
         ax.plot(tape[:, 0, 0], tape[:, 0, 1], ".", color=str(shade), markersize=3.0)
     for side in (-1.0, 1.0):
-        ax.plot([6.0 * side, 3.0 * side, 3.0 * side], [3.0, 3.0, 6.0], color=_RED, lw=1.2)
+        ax.plot([6.0 * side, 3.0 * side, 3.0 * side], [3.0, 3.0, 6.0], color=RED, lw=1.2)
     ax.set(xlim=(-5.2, 5.2), ylim=(-3.8, 5.2), xlabel="x", ylabel="y", aspect="equal")
     p = result.probability
     title = f"{len(recorder.tapes)} levels, darker: later; one run: p = {p:.2g} (exact {exact(-3):.2g})"
@@ -89,9 +86,9 @@ def betas(store: Path, picture: Path) -> None:
     if not store.exists():
         store.write_text(json.dumps([estimates(float(beta)) for beta in BETAS]))
     rows = json.loads(store.read_text())
-    figure, ax = _figure(7.0, 4.4)
+    figure, (ax,) = make_axes(7.0, 4.4)
     truth = np.array([exact(row["beta"]) for row in rows])
-    names = {"mc": ("Monte Carlo", _GREY), "ess": ("ess", _ORANGE), "ess_linear": ("ess_linear", _BLUE)}
+    names = {"mc": ("Monte Carlo", GREY), "ess": ("ess", ORANGE), "ess_linear": ("ess_linear", BLUE)}
     print("| beta | exact | " + " | ".join(f"{name}: mean, std / exact" for name in names) + " | rollouts |")
     print("|---" * 6 + "|")
     for name, (label, colour) in names.items():
@@ -120,12 +117,12 @@ def squares(picture: Path) -> None:
     path = np.array([step.parameter[0] for step in steps])
     grid = np.linspace(-1.4, 1.4, 141)
     reach = normal.cdf(grid - 3.0) + normal.cdf(-grid - 3.0)
-    figure, ax = _figure(6.2, 5.0)
+    figure, (ax,) = make_axes(6.2, 5.0)
     drawn = ax.contourf(grid, grid, np.log10(np.outer(reach, reach)), levels=14, cmap="Blues")
     figure.colorbar(drawn, ax=ax, label="log10 of the exact probability")
-    ax.plot(path[:, 0], path[:, 1], "o-", color=_ORANGE, lw=1.6, markersize=5.0)
+    ax.plot(path[:, 0], path[:, 1], "o-", color=ORANGE, lw=1.6, markersize=5.0)
     for i, (x, y) in enumerate(path):
-        ax.annotate(str(i), (x, y), textcoords="offset points", xytext=(6, -10), color=_ORANGE)
+        ax.annotate(str(i), (x, y), textcoords="offset points", xytext=(6, -10), color=ORANGE)
     ax.set(xlabel="mean of x", ylabel="mean of y", aspect="equal")
     figure.savefig(picture, dpi=110)
     for i, step in enumerate(steps):
@@ -158,9 +155,9 @@ def spread() -> None:
 
 
 def bounds(picture: Path) -> None:
-    figure, ax = _figure(7.0, 4.4)
+    figure, (ax,) = make_axes(7.0, 4.4)
     levels, samples = 10, np.unique(np.geomspace(20, 3000, 60).astype(int))
-    for factor, colour in ((1.5, _GREY), (2.0, _BLUE), (2.5, _ORANGE), (3.0, _RED)):
+    for factor, colour in ((1.5, GREY), (2.0, BLUE), (2.5, ORANGE), (3.0, RED)):
         over = [overestimate_bound(factor, levels, int(n)) for n in samples]
         under = [underestimate_bound(factor, levels, int(n)) for n in samples]
         ax.plot(samples / levels, over, color=colour, lw=1.6, label=f"{factor:g} times too high")
@@ -170,14 +167,6 @@ def bounds(picture: Path) -> None:
     ax.set_title("independent samples, 10 fixed levels of share at least 1/2", fontsize=10)
     ax.legend(frameon=False, fontsize=8, ncols=1, loc="lower left")
     figure.savefig(picture, dpi=110)
-
-
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    ax = figure.subplots()
-    ax.spines[["top", "right"]].set_visible(False)
-    return figure, ax
 
 
 if __name__ == "__main__":

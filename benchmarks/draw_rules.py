@@ -81,11 +81,10 @@ def _sides(situations: list[Situation]) -> tuple[float, float]:
 def _draw_crossings(ax: Any, situation: Situation) -> None:
     ego = float(situation.ego.over(situation.steps, situation.dt)["x"][-1])
     road = situation.road
+    ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
     for x in road.stop_signs:
-        ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
         ax.vlines(x - ego, *ends, color=TEXT, lw=2.5, zorder=1)
     for x in road.light_lines:
-        ends = road.lane_centres[0] - 0.5 * road.lane_width, road.lane_centres[-1] + 0.5 * road.lane_width
         ax.vlines(x - ego, *ends, color=LIGHTS[int(situation.light[-1])], lw=3.5, zorder=1)
     for one in road.crossings:
         for begin, end, colour in ((-90.0, 90.0, ROAD), (one.line_begin, one.line_end, AREA)):
@@ -117,16 +116,8 @@ def _draw_road(ax: Any, situation: Situation, low: float, high: float) -> None:
     edge = blended_transform_factory(ax.transAxes, ax.transData)
     for lane in sorted(apart):
         word = "ramp" if lane in road.access_ramp else "shoulder"
-        ax.text(
-            0.994,
-            road.lane_centres[lane],
-            word,
-            transform=edge,
-            fontsize=7,
-            color=TEXT,
-            ha="right",
-            va="center",
-        )
+        style = {"fontsize": 7, "color": TEXT, "ha": "right", "va": "center"}
+        ax.text(0.994, road.lane_centres[lane], word, transform=edge, **style)
     ax.set(xlim=(low, high), yticks=[])
     ax.set_aspect("equal", adjustable="box")
     ax.tick_params(labelsize=7, colors=TEXT, length=2)
@@ -149,13 +140,7 @@ def _draw_cars(ax: Any, situation: Situation) -> None:
             )
         x, y = places[last]
         nose = 0.5 * LENGTH * np.array([np.cos(headings[last]), np.sin(headings[last])])
-        ax.plot(
-            [x + 0.55 * nose[0], x + nose[0]],
-            [y + 0.55 * nose[1], y + nose[1]],
-            color="white",
-            lw=1.6,
-            zorder=3,
-        )
+        ax.plot(*np.array([x, y])[:, None] + np.outer(nose, (0.55, 1.0)), color="white", lw=1.6, zorder=3)
         label = f"{name}  {car.speed:.4g} m/s" + (f", {car.acceleration:g} m/s²" if car.acceleration else "")
         # below the ego, above the others: they may be close
         low, high = corners[:, 1].min() - 0.2, corners[:, 1].max() + 0.2

@@ -23,7 +23,17 @@ from avrare.rollout.request import Request
 from avrare.scenario.load import load
 from avrare_estimators.common.lessons.dictionary import fit
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
-from benchmarks.prune_proposal import DEFENSIVE, prune
+
+DEFENSIVE = 0.25
+"""Share of the rows that is drawn from the target."""
+
+
+def prune(mixture: TapeMixture, keep: int) -> TapeMixture:
+    """Return the mixture of the components with the largest shares, in their order."""
+    components = mixture.components
+    largest = np.sort(np.argsort([-share for share, _ in components], kind="stable")[:keep])
+    total = sum(components[k][0] for k in largest)
+    return TapeMixture.freeze([(components[k][0] / total, components[k][1]) for k in largest], mixture.shape)
 
 
 def find_failures(problem: Problem, seed: int, rollouts: int) -> list[int]:

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from studies.figures import BLUE, GREY, ORANGE, RED, make_axes
 from studies.recorded_levels import RecordedLevels
 
 import avrare
@@ -27,7 +26,6 @@ from avrare_glider.nominal import nominal
 
 ROOT = Path(__file__).parents[1]
 TAPES = 50_000
-_BLUE, _ORANGE, _GREY, _RED = "#1b6ca8", "#d9701a", "#8a949c", "#b0443c"
 
 
 @dataclass(frozen=True)
@@ -91,16 +89,16 @@ def pictures(folder: Path) -> None:
 
 def flights(start: Flights, actuator: Flights, picture: Path) -> None:
     """Draw all the way, and the last metre for both kinds of noise."""
-    figure, (whole, *near) = _figure(12.0, 3.4, 3, widths=(2.2, 1.0, 1.0))
+    figure, (whole, *near) = make_axes(12.0, 3.4, 3, widths=(2.2, 1.0, 1.0))
     path = nominal().states
-    whole.plot(path[:, 0], path[:, 1], color=_BLUE, lw=1.6)
+    whole.plot(path[:, 0], path[:, 1], color=BLUE, lw=1.6)
     for x, z, pitch, elevator in path[::11, :4]:
         _plane(whole, x, z, pitch, elevator)
     whole.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.75, 0.6), title="nominal flight")
     for ax, some, title in zip(near, (start, actuator), ("random start", "noisy elevator"), strict=True):
-        _paths(ax, some, np.flatnonzero(~some.fails)[:60], _GREY, 0.5)
-        _paths(ax, some, np.flatnonzero(some.fails & some.above)[:25], _RED, 0.8)
-        _paths(ax, some, np.flatnonzero(some.fails & ~some.above)[:25], _ORANGE, 0.8)
+        _paths(ax, some, np.flatnonzero(~some.fails)[:60], GREY, 0.5)
+        _paths(ax, some, np.flatnonzero(some.fails & some.above)[:25], RED, 0.8)
+        _paths(ax, some, np.flatnonzero(some.fails & ~some.above)[:25], ORANGE, 0.8)
         ax.plot([0.05, 0, -0.05, 0, 0.05], [0, 0.05, 0, -0.05, 0], color="black", lw=1.4)
         ax.set(xlim=(-0.42, 0.1), ylim=(-0.2, 0.2), xlabel="x [m]", title=title)
     figure.savefig(picture, dpi=110)
@@ -116,7 +114,7 @@ def _plane(ax: Axes, x: float, z: float, pitch: float, elevator: float) -> None:
     ax.plot([x + 0.1 * np.cos(pitch), hinge[0]], [z + 0.1 * np.sin(pitch), hinge[1]], color="black", lw=1.8)
     angle = pitch + elevator
     end = hinge[0] - 0.1 * np.cos(angle), hinge[1] - 0.1 * np.sin(angle)
-    ax.plot([hinge[0], end[0]], [hinge[1], end[1]], color=_RED, lw=1.8)
+    ax.plot([hinge[0], end[0]], [hinge[1], end[1]], color=RED, lw=1.8)
 
 
 def starts(sample: Flights, picture: Path) -> None:
@@ -125,13 +123,13 @@ def starts(sample: Flights, picture: Path) -> None:
     recorder = RecordedLevels(NestedLevelsConfig(chains=300, runs=1, second_pass=False), PcnKernel())
     recorder.tapes = []
     from_levels = _levels_of(problem, recorder)
-    figure, axes = _figure(9.0, 4.0, 2)
+    figure, axes = make_axes(9.0, 4.0, 2)
     for shade, tape in zip(np.linspace(0.85, 0.45, len(from_levels)), from_levels, strict=True):
         axes[0].plot(*_start(tape).T, ".", color=str(shade), markersize=2.5)
     failing = np.concatenate([tape[fly(problem, tape).fails] for tape in from_levels])
     axes[0].plot(*_start(failing).T, ".", color="black", markersize=3.0)
     axes[0].set_title(f"ess, {len(from_levels)} levels, {sum(map(len, from_levels)):,} samples", fontsize=10)
-    axes[1].plot(*_start(sample.tapes[:8880]).T, ".", color=_GREY, markersize=2.0)
+    axes[1].plot(*_start(sample.tapes[:8880]).T, ".", color=GREY, markersize=2.0)
     lost = sample.tapes[:8880][sample.fails[:8880]]
     axes[1].plot(*_start(lost).T, ".", color="black", markersize=3.0)
     axes[1].set_title(f"Monte Carlo, 8,880 samples, {len(lost)} fail", fontsize=10)
@@ -152,13 +150,13 @@ def _start(tapes: Floats) -> Floats:
 
 def reasons(sample: Flights, picture: Path) -> None:
     """Draw Fig. 13 (a): the mean noise of failing flights, and where they lie along it."""
-    figure, (left, right) = _figure(10.0, 4.0, 2)
+    figure, (left, right) = make_axes(10.0, 4.0, 2)
     tapes, t = sample.tapes[:, 1:, 0], 0.01 * np.arange(sample.tapes.shape[1] - 1)
     lost = tapes[sample.fails]
     mean, error = lost.mean(axis=0), lost.std(axis=0) / np.sqrt(len(lost))
-    left.plot(t, lost.T, color=_GREY, lw=0.4, alpha=0.5)
-    left.fill_between(t, mean - 2 * error, mean + 2 * error, color=_RED, alpha=0.25, lw=0)
-    left.plot(t, mean, color=_RED, lw=1.6, label=f"mean of {len(lost)}, with two standard errors")
+    left.plot(t, lost.T, color=GREY, lw=0.4, alpha=0.5)
+    left.fill_between(t, mean - 2 * error, mean + 2 * error, color=RED, alpha=0.25, lw=0)
+    left.plot(t, mean, color=RED, lw=1.6, label=f"mean of {len(lost)}, with two standard errors")
     peak = np.abs(mean).argmax()
     print(f"{len(lost)} fail, they end at x = {sample.x[sample.fails, -1].max():.3f} m or before; ", end="")
     print(f"mean noise largest at {t[peak]:.2f} s: {mean[peak]:+.2f} sigma")
@@ -168,7 +166,7 @@ def reasons(sample: Flights, picture: Path) -> None:
     first = mean / np.linalg.norm(mean)
     rest = lost - np.outer(lost @ first, first)
     second = np.linalg.svd(rest - rest.mean(axis=0), full_matrices=False)[2][0]
-    for some, colour, size in ((~sample.fails, _GREY, 1.0), (sample.fails, "black", 5.0)):
+    for some, colour, size in ((~sample.fails, GREY, 1.0), (sample.fails, "black", 5.0)):
         rows = tapes[some][:8000]
         right.plot(rows @ first, rows @ second, ".", color=colour, markersize=size)
     low, high = (lost @ first).min(), (lost @ first).mean()
@@ -186,24 +184,13 @@ def cures(sample: Flights, picture: Path) -> None:
     turned = np.repeat(lost[:, None], steps, axis=1)
     turned[:, np.arange(steps), 1 + np.arange(steps)] *= -1.0
     cured = ~fly(problem, turned.reshape(-1, *lost.shape[1:])).fails.reshape(-1, steps)
-    figure, (ax,) = _figure(6.4, 3.4, 1)
-    ax.bar(0.01 * np.arange(steps), cured.mean(axis=0), width=0.009, color=_BLUE)
+    figure, (ax,) = make_axes(6.4, 3.4)
+    ax.bar(0.01 * np.arange(steps), cured.mean(axis=0), width=0.009, color=BLUE)
     ax.set(xlabel="time of the step whose noise is turned [s]", ylabel="share that perches then")
     figure.savefig(picture, dpi=110)
     best = cured.mean(axis=0).argmax()
     print(f"turning one step saves most at {0.01 * best:.2f} s: {cured[:, best].mean():.0%}; ", end="")
     print(f"some step saves {cured.any(axis=1).mean():.0%} of {len(lost)}")
-
-
-def _figure(
-    width: float, height: float, columns: int, widths: tuple[float, ...] | None = None
-) -> tuple[Figure, tuple[Axes, ...]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = tuple(figure.subplots(1, columns, squeeze=False, width_ratios=widths)[0])
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 if __name__ == "__main__":

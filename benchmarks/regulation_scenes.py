@@ -148,15 +148,8 @@ def main() -> None:
                 problem = open_scene(file, stack, kind).problem("no_collision")
                 result = avrare.estimate(problem, "mc", rollouts=args.rollouts, seed=0)
             except AvrareError as error:
-                row: tuple[object, ...] = (
-                    "",
-                    "",
-                    "",
-                    "",
-                    "",
-                    "",
-                    error.lines()[0].rsplit(".xosc:", 1)[-1].strip(),
-                )
+                reason = error.lines()[0].rsplit(".xosc:", 1)[-1].strip()
+                row: tuple[object, ...] = (*[""] * 6, reason)
             else:
                 numbers = (f"{x:.3g}" for x in (result.probability, *result.interval))
                 row = (*numbers, result.rollouts, result.errors, f"{time.process_time() - begun:.2g}", "")

@@ -24,10 +24,11 @@ from benchmarks.calibration import cells, report
 from benchmarks.calibration.environments import interpreter
 from benchmarks.calibration.problems import problems
 from benchmarks.calibration.runner import Runner
-from benchmarks.calibration.scope import BUDGETS, planned
-from benchmarks.calibration.tools import RECOMMENDED, TOOLS
+from benchmarks.calibration.tools import RECOMMENDED, TOOLS, Tool
 from benchmarks.studies import kept
 
+BUDGETS = (1_000, 10_000, 100_000)
+"""Budgets of the full run; at the largest there is one answer of a tool to a problem."""
 QUICK_BUDGETS, QUICK_MINUTES, QUICK_SECONDS = (10_000,), 30.0, 10.0
 RESULTS = Path(__file__).parents[1] / "results" / "calibration"
 
@@ -60,6 +61,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         kept.pack(report.KEPT, args.results)
     if not args.no_report:
         report.write(args.results)
+
+
+def planned(tool: Tool, setting: str, budget: int) -> int:
+    """Return the answers of a tool to a problem in the full run: fewer where they are dear or a variant's."""
+    if setting != RECOMMENDED or budget == BUDGETS[-1]:
+        return 1
+    return 3 if budget >= tool.dear else 10
 
 
 def wanted(seeds: int | None, budgets: Sequence[int], quick: bool, only: str) -> Iterator[cells.Key]:

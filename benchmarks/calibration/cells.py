@@ -8,6 +8,8 @@ import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from benchmarks.studies import kept
+
 _NOT_ASKED = "not asked, as seed 0 had "
 PACE = 5.0
 """Least ratio that is assumed of the CPU seconds of an answer to those at a tenth of its budget."""
@@ -113,11 +115,7 @@ def read(folder: Path) -> list[Cell]:
     """Return all cells of a folder, the last of each key; a torn line is left out."""
     found: dict[Key, Cell] = {}
     for file in sorted(folder.glob("*.jsonl")):
-        for line in file.read_text(encoding="utf-8").splitlines():
-            try:
-                fields = json.loads(line)
-            except json.JSONDecodeError:
-                continue
+        for fields in kept.lines(file):
             cell = Cell(**{**fields, "warnings": tuple(fields["warnings"])})
             found[cell.key] = cell
     return list(found.values())

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrare.base.errors import UsageError
-from avrare.protocols import Bools, Floats
 
 
 def relative_variance(shares: ArrayLike, samples: ArrayLike) -> float:
@@ -77,27 +76,6 @@ def underestimate_bound(factor: float, levels: int, samples: int, least_share: f
     tail = -s * wanted - 0.5 * levels * np.log(left) + 0.5 * levels * s**2 * v / left
     outside = math.log(levels) - 2.0 * samples * (least_share * h) ** 2
     return min(1.0, float(np.exp(np.logaddexp(tail, outside).min())))
-
-
-def autocorrelated_size(hit: Bools) -> Floats:
-    """Return the effective number (A,) of samples by the chains' autocorrelation (Au and Beck 2001).
-
-    N / (1 + g) with g = 2 sum_k (1 - k/P) r_k, r_k the correlation at lag k over all chains. It covers the
-    dependence within a chain, not that of chains with a common seed; ``effective_samples`` of
-    ``avrare_estimators.common.chains.levels`` uses the scatter of the chains' means.
-
-    Args:
-        hit: (A, P, C) sample p of chain c is a hit.
-    """
-    length, chains = hit.shape[1], hit.shape[2]
-    off = hit - hit.mean(axis=(1, 2), keepdims=True)
-    variance = (off**2).mean(axis=(1, 2))
-    growth = np.zeros(len(hit))
-    for lag in range(1, length):
-        covariance = (off[:, lag:] * off[:, :-lag]).mean(axis=(1, 2))
-        correlation = covariance / np.where(variance > 0.0, variance, 1.0)
-        growth += 2.0 * (1.0 - lag / length) * correlation
-    return np.asarray(length * chains / np.maximum(1.0 + growth, 1.0))
 
 
 def _log(factor: float) -> float:

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.cluster import KMeans
+from sklearn.metrics import silhouette_score
 
 import avrare
 from avrare.base import batch
@@ -85,41 +87,16 @@ def components(values: Floats, count: int = COMPONENTS) -> tuple[Floats, Floats]
     return left[:, :count] * sizes[:count], (sizes**2 / (sizes**2).sum())[:count]
 
 
-def k_means(points: Floats, k: int, tries: int = 20) -> NDArray[np.int64]:
+def k_means(points: Floats, k: int) -> NDArray[np.int64]:
     """Return (F,) labels of the best of several starts, the largest cluster first."""
-    rng, best, labels = np.random.default_rng(0), np.inf, np.zeros(len(points), dtype=np.int64)
-    for _ in range(tries):
-        centres = points[rng.choice(len(points), k, replace=False)]
-        for _ in range(50):
-            distance = ((points[:, None] - centres) ** 2).sum(axis=2)
-            near = distance.argmin(axis=1)
-            members = [points[near == j] for j in range(k)]
-            centres = np.stack([m.mean(axis=0) if len(m) else points[0] for m in members])
-        spread = float(distance.min(axis=1).sum())
-        if spread < best:
-            best, labels = spread, near
-    order = np.argsort(-np.bincount(labels, minlength=k))
-    return np.argsort(order)[labels]
-
-
-def silhouette(points: Floats, labels: NDArray[np.int64]) -> float:
-    """Return mean silhouette: 1 for far and tight clusters, 0 for none (Rousseeuw 1987)."""
-    distance = np.sqrt(((points[:, None] - points) ** 2).sum(axis=2))
-    kinds = range(int(labels.max()) + 1)
-    own = np.array([(labels == kind).sum() for kind in kinds])[labels]
-    sums = np.stack([distance[:, labels == kind].sum(axis=1) for kind in kinds], axis=1)
-    rows = np.arange(len(points))
-    inside = sums[rows, labels] / np.maximum(own - 1, 1)
-    means = sums / np.array([(labels == kind).sum() for kind in kinds])
-    means[rows, labels] = np.inf
-    outside = means.min(axis=1)
-    return float(np.where(own > 1, (outside - inside) / np.maximum(outside, inside), 0.0).mean())
+    labels = KMeans(k, n_init=20, random_state=0).fit_predict(points)
+    return np.argsort(np.argsort(-np.bincount(labels, minlength=k)))[labels]
 
 
 def best_labels(points: Floats) -> tuple[NDArray[np.int64], dict[int, float]]:
     """Return the labels with the greatest silhouette, and the silhouette of each number of clusters."""
     tried = {k: k_means(points, k) for k in range(2, MOST + 1)}
-    worth = {k: silhouette(points, labels) for k, labels in tried.items()}
+    worth = {k: float(silhouette_score(points, labels)) for k, labels in tried.items()}
     return tried[max(worth, key=lambda k: worth[k])], worth
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
+from studies.figures import make_axes
 from studies.table2_page import RULES, Study
 
 COLOURS = dict(zip(RULES, ("#1b6ca8", "#d9701a", "#3d8b5f", "#8a4f9e"), strict=True))
@@ -26,22 +24,11 @@ def draw(study: Study, folder: Path) -> None:
         _levels(study, folder / "figure4.png")
 
 
-def _axes(columns: int) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.0 * columns, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, columns)
-    for ax in np.atleast_1d(axes):
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.grid(alpha=0.25)
-    return figure, axes
-
-
 def _stages(study: Study, file: Path) -> None:
     """Draw margin left, estimate and failures of each stage of learning, first repetition of each rule."""
-    figure, axes = _axes(3)
+    figure, axes = make_axes(12.0, 3.6, 3)
+    for ax in axes:
+        ax.grid(alpha=0.25)
     for rule in RULES:
         found = study.outcomes.get((rule, "Imp-CE"))
         if not found:
@@ -64,8 +51,9 @@ def _stages(study: Study, file: Path) -> None:
 def _levels(study: Study, file: Path) -> None:
     """Draw the remaining share of the noise-free margin at each stage's level, one run of each discard."""
     there = [number for number in DISCARDS if any((rule, f"K{number}") in study.outcomes for rule in RULES)]
-    figure, axes = _axes(len(there))
-    for ax, discard in zip(np.atleast_1d(axes), there, strict=True):
+    figure, axes = make_axes(4.0 * len(there), 3.6, len(there))
+    for ax, discard in zip(axes, there, strict=True):
+        ax.grid(alpha=0.25)
         for rule in RULES:
             found = study.outcomes.get((rule, f"K{discard}"))
             if not found:
@@ -81,5 +69,5 @@ def _levels(study: Study, file: Path) -> None:
         ax.set(title=f"K = {discard}", xlabel="stage", ylim=(-0.03, 1.03))
         ax.xaxis.get_major_locator().set_params(integer=True)
         ax.legend(fontsize=7, frameon=False)
-    np.atleast_1d(axes)[0].set_ylabel("margin left at the level")
+    axes[0].set_ylabel("margin left at the level")
     figure.savefig(file, dpi=110)

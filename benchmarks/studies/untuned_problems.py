@@ -266,6 +266,7 @@ def _recipes() -> dict[str, partial[Untuned]]:
     many = Chain(decay=0.9, scale=0.19**0.5)
     hidden = Regimes(many, Chain(decay=0.9, scale=4 * 0.19**0.5), 3e-4)
     moved = Regimes(many, Chain(decay=0.9, scale=0.19**0.5, start=3.0), 1e-3)
+    rare, flat_mode, late_mode = Mode(3e-5), Mode(2e-4, _WALK, flat), Mode(3.4e-4, _WALK, late)
     recipes = [
         partial(_modes, "units_100", "units", Mode(2e-4, _OU), Mode(2e-4, _OU, unit=100)),
         partial(_modes, "units_1e4", "units", Mode(2e-4), Mode(2e-4, unit=1e4)),
@@ -273,22 +274,13 @@ def _recipes() -> dict[str, partial[Untuned]]:
         partial(_modes, "units_rare", "units", Mode(1e-5, _OU), Mode(3e-4, _OU, unit=300)),
         partial(_modes, "units_outlier", "units", Mode(1e-4, _OUTLIER, unit=50), Mode(1e-4)),
         partial(_modes, "static_units", "units", Mode(1e-4), Mode(1e-4, unit=1e3), steps=0),
-        partial(_modes, "flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), blind=2e-4),
-        partial(_modes, "flat_outlier", "flat mode", Mode(3e-5), Mode(2e-4, _OUTLIER, flat), blind=2e-4),
-        partial(_modes, "static_flat", "flat mode", Mode(3e-5), Mode(2e-4, _WALK, flat), steps=0, blind=2e-4),
-        partial(
-            _modes,
-            "static_flat_20",
-            "flat mode",
-            Mode(3e-5),
-            Mode(2e-4, _WALK, flat),
-            steps=0,
-            idle=18,
-            blind=2e-4,
-        ),
-        partial(_modes, "late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late)),
+        partial(_modes, "flat", "flat mode", rare, flat_mode, blind=2e-4),
+        partial(_modes, "flat_outlier", "flat mode", rare, Mode(2e-4, _OUTLIER, flat), blind=2e-4),
+        partial(_modes, "static_flat", "flat mode", rare, flat_mode, steps=0, blind=2e-4),
+        partial(_modes, "static_flat_20", "flat mode", rare, flat_mode, steps=0, idle=18, blind=2e-4),
+        partial(_modes, "late", "late-rising mode", Mode(1.3e-5), late_mode),
         partial(_modes, "late_ou", "late-rising mode", Mode(3e-5, _OU), Mode(1e-3, _OU, late)),
-        partial(_modes, "static_late", "late-rising mode", Mode(1.3e-5), Mode(3.4e-4, _WALK, late), steps=0),
+        partial(_modes, "static_late", "late-rising mode", Mode(1.3e-5), late_mode, steps=0),
         partial(_modes, "static_rare_1e-3", "late-rising mode", Mode(3e-5), Mode(1e-3, _WALK, late), steps=0),
         partial(_modes, "static_rare_1e-4", "late-rising mode", Mode(3e-5), Mode(1e-4, _WALK, late), steps=0),
         partial(_modes, "misleading", "score that falls first", Mode(3e-5), Mode(1e-4, _WALK, misleading)),
