@@ -3,8 +3,8 @@
     python benchmarks/train_pointpillars.py --inputs inputs.txt --labels labels.txt --out DIR
 
 For your own data use ``avrare pem fit``, which also checks, calibrates and reports. Needs the ``train``
-extra (torch, pyro, scipy). Writes DIR/NAME.npz, and DIR/NAME.json with the bounds on the evidence and the shares
-of large errors in the held-out rows.
+extra (torch, pyro, scipy). Writes DIR/NAME.npz, and DIR/NAME.json with the bounds on the evidence and the
+shares of large errors in the held-out rows.
 
 Two text files hold one row per vehicle. Inputs: x (right), y (forward), yaw, length, width, height,
 visibility category. Labels: detected, error in x, y and yaw (truth minus estimate), -1000 where undetected.

@@ -367,7 +367,7 @@ def _group_channels(problem: Problem, size: int) -> list[tuple[str, int, int]]:
         return [("simulator", 0, size)]
     drawn, world = loop.world_noise - loop.simulator.noise_size, loop.world_noise
     groups = [("draws, at the start", 0, drawn)] if drawn else []
-    label = loop.noise_names[drawn] if world == drawn + 1 else "simulator"
+    label = loop.noise_names[drawn] if loop.noise_names and world == drawn + 1 else "simulator"
     groups += [(label, drawn, world)] if world > drawn else []
     names = problem.scene.names if problem.scene is not None else ()
     each, rest = divmod(size - world, max(len(names), 1))
