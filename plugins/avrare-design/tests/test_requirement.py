@@ -198,6 +198,31 @@ def test_a_bound_out_of_reach_tells_what_it_would_take():
     assert any("1e-06 takes some" in text for text in found.warnings)
 
 
+@pytest.mark.parametrize(
+    ("rollouts", "runs", "falls"), [(20_000, 1, False), (60_000, 3, False), (60_000, 3, True)]
+)
+def test_a_rare_bound_is_left_to_few_large_runs(rollouts, runs, falls):
+    """Take an estimator that sees nothing below 1e-3 in less than 16,000 rollouts."""
+    alphas = []
+
+    def evaluate(value, share, number, level, nearby):
+        count, x = round(rollouts * share), -value if falls else value
+        p, alpha = 1e-6 * math.exp(10.0 * x), 1.0 - level
+        alphas.append(alpha)
+        if count < 16_000:
+            return make_trial(value, 0.0, (0.0, -math.log(alpha / 2.0) / count), count)
+        return make_trial(value, p, (p / 1.5, p * 1.5), count)
+
+    found = find_requirement(evaluate, "gain", "rare", 1e-5, (-0.5, 0.4) if falls else (-0.4, 0.5))
+    assert len(found.trials) == 2 + runs
+    assert found.rollouts == pytest.approx(rollouts, rel=1e-3)
+    assert sum(alphas) <= 0.05
+    root = math.log(10.0) / (-10.0 if falls else 10.0)
+    assert (found.kept > root) if falls else (found.kept < root)
+    if runs > 1:
+        assert abs(found.kept - root) < 0.1
+
+
 PLANE = pushed_point(1.0, steps=10, variance=0.04)
 WORDS = ["--parameter", "simulator.initial.mean.0", "--probability", "< 0.05", "--between", "-0.5,0.9"]
 

@@ -10,6 +10,7 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
 from avrare.estimation.loop.checkpoint import Checkpoint
+from avrare.stack.new_scenario import write_python_scenario
 from avrare.testing.faulty_systems import Walk
 from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario
@@ -259,3 +260,11 @@ def test_a_change_without_failures_is_not_known():
     assert not any(
         "hint" in line for line in Sensitivities("rule", 0.1, (0, 1), (by_pairs(4000),), 6, 0).lines()
     )
+
+
+def test_a_whole_number_may_be_any_where_the_schema_permits_it(tmp_path):
+    file = tmp_path / "acc.yaml"
+    write_python_scenario(file)
+    scenario = ParametricScenario(file)
+    assert isinstance(scenario.value("steps"), int)
+    assert isinstance(scenario.value("simulator.options.radar"), float)

@@ -3,12 +3,13 @@
 A few small runs look for the value at which the bound is reached: values are chosen by a line through log p,
 as near to its root as the next estimate can tell apart. Half of the budget then decides. Where the failures
 of a run can be reweighed for nearby values (``reweighed_trial``) far enough, it is one run at the root, else
-one on each side of it. Each run has noise of its own, so the values may be chosen from earlier trials, and
-the risks of all of them add up to alpha (Bonferroni). The values that a run is reweighed for are tested in an
-order that is fixed before it, from the safe end until one fails, which needs no correction (fixed-sequence
-testing). If the probability is monotone in the parameter, the value at which it reaches the bound then lies
-between the last value that is shown to keep the bound and the first that is shown to break it, with the
-confidence 1 - alpha.
+one on each side of it. Where the bound is too rare for small runs, only those at the ends are small: the rest
+goes into few that are large enough to learn where failures are. Each run has noise of its own, so the values
+may be chosen from earlier trials, and the risks of all of them add up to alpha (Bonferroni). The values that
+a run is reweighed for are tested in an order that is fixed before it, from the safe end until one fails,
+which needs no correction (fixed-sequence testing). If the probability is monotone in the parameter, the value
+at which it reaches the bound then lies between the last value that is shown to keep the bound and the first
+that is shown to break it, with the confidence 1 - alpha.
 """
 
 from __future__ import annotations
@@ -37,6 +38,12 @@ _MIN_REACH_HALF_WIDTHS = 1.5
 """Least distance in log p that reweighing must reach, in half widths of the interval there."""
 _STEP_HALF_WIDTHS = 1.3
 """Distance from the root at which the next value is taken, in half widths of the interval there."""
+_MIN_EXPECTED_FAILURES = 4.0
+"""Rollouts times the bound below which a run without a failure shows nothing."""
+_LARGE_RUN_ROLLOUTS, _MAX_LARGE_RUNS = 16_000, 4
+"""Rollouts of a run that finds rare failures, and the most such runs."""
+_MIN_RELATIVE_WIDTH = 0.02
+"""Relative width of the answer from which on it is not narrowed any further."""
 _MIN_SLOPE = 1e-3
 _BEND = 0.3
 _INTERVAL_STANDARD_ERRORS = 6.0
@@ -102,12 +109,15 @@ class _Search:
     scaled: bool
     between: tuple[float, float]
     trials: list[Trial] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
 
     def look(self) -> bool:
         """Run the small trials; return whether there is something left to decide."""
         level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES
         for number in range(_SEARCH_ESTIMATES):
-            value = self.between[number] if number < 2 else self._choose(number, level)
+            if number == 2 and self._is_rare():
+                return True
+            value = self.between[number] if number < 2 else self._choose(SHARES[number], level)
             if value is None:
                 return False
             self._run(value, SHARES[number], level)
@@ -122,6 +132,12 @@ class _Search:
     def decide(self) -> None:
         """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
+        if self._is_rare():
+            left = sum(SHARES[2:])
+            runs = left * self.trials[0].result.rollouts // _LARGE_RUN_ROLLOUTS
+            runs = min(max(runs, 1), _MAX_LARGE_RUNS)
+            self._run_all([left / runs] * runs, risk)
+            return
         shares = SHARES[_SEARCH_ESTIMATES:]
         expected = self.limit * self.trials[-1].result.rollouts * sum(shares) / SHARES[_SEARCH_ESTIMATES - 1]
         half = normal_factor(1.0 - risk) / math.sqrt(expected)
@@ -129,11 +145,21 @@ class _Search:
             value = self._inside(line[0])
             self._run(value, sum(shares), 1.0 - risk, self._grid(value))
             return
-        for number, share in enumerate(shares, _SEARCH_ESTIMATES):
-            level = 1.0 - risk / len(shares)
-            chosen = self._choose(number, level)
+        self._run_all(shares, risk)
+
+    def _run_all(self, shares: Sequence[float], risk: float) -> None:
+        level = 1.0 - risk / len(shares)
+        for share in shares:
+            chosen = self._choose(share, level)
             if chosen is not None:
                 self._run(chosen, share, level, self._grid(chosen))
+
+    def _is_rare(self) -> bool:
+        """Return whether small runs mostly show neither failures nor that the bound is kept."""
+        return any(
+            not end.result.probability and self.limit * end.result.rollouts < _MIN_EXPECTED_FAILURES
+            for end in self.trials[:2]
+        )
 
     def bracket(self) -> tuple[float | None, float | None]:
         """Return the last value that is shown to keep the bound, and the first that is shown to break it."""
@@ -160,7 +186,8 @@ class _Search:
         first, last = self.trials[0], self.trials[-1]
         return (last.result.probability - first.result.probability) * (last.value - first.value) >= 0.0
 
-    def _run(self, value: float, share: int, level: float, nearby: Sequence[float] = ()) -> None:
+    def _run(self, value: float, share: float, level: float, nearby: Sequence[float] = ()) -> None:
+        self.shares.append(share)
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
 
     def _give_values(self, trial: Trial, keeps: bool) -> Iterator[float]:
@@ -172,13 +199,17 @@ class _Search:
                 return
             yield near.value
 
-    def _choose(self, number: int, level: float) -> float | None:
+    def _choose(self, share: float, level: float) -> float | None:
         keeping, broken = self.bracket()
-        ends = sorted(_to(trial.value, self.scaled) for trial in self.trials[:2])
+        number, (low, high) = len(self.trials), (trial.value for trial in self.trials[:2])
+        safe, unsafe = (low, high) if self.rising else (high, low)
+        safe, unsafe = safe if keeping is None else keeping, unsafe if broken is None else broken
         if keeping is not None and broken is not None:
-            ends = sorted((_to(keeping, self.scaled), _to(broken, self.scaled)))
-            if abs(keeping - broken) <= 0.02 * max(abs(keeping), abs(broken)):  # narrow enough
+            if abs(keeping - broken) <= _MIN_RELATIVE_WIDTH * max(abs(keeping), abs(broken)):
                 return None
+        elif safe == unsafe:  # the direction is not known yet
+            safe, unsafe = low, high
+        ends = sorted((_to(safe, self.scaled), _to(unsafe, self.scaled)))
         middle = 0.5 * (ends[0] + ends[1])
         line = self._fit()
         if line is None or number == 2:
@@ -187,10 +218,10 @@ class _Search:
         # The half width of the next interval in log p: that of the last trial, at its own budget and level.
         last = self.trials[-1]
         width = math.log(last.interval[1] / max(last.result.probability, last.interval[1] / 100.0))
-        width *= math.sqrt(SHARES[len(self.trials) - 1] / SHARES[number])
+        width *= math.sqrt(self.shares[-1] / share)
         if number == _SEARCH_ESTIMATES:
             width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES)
-        side = (-1.0 if number % 2 else 1.0) * (1.0 if slope > 0 else -1.0)
+        side = (-1.0 if number % 2 or self._is_rare() else 1.0) * (1.0 if slope > 0 else -1.0)
         point = root + side * _STEP_HALF_WIDTHS * width / max(abs(slope), _MIN_SLOPE)
         inside = ends[0] < point < ends[1]
         return _from(point if inside else middle, self.scaled)
@@ -286,7 +317,7 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
         times = math.ceil(least.interval[1] / limit)
         doubts.append(
             f"the least that is shown is p < {least.interval[1]:.2g}, at {least.value:.4g}, with "
-            f"{least.result.rollouts:,} rollouts; {limit:g} takes some {times:,} times as many"
+            f"{least.result.rollouts:,} rollouts; by counting, {limit:g} takes some {times:,} times as many"
         )
     return tuple(doubts)
 

@@ -81,12 +81,21 @@ class ParametricScenario:
         return tuple(f"{path}={value}" for path, value in [*written.items(), *values.items()])
 
     def value(self, parameter: str) -> float:
-        """Return the value of a parameter; UsageError if it is not a number."""
+        """Return the value of a parameter, an int where it is a whole number; UsageError if it is none."""
         numbers = dict(_numbers(self.scenario.definition.resolved))
         if parameter not in numbers:
             hint = did_you_mean(parameter, numbers) or "a dotted path such as perception.miss_scale"
             raise UsageError(f"{self.path}: {parameter!r} is not a number of this scenario", hint)
-        return numbers[parameter]
+        value = numbers[parameter]
+        return float(value) if isinstance(value, int) and self._permits(parameter, value + 0.5) else value
+
+    def _permits(self, parameter: str, value: float) -> bool:
+        """Return whether the schema of the scenario permits a value: a scenario holds 1.0 as 1."""
+        try:
+            self.at(parameter, value)
+        except AvrareError:
+            return False
+        return True
 
     def default_parameters(self) -> list[str]:
         """Return the numbers of the perception error model that the score function can derive."""
