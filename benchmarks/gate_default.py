@@ -2,10 +2,11 @@
 
     python benchmarks/gate_default.py [--estimates 20] [--folder benchmarks/results/gate_default]
 
-The system is that of `avrare new scenario --python`, with a collision in 3.8e-5 of the drives, and in three
+The system is that of `avrare new scenario --python`, with a collision in 3.5e-5 of the drives, and in three
 times as many at a smaller time gap. Each estimate has a seed of its own and is kept in the folder, so that an
-interrupted study goes on. Every baseline meets every estimate, as in `avrare check`, twice as many
-as baselines; the verdicts depend on each other. Before it stands Monte Carlo at p = 0.0125, whose counts have one law for all systems.
+interrupted study goes on. There are half as many baselines as checks, and each meets every check: the
+verdicts depend on each other. Before it stands Monte Carlo at p = 0.0125, whose counts have one law for all
+systems.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ import numpy as np
 import avrare
 from avrare.analysis.check import baseline_files
 from avrare.analysis.check.criteria import Criterion, decide_criteria
-from avrare.analysis.check.power_analysis import BASELINE_SHARE, find_variance
+from avrare.analysis.check.pooling import pool
+from avrare.analysis.check.power_analysis import BASELINE_SHARE, describe_coarse_baseline, find_variance
 from avrare.analysis.check.targets import Look, estimate_look
 from avrare.cli.main import main as run_command
 from avrare.estimation.combine.specifications import Execution
@@ -93,17 +95,17 @@ def draw_frequent(count: int) -> dict[str, list[Result]]:
 
 
 def report(condition: str, baselines: Sequence[Result], estimates: Sequence[Result]) -> None:
-    """Print how often estimates pass and fail against baselines, and what both cost."""
-    verdicts = Counter(
-        decide_criteria(
-            [Criterion("gate", each.specification, Regression.model_validate({}), baseline)],
-            lambda _, each=each: each,  # type: ignore[misc]
-            1.0,
-            {},
-        ).get(0, "inconclusive")
-        for baseline in baselines
-        for each in estimates
-    )
+    """Print how often checks pass and fail against the baselines that decide, and what both cost."""
+    regression, looks = Regression.model_validate({}), Counter[int]()
+    fine = [baseline for baseline in baselines if not describe_coarse_baseline(regression, baseline)]
+    verdicts = Counter[str]()
+    for baseline in fine:
+        criterion = Criterion("gate", baseline.specification, regression, baseline)
+        for number in range(len(estimates)):
+            batches = [estimates[number], estimates[number - 1]]  # the second look is another's first
+            verdict, drawn = decide_in_looks(criterion, batches)
+            verdicts[verdict] += 1
+            looks[drawn] += 1
     shares = ", ".join(f"{name} {count / verdicts.total():.1%}" for name, count in verdicts.most_common())
     for name, results in (("baseline", baselines), (condition, estimates)):
         mean = np.mean([each.probability for each in results])
@@ -112,7 +114,17 @@ def report(condition: str, baselines: Sequence[Result], estimates: Sequence[Resu
         print(
             f"  {name}: {len(results)} estimates, mean {mean:.3g}, {rollouts:,.0f} rollouts, {warned} warned"
         )
-    print(f"{condition}: {shares}", flush=True)
+    print(f"{condition}: {shares}; {len(fine)} baselines decide, {looks[2]} of {looks.total()} look twice")
+
+
+def decide_in_looks(criterion: Criterion, batches: Sequence[Result]) -> tuple[str, int]:
+    """Return the verdict of a check that looks again where it is not decided, and its looks."""
+    for drawn in range(1, len(batches) + 1):
+        pooled = pool(batches[:drawn], 0.01)
+        decided = decide_criteria([criterion], {criterion: pooled}.get, 1.0 / len(batches), {})
+        if decided:
+            return decided[0], drawn
+    return "inconclusive", len(batches)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from avrare.analysis.check.targets import (
     Look,
     estimate_look,
     load_targets,
-    plan_looks,
+    plan_check,
 )
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
@@ -62,10 +62,10 @@ def execute(args: argparse.Namespace) -> int:
     if any(map(is_catalogue, args.scenarios)):
         return check_catalogue.execute(args)
     budget = Budget.parse(args.budget)
-    looks = plan_looks(budget, args.looks)
     out = _out_folder(args)
     _make_folders(args, out)
     targets = _load_targets(args)
+    looks = plan_check(targets, budget, args.looks, args.save)
     names = [target.definition.name for target in targets]
     again = out is not None and args.resume and _is_finished(out, names)
     if out and not args.plan and not again:

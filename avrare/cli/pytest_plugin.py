@@ -93,10 +93,10 @@ class ScenarioFile(pytest.File):
     def outcome(self) -> CheckResult:
         """Verdicts of all items, computed when the first one runs."""
         from avrare.analysis.check.gate import decide
-        from avrare.analysis.check.targets import plan_looks
+        from avrare.analysis.check.targets import plan_check
         from avrare.estimation.combine.specifications import Execution
 
-        return decide([self.target], plan_looks(None), Execution())
+        return decide([self.target], plan_check([self.target], None), Execution())
 
 
 class CriterionItem(pytest.Item):

@@ -10,7 +10,7 @@ from functools import partial
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
-from avrare.analysis.check.targets import load_targets, plan_looks
+from avrare.analysis.check.targets import load_targets, plan_check
 from avrare.analysis.rates.catalogue import Catalogue, load_catalogue
 from avrare.analysis.rates.rate import rate
 from avrare.analysis.rates.rates import BROKEN, CatalogueRates
@@ -71,11 +71,11 @@ def check(
         path = choose_catalogue(scenarios, **given, **flags).path
         rates = rate(path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe)
         return decide_rates(rates, strict)
-    planned_looks = plan_looks(Budget.parse(budget), looks)
     with safe_mode(safe):
         loaded = load_scenarios(scenarios, as_settings(overrides), estimator)
         targets = load_targets(loaded, baseline, save=save, require=require_baseline, accept=accept_changes)
     execution = Execution(partial(build_executor, workers, executor), watch or show_nothing)
+    planned_looks = plan_check(targets, Budget.parse(budget), looks, save)
     outcome = check_targets(targets, planned_looks, execution, save)
     return replace(with_next_steps(outcome, targets, None), strict=strict)
 

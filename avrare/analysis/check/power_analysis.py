@@ -30,6 +30,7 @@ BASELINE_SHARE = 0.25
 LEAST_SHARE = 0.1
 """Share of the variance that a baseline must leave for a check."""
 _MAX_FAILURES = 200
+_LEVEL = 0.95
 _quantile = NormalDist().inv_cdf
 
 
@@ -220,11 +221,14 @@ def _need_for_regression(
     for_baseline = _round(_work(baseline or entry) / allowed**2)
     if baseline is None:
         return for_baseline, f"for the baseline, {factor}; each check takes a third of that"
-    left = variance - baseline.relative_error**2
-    if left <= LEAST_SHARE * variance:
-        errors = [format_percent(round(error, 2)) for error in (baseline.relative_error, allowed)]
+    spread, least = find_spread(baseline), LEAST_SHARE * variance
+    left = variance - spread**2
+    if left <= least:
+        errors = [format_percent(round(error, 2)) for error in (spread, allowed)]
         text = f"the baseline is too imprecise: its relative error is {errors[0]}, not {errors[1]} or less"
-        return None, f"{text}; make another with --save --budget rollouts={for_baseline}"
+        doubted = variance - baseline.relative_error**2 > least  # its size is not what it lacks
+        words = "--seed N" if doubted else f"--budget rollouts={for_baseline}"
+        return None, f"{text}; make another with --save {words}"
     return _work(entry) / left, factor
 
 
@@ -232,6 +236,16 @@ def describe_coarse_baseline(regression: Regression, entry: Result) -> str:
     """Return why an estimate, as a baseline, decides no check, and what would; empty if it does."""
     need, reason = _need_for_regression(regression, entry, entry)
     return reason if need is None else ""
+
+
+def find_spread(entry: Result) -> float:
+    """Return the relative error that an interval stands for, which a doubt may have widened."""
+    if counts_failures(entry):
+        return entry.relative_error
+    low, high = derive_distribution(entry).interval_at(_LEVEL)
+    if not low:
+        return math.inf
+    return max(entry.relative_error, math.log(high / low) / 2.0 / _quantile((1.0 + _LEVEL) / 2.0))
 
 
 def _has_variance(entry: Result) -> bool:

@@ -18,8 +18,14 @@ from avrare.analysis.check.baseline_files import (
 )
 from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
-from avrare.analysis.check.power_analysis import BASELINE_SHARE, describe_coarse_baseline, find_variance
+from avrare.analysis.check.power_analysis import (
+    BASELINE_SHARE,
+    describe_coarse_baseline,
+    find_spread,
+    find_variance,
+)
 from avrare.base.errors import UsageError
+from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import GOAL
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import estimate_scenario
@@ -30,6 +36,8 @@ from avrare.scenario.fingerprint import changed_files, digests
 from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.schema import Regression, Scenario
 
+_REPEATS = 2
+"""Looks of a check that leaves its size to ``auto``."""
 _SEED_STRIDE = 0x9E3779B97F4A7C15
 _SEED_RANGE = 2**63
 
@@ -82,6 +90,11 @@ class CheckTarget:
         return {**healthy, **self.baseline.firsts}
 
     @property
+    def is_by_auto(self) -> bool:
+        """True where the estimator chooses among others, and its own size."""
+        return isinstance(self.definition.estimator.config, AutoConfig)
+
+    @property
     def planned_criteria(self) -> list[Criterion]:
         """Criteria, and those that a first baseline will add."""
         if not self.compared or self.baseline is not None:
@@ -96,7 +109,7 @@ class CheckTarget:
         variance = find_variance(self._regression)
         used = 1.0 - BASELINE_SHARE
         if self.baseline is not None and not save:
-            errors = [entry.relative_error for entry in self.baseline.entries.values()]
+            errors = [find_spread(entry) for entry in self.baseline.entries.values()]
             used = min(
                 used, max((error**2 for error in errors if math.isfinite(error)), default=0.0) / variance
             )
@@ -210,6 +223,22 @@ def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:
         Look(number, share, Budget(budget.kind, budget.amount * share))
         for number, share in enumerate(SHARES, 1)
     ]
+
+
+def plan_check(
+    targets: Sequence[CheckTarget], budget: Budget | None, several: bool = False, save: bool = False
+) -> list[Look]:
+    """Return the looks of a check: two where its size is left to ``auto`` and it compares with baselines.
+
+    A doubt may widen an estimate, and another with noise of its own mostly decides what that leaves open.
+
+    Raises:
+        UsageError: Several looks need a budget to share.
+    """
+    sized = budget is not None or several or save
+    if sized or not all(target.baseline is not None and target.is_by_auto for target in targets):
+        return plan_looks(budget, several)
+    return [Look(number, 1.0 / _REPEATS, None) for number in range(1, _REPEATS + 1)]
 
 
 def estimate_look(

@@ -96,6 +96,14 @@ def test_a_baseline_and_a_check_of_their_shares_decide(estimate, entry):
     assert decided(estimate, criteria, 0.03, sizes[1]) >= 0.95
 
 
+def test_a_baseline_is_as_imprecise_as_its_interval(estimate):
+    for variance, coarse in ((0.01, False), (0.25, True)):
+        baseline = estimate(LogNormal(4e-5, variance, 100), relative_error=0.1, rollouts=20_000)
+        text = describe_coarse_baseline(Regression(), baseline)
+        assert bool(text) == coarse
+    assert "its relative error is 48 %, not 11 % or less; make another with --save --seed N" in text
+
+
 def test_precision(estimate, entry):
     *_, cost = planned(entry(100, 10_000), Regression(), entry(100, 10_000))
     _, high = Binomial(round(0.01 * cost.rollouts), cost.rollouts).interval_at(0.95)

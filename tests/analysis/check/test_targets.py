@@ -4,8 +4,11 @@ import pytest
 
 from avrare.analysis.check import targets
 from avrare.analysis.check.baseline_files import Baseline
-from avrare.analysis.check.targets import CheckTarget, estimate_look, load_targets, plan_looks
+from avrare.analysis.check.pooling import SHARES
+from avrare.analysis.check.targets import CheckTarget, estimate_look, load_targets, plan_check, plan_looks
+from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution
+from avrare.estimation.plan.budget import Budget
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 
@@ -17,6 +20,28 @@ def test_rounding_makes_no_check_inconclusive_and_other_warnings_stay(drive, est
     look = plan_looks(None, None)[0]
     (result,) = estimate_look(scenario, ["in_lane"], look, Execution())
     assert result.health == {"few_roots": "too few"}
+
+
+def test_only_comparisons_whose_size_is_left_to_auto_look_again(drive, estimate):
+    path = drive()
+    auto, fixed = (load(path, estimator=name) for name in ("auto", "mc"))
+    baseline = Baseline(Path("0001.json"), {}, {}, None, {"in_lane": estimate(relative_error=0.1)})
+
+    def plan(definition, *arguments, before=baseline, **options):
+        target = CheckTarget(LoadedScenario(definition), Path("baselines"), True, before)
+        return [look.share for look in plan_check([target], *arguments, **options)]
+
+    assert plan(auto, None) == [0.5, 0.5]
+    for looks in (
+        plan(fixed, None),
+        plan(auto, Budget("rollouts", 100)),
+        plan(auto, None, save=True),
+        plan(auto, None, before=None),
+    ):
+        assert looks == [1.0]
+    assert plan(auto, Budget("rollouts", 100), True) == list(SHARES)
+    with pytest.raises(UsageError, match="several looks need a budget"):
+        plan(auto, None, True)
 
 
 def test_an_estimate_is_as_exact_as_its_comparison_asks(drive, estimate):
