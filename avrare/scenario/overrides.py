@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Self
 
-from avrare.base.errors import ScenarioError
+from avrare.base.errors import ScenarioError, UsageError
 from avrare.scenario.value_positions import Mark, Node, put
 from avrare.scenario.yaml import parse_value
+
+
+class Setting(str):
+    """``KEY=VALUE`` whose errors begin with ``source``: what the user wrote for it."""
+
+    source: str
+
+    def __new__(cls, text: str, source: str) -> Self:
+        """Return the setting."""
+        setting = super().__new__(cls, text)
+        setting.source = source
+        return setting
 
 
 def as_settings(settings: Sequence[str]) -> tuple[str, ...]:
@@ -15,12 +28,20 @@ def as_settings(settings: Sequence[str]) -> tuple[str, ...]:
     return (settings,) if isinstance(settings, str) else tuple(settings)
 
 
-def read_driver(text: str) -> list[str]:
-    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file."""
+def read_driver(text: str) -> list[Setting]:
+    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file.
+
+    Raises:
+        UsageError: The text is neither.
+    """
     plugin, sign, model = text.partition("=")
-    if not sign or os.path.exists(text):
+    if os.path.exists(text) or (not sign and os.path.splitext(text)[1]):
         return []
-    return [f"controller={{plugin: {plugin}, model: {model}}}", "aeb=null"]
+    if not (plugin and model):
+        hint = "write CONTROLLER=MODEL, such as reference_driver=fsm, or the path of a scenario file"
+        raise UsageError(f"--against {text}: no file, and no controller with its model", hint)
+    settings = f"controller={{plugin: {plugin}, model: {model}}}", "aeb=null"
+    return [Setting(setting, f"--against {text}") for setting in settings]
 
 
 def override(tree: Node, settings: Sequence[str]) -> Node:
@@ -43,7 +64,7 @@ def override(tree: Node, settings: Sequence[str]) -> Node:
 def _apply(tree: Node, setting: str) -> Node:
     key, equals, text = setting.partition("=")
     key = key.strip()
-    mark = Mark(f"--set {key}")
+    mark = Mark(setting.source if isinstance(setting, Setting) else f"--set {key}")
     if not equals or not all(key.split(".")):
         raise mark.error("should be KEY=VALUE", "for example --set estimator.rollouts=1000")
     if key.split(".")[0] == "extends":

@@ -33,7 +33,7 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare.scenario.fingerprint import comparable
 from avrare.scenario.load import load
-from avrare.scenario.overrides import as_settings, read_driver
+from avrare.scenario.overrides import Setting, as_settings, read_driver
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
 from avrare.stack.noise_names import find_noise_names
@@ -215,7 +215,8 @@ def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
                 f"{text}: a setting of two versions begins with scenario. or against.",
                 "write scenario.KEY=VALUE for both, against.KEY=VALUE for the second only",
             )
-        (both if prefix == "scenario" else second_only).append(rest)
+        setting = Setting(rest, f"--set {text.partition('=')[0]}")
+        (both if prefix == "scenario" else second_only).append(setting)
     return both, second_only
 
 

@@ -30,7 +30,7 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
     document = rates.catalogue.document
     totals: dict[str, list[Total]] = {}
     rows = list(_list_rates(rates))
-    for _, _, unit, total in rows:
+    for *_, unit, total in rows:
         totals.setdefault(unit, []).append(total)
     broken = f"{BROKEN[0].upper()}{BROKEN[1:]}: {', '.join(rates.errors)}."
     notices = ((broken,) if rates.errors else (), tuple(describe_warnings(rates)))
@@ -45,7 +45,7 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
         document.name,
         document.description or "",
         facts,
-        tuple(f"{balance.describe(rates.driver)}." for balance in rates.balances),
+        tuple(f"{_typeset(balance.describe(rates.driver))}." for balance in rates.balances),
         tuple(filter(None, notices)),
         {unit: _make_axis(several) for unit, several in totals.items()},
         tuple(_build_rate(*row) for row in rows),
@@ -58,18 +58,18 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
     )
 
 
-def _list_rates(rates: CatalogueRates) -> Iterator[tuple[str, RuleRate, str, Total]]:
-    # each rule's rate and below it that of the other driver, with its name
+def _list_rates(rates: CatalogueRates) -> Iterator[tuple[str, str, RuleRate, str, Total]]:
+    # rule and driver of each rate, that of the stack before that of another driver
     others = rates.reference.rates if rates.reference is not None else ()
     for rate, other in zip_longest(rates.rates, others):
         for unit, total in rate.totals.items():
-            yield rate.rule, rate, unit, total
+            yield rate.rule, "", rate, unit, total
             if other is not None:
-                yield rates.driver, other, unit, other.totals[unit]
+                yield rate.rule, rates.driver, other, unit, other.totals[unit]
 
 
 def _list_versions(rates: CatalogueRates) -> list[Table]:
-    rows = list_scenes(rates)
+    rows = [tuple(map(_typeset, row)) for row in list_scenes(rates, typeset=True)]
     if not rows:
         return []
     text = f"Probabilities of the stack and of {rates.driver}, and each scene's share of the stack's rate."
@@ -77,18 +77,23 @@ def _list_versions(rates: CatalogueRates) -> list[Table]:
     return [Table("Stack and driver", text, heads, tuple(rows), (1,))]
 
 
+def _typeset(text: str) -> str:
+    return text.replace(" .. ", " – ")
+
+
 def _make_axis(totals: Sequence[Total]) -> Scale:
     ends = [end for total in totals for end in (*total.interval, total.value)]
     return make_log_scale([*ends, *(total.interval[1] / 10.0 for total in totals)])
 
 
-def _build_rate(name: str, rate: RuleRate, unit: str, total: Total) -> Rate:
+def _build_rate(rule: str, driver: str, rate: RuleRate, unit: str, total: Total) -> Rate:
     verdicts = [
         (decision.verdict, f"{decision.threshold.text}{decision.explanation}")
         for decision in rate.decisions
         if decision.threshold.unit == unit
     ]
-    return Rate(name, unit, total.value, total.interval, total.sampling, total.exposure, tuple(verdicts))
+    intervals = total.interval, total.sampling, total.exposure
+    return Rate(rule, driver, unit, total.value, *intervals, tuple(verdicts))
 
 
 def _list_scenes(rates: CatalogueRates, rate: RuleRate) -> Table:

@@ -10,9 +10,13 @@ from avrare.base.chart import Scale
 
 @dataclass(frozen=True)
 class Rate:
-    """Rate of a rule in one unit, with its intervals; ``verdicts`` have the words of their thresholds."""
+    """Rate of a rule in one unit, with its intervals; ``verdicts`` have the words of their thresholds.
+
+    ``driver`` is the controller that drove in place of the stack's, empty for the stack.
+    """
 
     rule: str
+    driver: str
     unit: str
     value: float
     interval: tuple[float, float]

@@ -57,7 +57,7 @@ class Catalogue:
         settings = read_driver(text)
         if not settings:
             hint = "write CONTROLLER=MODEL, such as reference_driver=fsm"
-            raise UsageError(f"{text}: does not name a driver of a catalogue's scenes", hint)
+            raise UsageError(f"--against {text}: only a controller can drive a catalogue's scenes", hint)
         return replace(self, driver=tuple(settings))
 
     def list_shared_rules(self, index: int) -> tuple[str, ...]:

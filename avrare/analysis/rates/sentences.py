@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from avrare.analysis.rates.rates import CatalogueRates, RuleRate
-from avrare.base.number_format import format_interval, format_percent, format_probability, format_ratio
+from avrare.base.number_format import (
+    format_interval,
+    format_percent,
+    format_probability,
+    format_ratio,
+    format_typeset,
+    format_typeset_interval,
+)
 
 
 def describe_warnings(rates: CatalogueRates) -> list[str]:
@@ -47,8 +54,10 @@ def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
     return f"mostly {', '.join(parts)}; {doubt}"
 
 
-def list_scenes(rates: CatalogueRates) -> list[tuple[str, ...]]:
+def list_scenes(rates: CatalogueRates, typeset: bool = False) -> list[tuple[str, ...]]:
     """Return rule, scene, both probabilities with intervals, their ratio and the share of the rate."""
+    number = format_typeset if typeset else format_probability
+    span = format_typeset_interval if typeset else format_interval
     if rates.reference is None:
         return []
     rows = []
@@ -56,15 +65,16 @@ def list_scenes(rates: CatalogueRates) -> list[tuple[str, ...]]:
         zip(rates.catalogue.document.scenes, rates.estimates, rates.reference.estimates, strict=True)
     )
     for balance, rate in zip(rates.balances, rates.rates, strict=True):
-        shares = next(iter(rate.totals.values())).shares
-        for (entry, *versions), (ratio, interval), share in zip(scenes, balance.scenes, shares, strict=True):
+        total = next(iter(rate.totals.values()))
+        for (entry, *versions), (ratio, interval), share in zip(scenes, balance.scenes, total.shares, strict=True):
             results = [version[balance.rule].result for version in versions]
             cells = [
                 text
                 for result in results
-                for text in (format_probability(result.probability), format_interval(result.interval))
+                for text in (number(result.probability), span(result.interval))
             ]
             has_failed = any(result.probability for result in results)
             quotient = format_ratio(ratio, interval) if has_failed else "not known"
-            rows.append((balance.rule, entry.name, *cells, quotient, format_percent(round(share, 3))))
+            percent = format_percent(round(share, 3)) if total.value else "–" if typeset else "-"
+            rows.append((balance.rule, entry.name, *cells, quotient, percent))
     return rows

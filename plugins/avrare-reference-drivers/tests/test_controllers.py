@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.base.errors import UsageError
+from avrare.base.errors import AvrareError, UsageError
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.testing.conformance import Subject, checks_of
 from avrare_reference_drivers.config import CruiseConfig, HoldConfig, ReferenceDriverConfig
@@ -227,10 +227,30 @@ def test_rates_of_a_catalogue_beside_another_driver(tmp_path):
     assert rates.reference.estimates[0]["no_collision"].result.probability == 0.0
     page = avrare.report(rates).read_text()
     assert "negative risk balance" in page
+    assert '<span class="interval">reference_driver=cc</span>' in page
+    assert " .. " not in page
     again = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out", resume=True)
     assert again.to_dict() == rates.to_dict()
-    with pytest.raises(UsageError, match="does not name a driver of a catalogue's scenes"):
-        avrare.rate(catalogue, against="fsm", out=tmp_path / "other")
+    with pytest.raises(UsageError, match="only a controller can drive"):
+        avrare.rate(catalogue, against=str(tmp_path / "scene.yaml"), out=tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("reference_driver", "no file, and no controller"),
+        ("reference_driver=", "no file, and no controller"),
+        ("reference_driver=acc", "controller.model: should be 'cc'"),
+        ("driver=fsm", "controller.plugin: unknown controller"),
+    ],
+)
+def test_mistakes_in_the_other_driver_are_named_as_they_were_written(tmp_path, text, words):
+    path = tmp_path / "cut_in.yaml"
+    path.write_text(SCENARIO)
+    with pytest.raises(AvrareError, match=f"^--against {text}: {words}"):
+        avrare.compare_versions(path, text)
+    with pytest.raises(AvrareError, match="^--set against.controller.modl: controller.modl: unknown key"):
+        avrare.compare_versions(path, path, overrides=["against.controller.modl=cc"])
 
 
 def test_cruise_holds_the_speed_of_the_start():

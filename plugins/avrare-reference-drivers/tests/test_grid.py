@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
 from avrare_reference_drivers.grid import cut_in
 
 LATERAL = np.arange(18) * 0.1
@@ -96,3 +97,28 @@ def test_single_cases_do_not_depend_on_the_batch():
     together = cut_in("fsm", ego, 10.0, gaps, 1.2)
     alone = [cut_in("fsm", speed, 10.0, gap, 1.2) for speed, gap in zip(ego, gaps, strict=True)]
     np.testing.assert_array_equal(together[1], np.array([float(impact) for _, impact in alone]))
+
+
+def test_cut_ins_are_broadcast_and_those_that_never_meet_end_without_a_crash():
+    crash, impact = cut_in("fsm", np.array([[10.0], [20.0]]), 10.0, [0.0, 5.0, 60.0], 1.0)
+    assert crash.shape == impact.shape == (2, 3)
+    assert not crash[0].any()  # equal speeds
+    away = cut_in("cc", [10.0, 20.0, 0.0], [20.0, 10.0, 10.0], [5.0, 0.0, 30.0], [1.0, 0.5, 0.0])
+    assert not away[0].any()  # the other faster; passed before it comes over; at rest
+    assert np.isnan(away[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ((20.0, 10.0, [30.0, np.nan], 1.0), "gap: nan"),
+        ((np.inf, 10.0, 30.0, 1.0), "ego_speed: inf"),
+        ((20.0, -5.0, 30.0, 1.0), "other_speed: -5"),
+        ((20.0, 10.0, 30.0, [1.0, 1e9]), "lateral_speed: 1e.09"),
+    ],
+)
+def test_numbers_that_are_those_of_no_cut_in_are_refused(numbers, words):
+    with pytest.raises(UsageError, match=words):
+        cut_in("fsm", *numbers)
+    with pytest.raises(UsageError, match="choose settled or waits"):
+        cut_in("cc", 20.0, 10.0, 30.0, 1.0, ttc_reading="late")

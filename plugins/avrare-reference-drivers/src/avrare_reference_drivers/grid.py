@@ -6,7 +6,7 @@ Cases on the edge of a crash hang on rounding, so that sums are taken in JRC's o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.protocols import Bools, Floats
+from avrare_reference_drivers.config import TtcReading
 from avrare_reference_drivers.drivers import CRITICAL_TTC, DRIVERS, Reaction, Situation
 
 _STEP, _RATE = 0.1, 10.0
@@ -22,6 +23,13 @@ _LENGTH, _WIDTH, _OFFSET = 4.3, 1.9, 3.5
 """Size of both cars, and distance of their centres across when the other has reached its speed across [m]."""
 _GAIN = 1.5 / _RATE
 """Gain of the other's speed across in a step before that [m/s]."""
+_BOUNDS = {
+    "ego_speed": (0.0, 150.0),
+    "other_speed": (0.0, 150.0),
+    "gap": (-1000.0, 1000.0),
+    "lateral_speed": (0.0, 20.0),
+}
+"""Lowest and highest values of a cut-in [m/s, m]."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ def cut_in(
     other_speed: ArrayLike,
     gap: ArrayLike,
     lateral_speed: ArrayLike,
-    ttc_reading: Literal["settled", "waits"] | None = None,
+    ttc_reading: TtcReading | None = None,
 ) -> tuple[Bools, Floats]:
     """Drive cut-ins of two cars, 4.3 m long and 1.9 m wide, one of them driven by a reference driver.
 
@@ -83,8 +91,8 @@ def cut_in(
 
     Args:
         model: ``cc``, ``cc_lane``, ``reg157``, ``rss`` or ``fsm``.
-        ego_speed: Speed of the driver [m/s].
-        other_speed: Speed of the car that cuts in [m/s].
+        ego_speed: Speed of the driver, 0 or above [m/s].
+        other_speed: Speed of the car that cuts in, 0 or above [m/s].
         gap: Free gap along the road when it has reached its speed across, 1.6 m beside the driver [m].
         lateral_speed: That speed, which it gains by 1.5 m/s^2 [m/s].
         ttc_reading: What becomes of a cut-in whose time to collision is above 2 s at overlap across.
@@ -92,16 +100,23 @@ def cut_in(
             JRC's grids, and waits for the others.
 
     Returns:
-        Whether the cars touch, and the closing speed then, NaN where they do not [m/s].
+        Whether the cars touch, and the closing speed then [m/s]: NaN where they do not, below 0 where the
+        driver has become slower than the car beside it.
 
     Raises:
-        UsageError: No driver has this name.
+        UsageError: No driver has this name, or a number is not one of a cut-in.
     """
     driver = DRIVERS.get(model)
     if driver is None:
         raise UsageError(f"no reference driver is called {model!r}", f"choose one of {', '.join(DRIVERS)}")
+    if ttc_reading is not None and ttc_reading not in get_args(TtcReading):
+        raise UsageError(f"ttc_reading: {ttc_reading!r} is unknown", "choose settled or waits")
     settles = ttc_reading == "settled" or (ttc_reading is None and model == "cc")
     numbers = [np.asarray(values, dtype=float) for values in (ego_speed, other_speed, gap, lateral_speed)]
+    for (name, (low, high)), values in zip(_BOUNDS.items(), numbers, strict=True):
+        wrong = values[~((values >= low) & (values <= high))]
+        if wrong.size:
+            raise UsageError(f"{name}: {wrong[0]:g} is not in a cut-in", f"give numbers from {low:g} to {high:g}")
     shape = np.broadcast_shapes(*(array.shape for array in numbers))
     speed, other, free, lateral = (np.broadcast_to(array, shape).ravel() for array in numbers)
     cars = _start(speed, other, free, lateral, Reaction.start(driver, len(speed)))
