@@ -26,6 +26,8 @@ import avrare
 from avrare.base.errors import AvrareError
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
+from avrare_openscenario.scenario_file import read_scenario
+from avrare_openscenario.trace import act_out
 
 BASE = "scenarios/_base/recorded_cut_in.yaml"
 OUT = Path("docs/regulation")
@@ -41,6 +43,8 @@ MPC = {
     "turn_rate_change_weight": 150000.0,
     "smooth_start": True,
 }
+DT = 0.1
+"""Step of the paths [s]."""
 HEADS = ("scene", "stack", "steps", "probability", "low", "high", "rollouts", "errors", "seconds", "reason")
 
 
@@ -72,6 +76,20 @@ def find_files(folder: Path, pattern: str) -> list[Path]:
     return sorted(path for path in folder.rglob(pattern) if "Variation" not in str(path))
 
 
+def find_path(file: Path, seconds: float) -> list[tuple[float, float]]:
+    """Return x and y along its road of the way that the file has the ego drive, every half a metre."""
+    acted, driven = (read_scenario(str(file), ego, DT, {}, ignore_ego=True) for ego in (None, "Ego"))
+    k = [body.name for body in acted.bodies].index("Ego")
+    x, y, heading, _ = act_out(acted, DT, seconds)[1][:, k].T
+    ahead = acted.bodies[k].ahead
+    x, y = driven.roads.line.to_road(x + ahead * np.cos(heading), y + ahead * np.sin(heading))
+    path: list[tuple[float, float]] = []
+    for point in zip(x.tolist(), y.tolist(), strict=True):
+        if not path or np.hypot(*np.subtract(point, path[-1])) > 0.5:
+            path.append(point)
+    return path if len(path) > 1 else []
+
+
 def open_scene(file: Path, stack: str, kind: Kind) -> LoadedScenario:
     """Return the scene with a stack behind the sensor of the shipped cut-ins."""
     simulator = {"plugin": "openscenario", "file": str(file.resolve()), "ignore_ego_events": True}
@@ -82,6 +100,8 @@ def open_scene(file: Path, stack: str, kind: Kind) -> LoadedScenario:
         ego, road = loop.initial(np.zeros((1, loop.noise_size))).world.ego, loop.scene.road
         lane = int(np.abs(np.array(road.lane_centres) - ego.y[0]).argmin())
         controller = MPC | {"lanes": [lane], "y_goal": float(ego.y[0]), "v_goal": float(ego.speed[0])}
+    if stack == "hold":
+        controller["path"] = find_path(file, 0.1 * kind.steps)
     settings += [f"simulator={json.dumps(simulator)}", f"controller={json.dumps(controller)}"]
     return avrare.load(BASE, settings)
 

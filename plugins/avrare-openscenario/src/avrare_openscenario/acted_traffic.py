@@ -107,6 +107,9 @@ class ActedTraffic:
         for action in self.story.adjustments:
             points = self.motions.put(action, table, points)
         story, vehicles = self.story, self.count
+        if self.file.reverses:
+            points.speed[:, -1] *= -1.0
+            points.heading[:, -1] = points.heading[:, -1] % (2.0 * np.pi) - np.pi  # half a turn
         if self.ways is not None:
             self.ways.changed.update(range(len(self.maps)))
             points, _ = self.ways.renew(points, Course.idle(1, vehicles), [False] * len(self.maps))

@@ -296,10 +296,14 @@ class Motions:
 
     def _way_to(self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles) -> Floats:
         roads = self.maps[vehicle]
-        s, d, _ = place_point(place, roads, self.maps, table, self._references(place, every))
+        others = self._references(place, every)
+        s, d, _ = place_point(place, roads, self.maps, table, others)
         x, y = roads.line.to_plane(s, d)
         here_s, here_d, heading = _pose(every, vehicle)
         here_x, here_y = roads.line.to_plane(here_s, here_d)
+        if vehicle >= drive.heading.shape[1] and place.curve is not None:  # the ego and its way
+            path = build_path(place.curve, roads, self.maps, table, others)
+            return path.project(x, y) - path.project(here_x, here_y)
         along = (s - here_s) * np.sign(np.cos(heading))
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
         way = np.where(aside, np.hypot(x - here_x, y - here_y), along)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -18,7 +18,7 @@ from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.routes import follow_lane
-from avrare_openscenario.starts import Starts, nearest_lane, place_all
+from avrare_openscenario.starts import Starts, nearest_lane, place_all, speed_all
 from avrare_openscenario.story import (
     Action,
     Gap,
@@ -76,6 +76,7 @@ class ScenarioFile:
         routes: Roads that a vehicle is to drive over, by its index.
         bodies: Bodies of the vehicles, the ego last.
         ego: Whether the last one is an ego that a stack drives; else all obey the file.
+        reverses: Whether that begins in reverse gear; a stack drives it with its tail as its front.
         story: What happens.
         notes: What is left out, with its places.
     """
@@ -89,6 +90,7 @@ class ScenarioFile:
     routes: dict[int, Sequence[RoadMap]]
     bodies: tuple[Body, ...]
     ego: bool
+    reverses: bool
     story: Storyboard
     notes: tuple[str, ...]
 
@@ -164,7 +166,11 @@ def read_scenario(
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)
     maps = _find_roads(story, roads, parameters)
-    maps = maps if ego is None else _follow_ways(story, roads, maps, starts.routes, parameters)
+    reverses = ego is not None and bool(speed_all(story, parameters.table({}, 1))[0, -1] < 0.0)
+    if ego is not None:
+        maps = _follow_ways(story, roads, maps, starts.routes, parameters, reverses)
+    if reverses:
+        bodies = (*bodies[:-1], replace(bodies[-1], ahead=-bodies[-1].ahead))
     return ScenarioFile(
         path,
         file,
@@ -175,6 +181,7 @@ def read_scenario(
         dict(starts.routes),
         bodies,
         ego is not None,
+        reverses,
         story,
         notes,
     )
@@ -201,15 +208,21 @@ def _follow_ways(
     maps: tuple[RoadMap, ...],
     routes: Mapping[int, Sequence[RoadMap]],
     parameters: Parameters,
+    reverses: bool,
 ) -> tuple[RoadMap, ...]:
-    # The way of each vehicle, through junctions where its road ends at one.
+    # The way of each vehicle, through junctions where its road ends at one; in reverse gear against its road.
     ways = list(maps)
     stations, offsets, headings = place_all(story, maps, parameters.table({}, 1))
     for k, roads in enumerate(maps):
-        direction = 1 if np.cos(headings[0, k]) >= 0.0 else -1
-        if roads.lanes and network.find_ways(roads, direction) and np.isfinite(stations[0, k]):
+        backs = reverses and k == len(maps) - 1
+        direction = 1 if (np.cos(headings[0, k]) >= 0.0) != backs else -1
+        leads_on = backs or network.find_ways(roads, direction)
+        if roads.lanes and leads_on and np.isfinite(stations[0, k]):
             lane = roads.name_lane(int(nearest_lane(roads, offsets[:, k], stations[:, k])[0]))
             ways[k] = follow_lane(network, roads, lane, routes.get(k, ()), direction)
+    for k, place in enumerate(story.places[:-1]):  # a curve may begin beyond its road
+        if place.curve is not None and not 0.0 <= stations[0, k] <= ways[k].line.length:
+            ways[k] = ways[-1]
     ego = add_crossings(network, ways[-1])
     passed = [[(leg.roads, leg.direction) for leg in way.legs] for way in ways]
     return tuple(

@@ -127,7 +127,7 @@ def _build_ego(config: OpenScenarioConfig, file: ScenarioFile, body: Body) -> Eg
     options |= {} if body.wheelbase is None else {"wheelbase": body.wheelbase}
     options |= {} if body.speed_max is None else {"speed_max": body.speed_max}
     speed = float(speed_all(file.story, file.parameters.table({}, 1))[0, -1])
-    options |= {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": speed}
+    options |= {"x": 0.0, "y": 0.0, "heading": 0.0, "speed": abs(speed)}
     if wrong := sorted(set(options) & set(config.ego)):
         hint = "set a parameter of the file in `parameters`, or change the file"
         raise UsageError(f"ego.{wrong[0]}: that of the ego is given by {file.path}", hint)
