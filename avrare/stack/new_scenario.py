@@ -59,14 +59,7 @@ def write_scenario(
         f"  plugin: {name}",
         *_list_options(type(config).model_fields, options),
     ]
-    tail = [
-        "specifications:",
-        f"  # signals: {', '.join(signals)}",
-        f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
-        "estimator: {plugin: mc, rollouts: 1000}   # a first look; auto finds rare failures",
-        "# thresholds:",
-        '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
-    ]
+    tail = _list_requirements(signals)
     texts = {}
     if act:
         template = "act.py.txt" if built.scene is None else "act_driving.py.txt"
@@ -78,6 +71,17 @@ def write_scenario(
     texts[path] = "\n".join([*head, *_list_controller(path), *tail]) + "\n" if act else plain
     _write_files(texts, plain)
     return tuple(signals)
+
+
+def _list_requirements(signals: Signals) -> list[str]:
+    return [
+        "specifications:",
+        f"  # signals: {', '.join(signals)}",
+        f'  first: {{stl: "{_formula(signals)}"}}   # replace it by a requirement of your own',
+        "estimator: {plugin: mc, rollouts: 1000}   # a first look; auto finds rare failures",
+        "# thresholds:",
+        '#   - {specification: first, probability: "< 0.01"}   # decided by `avrare check`',
+    ]
 
 
 def write_python_scenario(path: Path) -> None:

@@ -22,6 +22,7 @@ from avrare.base.stored_files import read_regular
 from avrare_policy.network import Network
 
 Weights = Mapping[str, NDArray[np.float32]]
+_Layers = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 @dataclass(frozen=True)
@@ -67,13 +68,7 @@ def convert(
         PluginError: torch is not installed.
         UsageError: The file is another policy.
     """
-    weights = _read(path)
-    for layout in LAYOUTS:
-        layers = _layers(weights, layout.pattern)
-        if layers:
-            break
-    else:
-        raise UsageError(f"{path}: has no linear layers", "a policy is a chain of linear layers")
+    layout, layers = _find_layers(path)
     matrices = tuple(matrix for matrix, _ in layers)
     sizes = [matrix.shape for matrix in matrices]
     if any(before[1] != after[0] for before, after in pairwise(sizes)):
@@ -96,6 +91,14 @@ def convert(
         squashed,
     )
     return network, layout
+
+
+def _find_layers(path: Path) -> tuple[Layout, _Layers]:
+    weights = _read(path)
+    for layout in LAYOUTS:
+        if layers := _layers(weights, layout.pattern):
+            return layout, layers
+    raise UsageError(f"{path}: has no linear layers", "a policy is a chain of linear layers")
 
 
 def _read(path: Path) -> Weights:
@@ -128,7 +131,7 @@ def _array(tensor: Any) -> NDArray[np.float32]:
     return np.asarray(tensor.detach().float().numpy(), dtype=np.float32)
 
 
-def _layers(weights: Weights, pattern: str) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+def _layers(weights: Weights, pattern: str) -> _Layers:
     layers = []
     for name, matrix in weights.items():
         layer = re.fullmatch(rf"({pattern})\.weight", name)
