@@ -119,7 +119,7 @@ def rolled_out(scenario: LoadedScenario, args: Any) -> tuple[list[Any], Floats]:
 
     task = {"scenario": definition.resolved | {"estimator": None}, "versions": definition.versions}
     estimator = KeepingMonteCarlo(McConfig(rollouts=args.rollouts))
-    with Checkpoint.open(folder, task).held() as checkpoint:
+    with Checkpoint.open(folder, task).hold() as checkpoint:
         results = run(
             problem, estimator, executor, settings, tell,
             checkpoint.journal("rollouts"), lambda: moved[0] and time.monotonic() - began > args.seconds,

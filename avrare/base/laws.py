@@ -108,7 +108,7 @@ class Truncated(_Law):
     high: float | None = Field(default=None, description="greatest value; none: no upper bound")
 
     @model_validator(mode="after")
-    def _something_left(self) -> Self:
+    def _check_rest(self) -> Self:
         if self.low is None and self.high is None:
             raise ValueError("give low, high or both: where the law is cut")
         _check_order(self.low, self.high)
@@ -203,7 +203,7 @@ class Empirical(_Law):
     )
 
     @model_validator(mode="after")
-    def _different(self) -> Self:
+    def _check_spread(self) -> Self:
         if min(self.values) == max(self.values):
             raise ValueError("all values are the same: write the number itself")
         return self

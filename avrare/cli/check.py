@@ -29,9 +29,9 @@ from avrare.cli.options import display, overrides
 from avrare.cli.output import (
     UNFINISHED,
     ensure_files,
+    find_resumed_folder,
     print_warnings,
     refuse_overwrite,
-    resumed_folder,
     say,
     write_file,
     write_files,
@@ -102,7 +102,7 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
         return Path(args.out) if args.out else None
     if args.plan:
         raise UsageError("--resume cannot be combined with --plan", "a plan saves nothing")
-    return resumed_folder(args)
+    return find_resumed_folder(args)
 
 
 def _is_finished(out: Path, names: Sequence[str]) -> bool:

@@ -85,13 +85,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
     except AvrareError as error:
-        _tell(*error.lines())
+        _print_error(*error.lines())
         return int(error.exit_code)
     except MemoryError:
-        _tell(*OutOfMemory().lines())
+        _print_error(*OutOfMemory().lines())
         return int(ExitCode.INTERRUPTED)
     except KeyboardInterrupt:
-        _tell("interrupted")
+        _print_error("interrupted")
         return int(ExitCode.INTERRUPTED)
     except BrokenPipeError:
         _drop_output()
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         full = "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1"
         if isinstance(error, OSError) and not full:
-            _tell(*_system_error(error).lines())
+            _print_error(*_system_error(error).lines())
             _drop_output()
             return int(ExitCode.USAGE)
         _report_bug(error, full)
@@ -206,7 +206,7 @@ def _prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _tell(*lines: str) -> None:
+def _print_error(*lines: str) -> None:
     with suppress(OSError):  # a standard error that takes nothing
         print("\n".join(lines), file=sys.stderr, flush=True)
 
@@ -228,8 +228,8 @@ def _report_bug(error: Exception, full: bool) -> None:
     if full:
         import traceback
 
-        _tell(traceback.format_exc())
+        _print_error(traceback.format_exc())
     words = " ".join(str(error).split())
     line = f"this is a bug in avrare: {type(error).__name__}: {words} ({find_place(error)})"
     hint = [] if full else ["hint: run the command again with --traceback and report the output"]
-    _tell(spell_controls(line), *hint)
+    _print_error(spell_controls(line), *hint)

@@ -86,7 +86,7 @@ def can_draw() -> bool:
     return has_matplotlib()
 
 
-def resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
+def find_resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
     """Return the folder in which ``--resume`` continues; where a command ``begins`` in it a note says so."""
     if not args.resume:
         return None

@@ -12,7 +12,7 @@ from avrare.analysis.rates.rate import choose_folder, load_scenes, rate_catalogu
 from avrare.analysis.rates.rates import CatalogueRates
 from avrare.base.errors import Interrupted
 from avrare.cli.options import display
-from avrare.cli.output import print_warnings, resumed_folder, say
+from avrare.cli.output import find_resumed_folder, print_warnings, say
 from avrare.cli.run import estimate_run
 from avrare.estimation.plan.budget import Budget
 from avrare.output.renderers import report
@@ -36,7 +36,7 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
     """
     catalogue = load_catalogue(args.catalogue)
     budget, scenes = catalogue.budget(Budget.parse(args.budget)), load_scenes(catalogue)
-    out = resumed_folder(args) or choose_folder(catalogue, args.out)
+    out = find_resumed_folder(args) or choose_folder(catalogue, args.out)
     print_warnings(warning for scene in scenes for warning in scene.warnings)
     try:
         with Stopping() as stop:

@@ -15,7 +15,7 @@ from avrare.analysis.failures.stored_replays import check_known_failures, store_
 from avrare.base.errors import AvrareError, ExitCode, Interrupted, OutOfMemory, ScenarioError, UsageError
 from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, overrides
-from avrare.cli.output import can_draw, print_warnings, resumed_folder, say
+from avrare.cli.output import can_draw, find_resumed_folder, print_warnings, say
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError, resume_hint
@@ -67,7 +67,7 @@ def execute(args: argparse.Namespace) -> int:
             say(f"{out}: this run is already finished", error=True)
             return _finish(args, finished)
         budget = budget or rundir.saved_budget(out)
-        scenarios = scenarios or _interrupted_scenarios(args, out)
+        scenarios = scenarios or _list_interrupted(args, out)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
     built = [LoadedScenario(scenario) for scenario in scenarios]
@@ -96,7 +96,7 @@ def _out_folder(args: argparse.Namespace) -> Path | None:
     if args.out is not None and not args.scenarios and not Path(args.out).exists():
         hint = "give the folder of the interrupted run, or a SCENARIO to begin there"
         raise UsageError(f"--out {args.out}: no such folder", hint)
-    return resumed_folder(args, begins=bool(args.scenarios))
+    return find_resumed_folder(args, begins=bool(args.scenarios))
 
 
 def _named_scenarios(args: argparse.Namespace) -> list[Scenario]:
@@ -130,7 +130,7 @@ def _find_estimators(option: str) -> str:
     return ", ".join(each["plugin"]["const"] for each in fields if option in each)
 
 
-def _interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
+def _list_interrupted(args: argparse.Namespace, out: Path) -> list[Scenario]:
     scenarios = rundir.saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
         hint = f"avrare run SCENARIO --out {shlex.quote(str(out))} starts one"

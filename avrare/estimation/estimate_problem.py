@@ -155,7 +155,7 @@ class _Call:
         task = _task(problem, name, config, settings)
         if check is not None:
             task["cross_check"] = check.model_dump()
-        with Checkpoint.open(Path(self.checkpoint), task).held() as saved:
+        with Checkpoint.open(Path(self.checkpoint), task).hold() as saved:
             results = complete(replace(execution, journal=saved.journal))
             saved.remove()
         return results

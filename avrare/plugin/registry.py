@@ -130,7 +130,7 @@ class Registry:
         if twins:
             both = " and ".join(sorted(twin.origin for twin in (row, *twins)))
             return replace(row, status="broken", detail=f"{row.kind} {row.name!r} is provided by both {both}")
-        missing = missing_dependencies(row.component)
+        missing = list_missing_dependencies(row.component)
         if missing:
             detail = f"needs {', '.join(missing)}: {pip_line(*missing)}"
             return replace(row, status="missing dependency", detail=detail)
@@ -217,7 +217,7 @@ class Registry:
     def require(self, kind: str, name: str) -> Component:
         """Return the component ``name`` after checking its dependencies."""
         component = self.get(kind, name)
-        missing = missing_dependencies(component)
+        missing = list_missing_dependencies(component)
         if missing:
             raise PluginError(f"{kind} {name!r} needs {', '.join(missing)}", pip_line(*missing))
         return component
@@ -247,7 +247,7 @@ class Registry:
         return f"installed {kind}s: {', '.join(names)}" if names else f"no {kind} plugin is installed"
 
 
-def missing_dependencies(component: Component) -> tuple[str, ...]:
+def list_missing_dependencies(component: Component) -> tuple[str, ...]:
     """Return the top-level modules that the component needs and Python does not find; imports none."""
     missing = []
     for top in dict.fromkeys(module.split(".")[0] for module in component.needs):

@@ -1,6 +1,6 @@
 """Contracts between the parts of avrare: base classes with documented defaults, and their adapter."""
 
-from avrare.protocols.adapter import BASES, Adapted, SystemWrapper, adapt, missing_members, overrides
+from avrare.protocols.adapter import BASES, Adapted, SystemWrapper, adapt, list_missing_members, overrides
 from avrare.protocols.kinds import (
     Controller,
     Estimator,
@@ -31,6 +31,6 @@ __all__ = [
     "Tracker",
     "Verdict",
     "adapt",
-    "missing_members",
+    "list_missing_members",
     "overrides",
 ]

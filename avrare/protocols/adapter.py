@@ -42,7 +42,7 @@ def adapt(base: type[BaseT], part: object) -> BaseT:
     if isinstance(part, type):
         name = part.__name__
         raise UsageError(f"{name} is a class, not a {kind}", f"give an object of it, such as {name}()")
-    if missing := missing_members(base, part):
+    if missing := list_missing_members(base, part):
         members = [_describe_member(base, member) for member in required_members(base)]
         raise UsageError(
             f"{type(part).__name__} is not a valid {kind}: it lacks {', '.join(missing)}",
@@ -86,7 +86,7 @@ def required_members(base: type[Any]) -> list[str]:
     return list(dict.fromkeys([*values, *methods]))
 
 
-def missing_members(base: type[object], part: object) -> list[str]:
+def list_missing_members(base: type[object], part: object) -> list[str]:
     """Return the members without a default that a part lacks, or has as None."""
     return [name for name in required_members(base) if _lacks(part, name)]
 

@@ -102,12 +102,12 @@ def begin_checkpoint(
     paths = {scenario.name: str(Path(scenario.path).resolve()) for scenario in scenarios}
     files = {f"{scenario.name}/{SCENARIO}": dump(scenario.resolved).encode() for scenario in scenarios}
     task = _task(scenarios, budget) | ({"check": check} if check is not None else {})
-    with Checkpoint.open(folder, task, {"paths": paths}, files).held() as checkpoint:
+    with Checkpoint.open(folder, task, {"paths": paths}, files).hold() as checkpoint:
         yield checkpoint
 
 
 def _remove_without_chunks(folder: Path) -> None:
-    with Checkpoint(folder, {}).held() as old:
+    with Checkpoint(folder, {}).hold() as old:
         if old.chunks:
             resume = resume_hint(folder.parent)
             raise UsageError(

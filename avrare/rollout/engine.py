@@ -200,7 +200,7 @@ class _Simulation:
     ) -> tuple[Sample | None, Bools]:
         # Apply ``function`` and drop rows that break down; bisect to find those that raise.
         if self.request.crash:  # they would end the process again
-            self._tell(self.request.crash, rows)
+            self._collect_message(self.request.crash, rows)
             return None, np.zeros(len(noise), dtype=bool)
         try:
             sample = function(state, noise)
@@ -209,7 +209,7 @@ class _Simulation:
             raise
         except (Exception, SystemExit) as error:  # a plugin that calls exit(0) ends no program as passed
             if len(noise) == 1:
-                self._tell(f"{type(error).__name__}: {error}", rows)
+                self._collect_message(f"{type(error).__name__}: {error}", rows)
                 self.raised += 1
                 if self.raised == FIRST_ROLLOUTS and self.request.is_fresh:
                     raise EveryRolloutBroke.after(next(iter(self.messages))) from error
@@ -219,7 +219,7 @@ class _Simulation:
         if alive.all():
             return sample, alive
         for text, place in _describe_faults(sample[1], ~alive):
-            self._tell(text, rows[place])
+            self._collect_message(text, rows[place])
         return (batch.take(sample, alive) if alive.any() else None), alive
 
     def _bisect(
@@ -259,7 +259,7 @@ class _Simulation:
         unknown = np.any([np.isnan(verdict.robustness) for verdict in carry.verdicts], axis=0)
         if unknown.any():
             text = "the formula has no value: log or sqrt of a negative number, infinity - infinity, or 0/0"
-            self._tell(text, rows[unknown])
+            self._collect_message(text, rows[unknown])
             self._drop(rows[unknown], t)
             carry, rows = batch.take(carry, ~unknown), rows[~unknown]
         if not rows.size:
@@ -267,7 +267,7 @@ class _Simulation:
         self._record(carry, rows, t)
         return carry, rows
 
-    def _tell(self, text: str, rows: Integers) -> None:
+    def _collect_message(self, text: str, rows: Integers) -> None:
         # The order is that of the rows, whatever the chunk.
         first = int(rows.min())
         self.messages[text[:200]] = min(first, self.messages.get(text[:200], first))

@@ -124,7 +124,7 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
             disturbances.append(each if each.magnitude >= least else replace(each, magnitude=0.0))
     for k, (value, score) in enumerate(words.list_draws(rollout)):
         if abs(score) > _USUAL_DRAW:
-            disturbances.append(words.tell_draw(k, value, score))
+            disturbances.append(words.describe_draw(k, value, score))
     return sorted(dict.fromkeys(disturbances), key=lambda each: each.step)
 
 
@@ -218,7 +218,7 @@ class _Words:
         laws = self._loop.start.draws.laws
         return [(value, float(law.score(value))) for value, law in zip(values, laws, strict=True)]
 
-    def tell_draw(self, number: int, value: float, score: float) -> Disturbance:
+    def describe_draw(self, number: int, value: float, score: float) -> Disturbance:
         """Return a drawn option in words."""
         name = self.names[number].removeprefix("draw of ")
         return Disturbance(name, f"is {value:.4g} ({score:+.2g} sigma)", 0, abs(score))
@@ -263,7 +263,7 @@ class _Words:
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * errors > limit, self._gap):
                 peak = sign * float((sign * errors[first : last + 1]).max())
-                text = f"{_tell_error(reading, peak)} {format_span(first, last, self._dt)}"
+                text = f"{_describe_error(reading, peak)} {format_span(first, last, self._dt)}"
                 yield Disturbance(reading.subject, text, first, abs(peak) / limit)
 
     def describe_mean(
@@ -278,7 +278,7 @@ class _Words:
         if channel < self.drawn:
             draws = np.array([self.list_draws(rollout)[channel] for rollout in rollouts])
             value, score = (shares @ draws).tolist()
-            return [replace(self.tell_draw(channel, value, score), magnitude=magnitude)]
+            return [replace(self.describe_draw(channel, value, score), magnitude=magnitude)]
         readings = [rollout.misreadings[name] for rollout in rollouts if name in rollout.misreadings]
         if len(readings) < len(rollouts):
             return [self.describe_sum(channel, drift) for drift in drifts]
@@ -316,7 +316,7 @@ def _average(values: Floats, weights: Floats) -> Floats:
     return np.asarray(np.nansum(values * weights, axis=0) / np.maximum(np.nansum(weights, axis=0), 1e-300))
 
 
-def _tell_error(reading: Misreading, size: float) -> str:
+def _describe_error(reading: Misreading, size: float) -> str:
     return (reading.above if size > 0.0 else reading.below).format(f"{abs(size):.2g}")
 
 

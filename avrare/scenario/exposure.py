@@ -32,7 +32,7 @@ class Exposure(BaseModel):
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0, description="level of that interval, in (0, 1)")
 
     @model_validator(mode="after")
-    def _one_kind(self) -> Self:
+    def _check_unit(self) -> Self:
         given = [
             name for name in ("count", "counts", "per_hour", "per_km") if getattr(self, name) is not None
         ]

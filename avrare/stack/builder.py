@@ -28,7 +28,7 @@ from avrare.protocols import (
     Specification,
     Tracker,
     adapt,
-    missing_members,
+    list_missing_members,
     overrides,
 )
 from avrare.scenario.overrides import override
@@ -300,7 +300,7 @@ def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> Par
         warnings.simplefilter("ignore", FormulaWarning)  # given where the formula is validated
         part = factory(block.config, scene)
     kind = block.component.kind
-    if missing := missing_members(BASES[kind], part):
+    if missing := list_missing_members(BASES[kind], part):
         text = f"{kind} {block.plugin!r} is not complete: {type(part).__name__} has no {', '.join(missing)}"
         raise PluginError(text, f"see what a {kind} needs: avrare plugins --check {block.plugin}")
     built: PartT = adapt(BASES[kind], part)  # a contract may be a generic alias, which has no members

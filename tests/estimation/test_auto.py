@@ -12,7 +12,7 @@ import avrare
 from avrare.estimation.choice import auto
 from avrare.estimation.choice.auto import Auto
 from avrare.estimation.choice.auto_config import AutoConfig
-from avrare.estimation.choice.auto_rules import Aim, promised_gain
+from avrare.estimation.choice.auto_rules import Aim, forecast_gain
 from avrare.estimation.loop.checkpoint import SaveError
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
@@ -198,9 +198,9 @@ def test_rules():
     assert not goal.may_try(13_000, FreshRows(3000, 1))
     # learning in vain costs at most 0.3 of what Monte Carlo then needs
     assert 3 * goal.pilot / goal.estimate_need(FreshRows(3000, 1)) < 0.3
-    assert promised_gain(FreshRows(3000, 0), 0.0, float("nan"), 100.0) == 0.0
-    assert promised_gain(FreshRows(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
-    assert promised_gain(FreshRows(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
+    assert forecast_gain(FreshRows(3000, 0), 0.0, float("nan"), 100.0) == 0.0
+    assert forecast_gain(FreshRows(1000, 0), 1e-4, 0.5, 1000.0) == pytest.approx(20.0, rel=1e-3)
+    assert forecast_gain(FreshRows(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def keep_outcomes(
     if not resume and read_index(folder) is not None and Checkpoint(folder, {}).chunks:
         text = f"{folder}: an interrupted command has left its rollouts there"
         raise UsageError(text, f"resume with the same command and {_RESUME}; else remove that folder")
-    with Checkpoint.open(folder, task).held() as checkpoint:
+    with Checkpoint.open(folder, task).hold() as checkpoint:
         try:
             yield checkpoint.journal
         except KeyboardInterrupt as error:

@@ -22,7 +22,7 @@ class CatalogueBudget(_Model):
     steps: float | None = Field(default=None, gt=0.0, description="simulated steps, the pilot included")
 
     @model_validator(mode="after")
-    def _one_kind(self) -> Self:
+    def _check_kind(self) -> Self:
         if (self.rollouts is None) == (self.steps is None):
             raise ValueError("give rollouts or steps")
         return self
@@ -117,7 +117,7 @@ class RateThreshold(_Model):
     )
 
     @model_validator(mode="after")
-    def _one_unit(self) -> Self:
+    def _check_unit(self) -> Self:
         if len(self._bounds) != 1:
             raise ValueError("give one of per_hour, per_km and per_cell")
         return self

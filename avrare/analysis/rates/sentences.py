@@ -66,12 +66,12 @@ def list_scenes(rates: CatalogueRates, typeset: bool = False) -> list[tuple[str,
     )
     for balance, rate in zip(rates.balances, rates.rates, strict=True):
         total = next(iter(rate.totals.values()))
-        for (entry, *versions), (ratio, interval), share in zip(scenes, balance.scenes, total.shares, strict=True):
+        for (entry, *versions), (ratio, interval), share in zip(
+            scenes, balance.scenes, total.shares, strict=True
+        ):
             results = [version[balance.rule].result for version in versions]
             cells = [
-                text
-                for result in results
-                for text in (number(result.probability), span(result.interval))
+                text for result in results for text in (number(result.probability), span(result.interval))
             ]
             has_failed = any(result.probability for result in results)
             quotient = format_ratio(ratio, interval) if has_failed else "not known"

@@ -60,7 +60,7 @@ def add_counts(result: Result, counts: Iterable[Mapping[str, int]]) -> Result:
     return replace(result, counts=total, notes=(*others, *describe_counts(total)))
 
 
-def missing_worst(plan: Plan) -> Worst:
+def represent_errors(plan: Plan) -> Worst:
     """Return the least robust rollout of an estimate in which every rollout ended in an error."""
     return Worst(np.zeros((plan.steps + 1, plan.noise.noise_size)), math.nan)
 

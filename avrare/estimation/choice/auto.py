@@ -23,8 +23,8 @@ from avrare.estimation.choice.auto_rules import (
     LEAST_SECOND,
     ROLLOUTS,
     Aim,
+    forecast_gain,
     pays,
-    promised_gain,
 )
 from avrare.estimation.combine.witnesses import in_doubt, reconcile
 from avrare.estimation.monte_carlo.config import McConfig
@@ -138,7 +138,7 @@ class _Attempt:
         )
 
     @staticmethod
-    def given_up(estimator: str, end: GaveUp) -> _Attempt:
+    def of_failure(estimator: str, end: GaveUp) -> _Attempt:
         info = end.info
         return _Attempt(
             estimator, end.message, info.rollouts, info.steps, end.seconds, info.errors, info.counts
@@ -169,7 +169,7 @@ class _Work:
                 results[result.specification] = self.add_choice(result, reason, before)
         for name, counts in evidence.items():
             if name not in results:
-                results[name] = self._rare(self.problem.subset([name]), counts, before)
+                results[name] = self._estimate_rare(self.problem.subset([name]), counts, before)
         return [results[name] for name in self.problem.names]
 
     def plain(self) -> list[Result]:
@@ -206,7 +206,7 @@ class _Work:
             diagnostics={**result.diagnostics, "choice": choice},
         )
 
-    def _rare(self, problem: Problem, evidence: FreshRows, before: list[_Attempt]) -> Result:
+    def _estimate_rare(self, problem: Problem, evidence: FreshRows, before: list[_Attempt]) -> Result:
         spent, reason = list(before), self.aim.describe(evidence)
         first = self._first_witness(problem, evidence, spent)
         if first is None:  # nothing pays
@@ -286,7 +286,7 @@ class _Work:
         if trial is None:
             return False
         cost = trial.simulated_steps / problem.steps if problem.steps else trial.rollouts
-        gain = promised_gain(evidence, trial.probability, trial.relative_error, cost)
+        gain = forecast_gain(evidence, trial.probability, trial.relative_error, cost)
         spent.append(_Attempt.of(trial, f"a trial promises a gain of {gain:.2g} over Monte Carlo"))
         return pays(gain)
 
@@ -298,7 +298,7 @@ class _Work:
         except Refused as error:
             spent.append(_Attempt(estimator.name, error.message))
         except GaveUp as end:
-            spent.append(_Attempt.given_up(estimator.name, end))
+            spent.append(_Attempt.of_failure(estimator.name, end))
         return None
 
     def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:

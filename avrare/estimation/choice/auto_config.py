@@ -35,7 +35,7 @@ class AutoConfig(Options):
     memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 
     @model_validator(mode="after")
-    def _one_rule(self) -> AutoConfig:
+    def _check_rule(self) -> AutoConfig:
         if self.threshold is not None and self.relative_error is not None:
             raise ValueError("relative_error and threshold are two stopping rules: choose one")
         return self

@@ -101,7 +101,7 @@ class Aim:
         )
 
 
-def promised_gain(evidence: FreshRows, probability: float, relative_error: float, cost: float) -> float:
+def forecast_gain(evidence: FreshRows, probability: float, relative_error: float, cost: float) -> float:
     """Return the gain over Monte Carlo that a trial promises, at its pessimistic end; 0 where it failed.
 
     Args:

@@ -105,7 +105,7 @@ class Checkpoint:
         return sum(1 for _ in self.folder.rglob("*.npz"))
 
     @contextmanager
-    def held(self) -> Iterator[Checkpoint]:
+    def hold(self) -> Iterator[Checkpoint]:
         """Hold the lock of the folder: two processes must not resume in it at once.
 
         An estimate that is refused before its first chunk leaves no checkpoint.

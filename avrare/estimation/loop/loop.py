@@ -188,7 +188,7 @@ class _Loop:
     def _pieces(self, request: Request, at: int, sent: deque[Request], stage: int) -> Iterator[Request]:
         # A piece of a chunk gives the same bits; a budget of seconds has pieces that fit into the time left.
         most = self._piece(request.rows - at)
-        while at < request.rows and not self._asked_to_stop():
+        while at < request.rows and not self._should_stop():
             size = min(most, request.rows - at)
             if self._timed:
                 size = self.pace.take(self.seconds, self._time_left, size, first=stage == 0 and at == 0)
@@ -203,7 +203,7 @@ class _Loop:
             return self.plan.chunk
         return spread(rows, self.plan.chunk, self.executor.workers)
 
-    def _asked_to_stop(self) -> bool:
+    def _should_stop(self) -> bool:
         self.stopped = self.stopped or self.stop()
         return self.stopped
 

@@ -36,7 +36,7 @@ class McConfig(Options):
     memory: float | None = Field(default=None, gt=0.0, description=MEMORY_OPTION)
 
     @model_validator(mode="after")
-    def _one_sequence(self) -> McConfig:
+    def _check_sequence(self) -> McConfig:
         given = [name for name in ("relative_error", "threshold") if getattr(self, name) is not None]
         if len(given) > 1:
             raise ValueError("relative_error and threshold are two stopping rules: choose one")

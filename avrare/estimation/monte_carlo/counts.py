@@ -93,11 +93,11 @@ class Counts:
         rows = self.trials - self.per_run * np.arange(len(self.failures))
         return np.asarray(self.failures[:, column] / np.minimum(rows, self.per_run))
 
-    def joined_robustness(self, column: int, end: int) -> Floats:
+    def join_robustness(self, column: int, end: int) -> Floats:
         """Return the robustness of the first rollouts, NaN for errors."""
         return np.concatenate([part[:, column] for part in self.robustness])[:end]
 
-    def joined_verdicts(self) -> tuple[Bools, Bools]:
+    def join_verdicts(self) -> tuple[Bools, Bools]:
         """Return violated (n, S) and error (n,) of all rollouts."""
         violated, error = zip(*self.verdicts, strict=True)
         return np.concatenate(violated), np.concatenate(error)

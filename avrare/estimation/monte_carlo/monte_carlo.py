@@ -12,7 +12,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.base.number_format import format_count
-from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, represent_errors
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import MOST_ROBUSTNESS, Counts
 from avrare.estimation.monte_carlo.stopping_rules import AtFailures, AtThreshold, Stopping
@@ -113,7 +113,7 @@ class MonteCarlo(Estimator):
         stopping = self._stopping(state.plan)
         if stopping is None:
             return [self._estimate_from_all(state, column) for column in range(len(state.plan.names))]
-        violated, error = state.counts.joined_verdicts()
+        violated, error = state.counts.join_verdicts()
         return [
             self._estimate_from_stop(state, column, stopping, violated[:, column], error)
             for column in range(len(state.plan.names))
@@ -160,7 +160,7 @@ class MonteCarlo(Estimator):
         if failures == trials:
             warnings |= health.warn("all_failed")
         first_failures, least = counts.failing[column].before(trials), counts.records[column].before(trials)
-        worst = missing_worst(plan)
+        worst = represent_errors(plan)
         if len(least.index):
             worst = Worst(self._tapes(state, least.index[-1:])[0], float(least.robustness[-1]))
         failed = probability > 0.0
@@ -174,7 +174,7 @@ class MonteCarlo(Estimator):
             health=warnings,
             failures=Failures(self._tapes(state, first_failures.index), first_failures.robustness, failures),
             worst=worst,
-            robustness=counts.joined_robustness(column, trials),
+            robustness=counts.join_robustness(column, trials),
             column=column,
         )
 
@@ -188,7 +188,7 @@ class MonteCarlo(Estimator):
         wanted = stopping.failures
         if counts is None:
             return CostForecast("rollouts", min(wanted, total), total)
-        violated, error = counts.joined_verdicts()
+        violated, error = counts.join_verdicts()
         failures, trials = int(violated.sum(axis=0).min()), len(error)
         low, high = intervals.clopper_pearson(failures, trials, plan.confidence)
         least, most = (min(wanted / p if p else math.inf, total) for p in (high, low))
@@ -205,7 +205,7 @@ class MonteCarlo(Estimator):
         stopping = self._stopping(state.plan)
         if not (stopping and state.counts.trials):
             return False
-        violated, error = state.counts.joined_verdicts()
+        violated, error = state.counts.join_verdicts()
         return all(stopping.at(column, error) for column in violated.T)
 
     def _tapes(self, state: McState, index: Any) -> Any:

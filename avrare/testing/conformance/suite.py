@@ -13,7 +13,7 @@ from pydantic import BaseModel, JsonValue, ValidationError
 from avrare.base.errors import AvrareError, PluginError, UsageError, did_you_mean
 from avrare.driving import Scene
 from avrare.plugin.component import KINDS, Component
-from avrare.plugin.registry import Registry, Row, default_registry, missing_dependencies
+from avrare.plugin.registry import Registry, Row, default_registry, list_missing_dependencies
 from avrare.scenario.validation import check_options
 from avrare.testing.conformance.sample_traffic import scene
 
@@ -95,7 +95,7 @@ class Subject:
 
     def build(self) -> Any:
         """Build a new part; raise ``Skipped`` where a package or an option is missing."""
-        missing = missing_dependencies(self.component)
+        missing = list_missing_dependencies(self.component)
         if missing:
             raise Skipped(f"needs {', '.join(missing)}, which is not installed")
         config = self.config  # before the import of the factory

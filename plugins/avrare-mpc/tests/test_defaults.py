@@ -26,7 +26,7 @@ specifications: {kept: {stl: "always (ego_speed > 0)"}}
 def without_numba(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "numba" else find(name))
-    controller._tell_of_casadi.cache_clear()
+    controller._warn_of_casadi.cache_clear()
 
 
 def test_with_numba_it_is_riccati_everywhere(monkeypatch):

@@ -162,7 +162,7 @@ class TransformedConfig(Options):
     )
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
+    def _check_choice(self) -> Self:
         if (self.noise is None) == (self.flow is None):
             raise ValueError("give either noise or flow")
         if self.correlation is not None and self.noise is None:

@@ -67,7 +67,7 @@ class FeedbackConfig(Options):
     input_cost: Covariances | None = Field(default=None, description="R of the cost, matrix or diagonal")
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
+    def _check_choice(self) -> Self:
         costs = [cost is not None for cost in (self.state_cost, self.input_cost)]
         if all(costs) == (self.gain is not None) or any(costs) != all(costs):
             raise ValueError("give either gain, or state_cost and input_cost")

@@ -198,12 +198,12 @@ def _backend(config: MpcConfig, scene: Scene) -> Search:
     from avrare_mpc.casadi_search import CasadiSearch
 
     if "backend" not in config.model_fields_set and multiprocessing.parent_process() is None:
-        _tell_of_casadi()
+        _warn_of_casadi()
     return CasadiSearch(config, scene)
 
 
 @functools.cache  # once in a process, and not in its workers
-def _tell_of_casadi() -> None:
+def _warn_of_casadi() -> None:
     warnings.warn(
         "numba is not installed: the controller mpc uses casadi, which takes dozens of times longer "
         "(pip install 'avrare-mpc[fast]'; `backend: casadi` in the scenario is taken as meant)",

@@ -137,19 +137,19 @@ def initial_guesses(
         (N, 2 C, H + 1, 4) x, y, speed, heading and (N, 2 C, H, 2) acceleration, turn rate. They are smooth,
         but not exact solutions of the model.
     """
-    x, y, speed, heading = _guessed_motion(start, centres, steps, dt)
+    x, y, speed, heading = _guess_motion(start, centres, steps, dt)
     states = np.stack(np.broadcast_arrays(x[:, None], y[:, :, None], speed[:, None], heading), axis=-1)
-    inputs = _guessed_inputs(speed, heading, dt)
+    inputs = _guess_inputs(speed, heading, dt)
     return states.reshape(inputs.shape[:2] + states.shape[3:]), inputs
 
 
 def initial_inputs(start: Floats, centres: tuple[float, ...], steps: int, dt: float) -> Floats:
     """Return the inputs of ``initial_guesses``, without their states."""
-    _, _, speed, heading = _guessed_motion(start, centres, steps, dt)
-    return _guessed_inputs(speed, heading, dt)
+    _, _, speed, heading = _guess_motion(start, centres, steps, dt)
+    return _guess_inputs(speed, heading, dt)
 
 
-def _guessed_motion(
+def _guess_motion(
     start: Floats, centres: tuple[float, ...], steps: int, dt: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     decelerations = (0.0, 3.0)  # [m/s^2]
@@ -172,7 +172,7 @@ def _guessed_motion(
     return x, y, speed, heading
 
 
-def _guessed_inputs(speed: Floats, heading: Floats, dt: float) -> Floats:
+def _guess_inputs(speed: Floats, heading: Floats, dt: float) -> Floats:
     n, lanes, braking, nodes = heading.shape
     inputs = np.empty((n, lanes, braking, nodes - 1, 2))
     inputs[..., 0] = (np.diff(speed) / dt)[:, None]

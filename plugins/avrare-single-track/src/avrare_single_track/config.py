@@ -232,7 +232,7 @@ class VehicleConfig(Options):
     driver: DriverConfig | None = Field(default=None, description="driver that reacts to the other vehicles")
 
     @model_validator(mode="after")
-    def _one_mind(self) -> Self:
+    def _check_driver(self) -> Self:
         if self.drive is not None and self.driver is not None:
             raise ValueError(f"{self.name!r} follows a script (drive) or reacts (driver), not both")
         return self

@@ -134,7 +134,7 @@ class RecordedConfig(Options):
         return check_body(ego, "the recording")
 
     @model_validator(mode="after")
-    def _one_start(self) -> Self:
+    def _check_start(self) -> Self:
         wrong = ("problem", "route") if self.vehicle is not None else ("network",)
         for name in wrong:
             if getattr(self, name) not in (None, ()):

@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, represent_errors
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import Interval
@@ -66,7 +66,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
         relative_error=math.sqrt(relative),
         health=warnings,
         failures=_failures(state, ended),
-        worst=_worst(state, ended),
+        worst=_find_worst(state, ended),
         robustness=state.first,
         fresh=fresh,
         blind_bound=looks.interval(ended.runs, fresh.interval)(plan.confidence)[1],
@@ -188,9 +188,9 @@ def _divide(mass: Floats, run: Integers) -> Floats:
     return np.asarray(mass[run] / count[run])
 
 
-def _worst(state: AmsState, ended: EndedRuns) -> Worst:
+def _find_worst(state: AmsState, ended: EndedRuns) -> Worst:
     if not len(ended.worst.robustness):
-        return missing_worst(state.plan)
+        return represent_errors(state.plan)
     return Worst(_redraw_tapes(state, ended.worst)[0], float(ended.worst.robustness[0]))
 
 

@@ -107,7 +107,7 @@ class CrossEntropy(WeightedSampler):
         return replace(state, task=task)
 
     def _sample_complete(self, state: SamplingState, sample: Sample) -> SamplingState:
-        if self._learnt(state):
+        if self._has_learnt(state):
             return super()._sample_complete(state, sample)
         # 2. Fit the network to the elite, with annealed weights.
         rows, entry = elite(sample, self.config.elite)
@@ -122,7 +122,7 @@ class CrossEntropy(WeightedSampler):
         entry["settled"] = entry["reached"] and (before or even)
         state = replace(state, stages=(*state.stages, entry))
         # 4. The estimate rests on a sample that no stage has seen.
-        return super()._begin_run(state) if self._learnt(state) else self._learn(state)
+        return super()._begin_run(state) if self._has_learnt(state) else self._learn(state)
 
     def _fit(self, sample: Sample, rows: Integers, weights: Floats) -> PerceptionSource:
         """Fit the network to the rows' observations by maximum likelihood, starting from the present one."""
@@ -137,7 +137,7 @@ class CrossEntropy(WeightedSampler):
         nats = -(stratum.stage + 1) * math.log(self.config.elite)
         return PerceptionSource(Tilt(train(batch, old, self.config, int(seeds.generate_state(1)[0]), nats)))
 
-    def _learnt(self, state: SamplingState) -> bool:
+    def _has_learnt(self, state: SamplingState) -> bool:
         stages = state.stages
         return bool(stages) and (stages[-1]["settled"] or len(stages) == self.config.stages)
 

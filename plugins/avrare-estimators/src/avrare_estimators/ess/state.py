@@ -7,7 +7,7 @@ from hashlib import blake2b
 
 import numpy as np
 
-from avrare.estimation.checks.result_builder import missing_worst
+from avrare.estimation.checks.result_builder import represent_errors
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Failures, Worst
@@ -55,7 +55,7 @@ class EssState:
     @staticmethod
     def begin(plan: Plan, level_pass: LevelPass, looks: Looks | None) -> EssState:
         """Return the state before the first rollout; without ``looks`` the first pass is a pilot."""
-        return EssState(plan, level_pass, looks is not None, missing_worst(plan), looks=looks)
+        return EssState(plan, level_pass, looks is not None, represent_errors(plan), looks=looks)
 
     @property
     def runs(self) -> int:
@@ -106,13 +106,13 @@ class EssState:
         return replace(
             self,
             tally=self.tally.plus(rollouts),
-            worst=self._worst(rollouts),
+            worst=self._find_worst(rollouts),
             first=first,
             fresh=fresh,
             level_pass=self.level_pass.tell(rollouts),
         )
 
-    def _worst(self, rollouts: Rollouts) -> Worst:
+    def _find_worst(self, rollouts: Rollouts) -> Worst:
         robustness = np.where(rollouts.error, np.inf, rollouts.robustness[:, 0])
         row = int(np.argmin(robustness))
         least, tapes = self.worst.robustness, self.level_pass.proposal

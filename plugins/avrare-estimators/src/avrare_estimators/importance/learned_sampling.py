@@ -170,7 +170,7 @@ class LearnedSampling(WeightedSampler):
         return self._after_stage(replace(state, lessons=lessons, stages=(*state.stages, lessons.report())))
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
-        if self._learnt(state):
+        if self._has_learnt(state):
             # 2. What the stages have seen decides from where to draw, once and for all.
             last, plain = state.stages[-1], is_worthless(state.stages[-1])
             if (plain or not has_reached(last)) and not self.config.fall_back:
@@ -179,7 +179,7 @@ class LearnedSampling(WeightedSampler):
             return self._begin_final(state, None if plain else state.lessons.final())
         return self._learn(replace(state, lessons=state.lessons.learn()))
 
-    def _learnt(self, state: LearnedState) -> bool:
+    def _has_learnt(self, state: LearnedState) -> bool:
         done = sum(stage["rollouts"] for stage in state.stages)
         share = _LEARNING_SHARE if self.config.relative_error is None else _LEARNING_SHARE_OF_GOAL
         affordable = done + self._stage_rows(state, 1) <= state.rollouts // share

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avrare.base import batch
-from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, represent_errors
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
@@ -161,7 +161,7 @@ def summarise(
         relative_error=math.sqrt(relative),
         health=warnings,
         failures=_failures(plan, counted, mean, plain, tally),
-        worst=_worst(plan, counted),
+        worst=_find_worst(plan, counted),
         robustness=np.where(samples[0].error, np.nan, samples[0].robustness),
         fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
@@ -261,10 +261,10 @@ def _choose_failures(counted: Sequence[Counted], rows: Integers) -> list[tuple[C
     return parts
 
 
-def _worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
+def _find_worst(plan: Plan, counted: Sequence[Counted]) -> Worst:
     alive = [runs for runs in counted if len(runs.worst.robustness)]
     if not alive:
-        return missing_worst(plan)
+        return represent_errors(plan)
     least = min(alive, key=lambda runs: float(runs.worst.robustness[0]))
     tape = draw_tapes(least.course, least.first_run, least.worst.rows)[0]
     return Worst(tape, float(least.worst.robustness[0]))

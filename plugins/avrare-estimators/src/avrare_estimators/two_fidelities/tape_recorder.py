@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, represent_errors
 from avrare.estimation.plan.memory import Demand
 from avrare.estimation.plan.plan import Estimator, Info, Plan
 from avrare.estimation.result import intervals
@@ -89,7 +89,7 @@ class Recorder(Estimator):
     def _result(self, state: _State, record: Record, column: int) -> Result:
         plan, violated = state.plan, record.violated[:, column]
         robustness = record.robustness[:, column]
-        worst = missing_worst(plan)
+        worst = represent_errors(plan)
         if not np.isnan(robustness).all():
             least = int(np.nanargmin(robustness))
             worst = Worst(

@@ -141,7 +141,7 @@ def _open_file(path: str) -> tuple[Scenario, PlanningProblemSet]:
         raise PluginError(text, "pip install 'avrare-recordings[commonroad]'") from error
     try:
         open(path, "rb").close()
-        with _one_warning(path):
+        with _warn_once_of_old_elements(path):
             if path.lower().endswith(SUFFIX):
                 return open_2024(path)
             scenario, problems = reader.CommonRoadFileReader(path).open()
@@ -167,7 +167,7 @@ class _Keep(logging.Handler):
 
 
 @contextmanager
-def _one_warning(path: str) -> Iterator[None]:
+def _warn_once_of_old_elements(path: str) -> Iterator[None]:
     # commonroad-io has a line for each old element of a file.
     texts: list[str] = []
     logger, keep = logging.getLogger("commonroad"), _Keep(texts)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from avrare.estimation.checks.result_builder import build_result, missing_worst
+from avrare.estimation.checks.result_builder import build_result, represent_errors
 from avrare.estimation.plan.plan import Info, Plan
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
@@ -148,7 +148,7 @@ def summarise(
         relative_error=math.sqrt(variance),
         health=warnings,
         failures=_failures(plan, runs, tally, noise_size),
-        worst=_worst(plan, runs, noise_size),
+        worst=_find_worst(plan, runs, noise_size),
         robustness=first if first is not None else np.zeros(0),
         fresh=None if plain else fresh,
         blind_bound=fresh.blind_bound(plan.confidence),
@@ -256,8 +256,8 @@ def _failures(plan: Plan, runs: Sequence[RunOutcome], tally: Info, noise_size: i
     )
 
 
-def _worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Worst:
-    missing = missing_worst(plan)
+def _find_worst(plan: Plan, runs: Sequence[RunOutcome], noise_size: int | None) -> Worst:
+    missing = represent_errors(plan)
     worst = Worst(missing.noise[:, :noise_size], missing.robustness)
     for run in runs:
         rows = _replayable(run, ~run.sample.error)
