@@ -98,7 +98,7 @@ class Chart:
         x: Horizontal axis.
         y: Vertical axis.
         title: Sentence that screen readers read.
-        layers: What is drawn, the first below.
+        layers: Marks to draw, the first at the bottom.
         caption: Heading.
         x_label: Word below the horizontal axis.
         y_label: Word beside the vertical axis.

@@ -67,7 +67,7 @@ class Parser(argparse.ArgumentParser):
     """Parser that raises ``UsageError`` instead of printing and exiting."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise what argparse would print; the hint is the most similar option, or --help."""
+        """Raise the message that argparse would print; the hint is the most similar option, or --help."""
         message = re.sub(r"^argument (--[\w-]+): must", r"\1 must", message)
         unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
         similar = did_you_mean(unknown[1], self._option_string_actions) if unknown else None

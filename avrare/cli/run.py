@@ -213,7 +213,7 @@ def _run_scenario(
 def _use_failures(
     scenario: LoadedScenario, results: Sequence[Result] | None, args: argparse.Namespace
 ) -> None:
-    """Replay the failures of ``--failures``, or store those of the results; print what happened."""
+    """Replay the failures of ``--failures``, or store those of the results; print the outcome."""
     if args.failures is None:
         return
     database = FailureDatabase(Path(args.failures))

@@ -41,7 +41,7 @@ def check_scenario(
 
 
 def check_scenarios(estimates: Sequence[tuple[LoadedScenario, Budget | None]]) -> None:
-    """Raise what speaks against an estimate of several scenarios, before the first rollout of all.
+    """Check several scenarios before the first rollout; raise the first reason against their estimates.
 
     A single estimate is checked as it begins.
 

@@ -1,6 +1,6 @@
 """Functions that draw and write values: ``avrare.plot(result)``, and so ``result.plot()``.
 
-Each imports what it needs when it is called, so that ``import avrare`` is fast.
+Each imports its modules when it is called, so that ``import avrare`` is fast.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def plot(
     """Draw a result, a run, a trace, a comparison or a monitored drive (needs matplotlib).
 
     Args:
-        value: What to draw.
+        value: Object to draw.
         signals: Names of the signals of a trace; none: those of its formula.
 
     Returns:

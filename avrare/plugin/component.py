@@ -116,7 +116,7 @@ class AutoRole:
     options: str = ""
 
     def fits(self, steps: int) -> bool:
-        """Return whether it is a candidate for problems with so many steps."""
+        """Return whether it is a candidate for problems with this number of steps."""
         return self.with_steps in (None, steps > 0)
 
 

@@ -38,7 +38,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
     warnings: Mapping[str, str] = {}
 
     def check_steps(self, steps: int) -> None:  # noqa: B027 (its default)
-        """Raise a ``UsageError`` where rollouts cannot have so many steps. Default: they can."""
+        """Raise a ``UsageError`` where rollouts cannot have this number of steps. Default: they can."""
 
     def faults(self, state: Any) -> Bools | None:
         """Return (N,) True for rows that have broken down; called after every step. Default: None, no row."""
@@ -198,9 +198,9 @@ class PerceptionErrorModel(ABC):
     ) -> tuple[Floats, Any]:
         """Return (N,) log density ratio of ``other`` for the observation from ``noise``, and its memory.
 
-        It is NaN where ``other`` may observe what this model cannot. ``memory`` is that before the step, and
-        ``other_memory`` that of the tape on which ``other`` would have observed the same; both are None where
-        errors do not last. Called where failures are reweighed for a nearby model, else they are run again.
+        It is NaN where ``other`` may give an observation that this model cannot. ``memory`` is that before
+        the step, and ``other_memory`` that of the tape on which ``other`` would have observed the same; both
+        are None where errors do not last. Called where failures are reweighed for a nearby model.
         """
         raise NotImplementedError
 
@@ -321,7 +321,7 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
     Attributes:
         name: Name in results.
         single: True where it estimates one specification at a time. Default: False.
-        needs: What a system must not lack: "branches", "noise". Default: nothing.
+        needs: Capabilities that a system must have: "branches", "noise". Default: nothing.
         final_scores: True where it reads only the scores of complete rollouts. Default: False.
         stops_early: True where rollouts may end before the last step. Default: False.
         rebuilds_carries: True where it can do without the carries of a stage that is read from a checkpoint.
@@ -363,7 +363,7 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
         return None
 
     def demand(self, plan: PlanT, carry: int) -> Any:
-        """Return the ``avrare.estimation.plan.memory.Demand`` of carries of so many bytes. Default: None."""
+        """Return the ``avrare.estimation.plan.memory.Demand`` at ``carry`` bytes a carry. Default: None."""
         return None
 
     def scaled(self, rollouts: float, probability: float) -> Any:

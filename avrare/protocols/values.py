@@ -20,7 +20,7 @@ class Misreading:
 
     Attributes:
         values: (N,) the errors; NaN where nothing is read.
-        subject: What is wrong, such as "radar".
+        subject: Name of the error, such as "radar".
         above: Words for a positive error, such as "reads {} m too long".
         below: Words for a negative one.
         usual: (N,) errors without noise. Default: 0.

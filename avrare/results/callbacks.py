@@ -15,10 +15,10 @@ GROUP = "avrare.results"
 def call_back(run: Run) -> list[str]:
     """Call the callbacks of all installed distributions with a run that has been written.
 
-    What one raises becomes a line, and changes no exit code.
+    An exception becomes a line, and changes no exit code.
 
     Returns:
-        Lines to show: what the callbacks returned, and which of them failed.
+        Lines to show: the callbacks' texts, and the callbacks that failed.
     """
     lines = []
     for point in _find_allowed():

@@ -1,4 +1,4 @@
-"""Words for noise: what it does, how much and on which side, and when; the same for all who tell of it."""
+"""Words for noise: its kind, size, side and time; the same wherever noise is described."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Disturbance:
     """Disturbance of a rollout, or of most rollouts of a sample.
 
     Attributes:
-        subject: What is disturbed.
+        subject: Name of the disturbed quantity.
         text: How much and when, such as ``missed for 0.3 s from t = 2.1 s``.
         step: Its first step.
         magnitude: Its importance, by which a long list is shortened.
@@ -140,7 +140,7 @@ def find_common_noise(
         problem: Problem with named noise, or not.
         tapes: (F, steps + 1, noise_size).
         rollouts: Their replays.
-        shares: (F,) what each stands for; they add up to 1.
+        shares: (F,) their weights; they add up to 1.
         effective: Number of independent rollouts that tell as much.
     """
     words, disturbances = _Words(problem), []

@@ -30,7 +30,8 @@ def find_ratio_model(problem: Problem) -> PerceptionErrorModel | None:
 def log_ratios(problem: Problem, others: list[PerceptionErrorModel], tapes: Floats) -> Floats:
     """Return (N, K) log density ratios of K nearby perception error models along rollouts of N tapes.
 
-    They are NaN for a model that may observe, somewhere along a rollout, what the problem's own cannot.
+    They are NaN for a model that may give, somewhere along a rollout, an observation that the problem's
+    own cannot.
 
     Args:
         problem: Problem whose system is a closed loop.

@@ -83,8 +83,8 @@ class Request:
         tape_law: Law of the noise tapes; None: standard normal.
         evidence: (M, A) sums of the law's density over the steps up to ``start``; for rows that start later
             than at the beginning under a law.
-        lineage: (M, S) what the rows continue, for checkpoints: rows of one address that continue others are
-            other rows. None: what is stored before decides it, digit for digit.
+        lineage: (M, S) rollouts that the rows continue, for checkpoints: rows of one address that continue
+            others are other rows. None: the rollouts stored before decide it, digit for digit.
         past: Rows with start >= 0 whose carries must be simulated first; None: there are none.
         until: Last step of these rollouts, whose verdicts are then open; None: the problem's last step.
         observe: Steps at which to return the features of the state (``stack.features``).

@@ -63,7 +63,7 @@ class Correlation(_Model):
 
 
 class DrawSettings(_Model):
-    """Rules by which options are drawn, and for scenes that cannot be.
+    """Rules for drawing options, and for impossible scenes.
 
     The validators know the names of the drawn options by their context.
     """

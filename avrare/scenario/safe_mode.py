@@ -80,9 +80,9 @@ def check_import_path(folder: str) -> None:
 
 
 def find_refusals(row: Row, model: type[BaseModel], node: Node, path: Path, folder: str) -> list[Mistake]:
-    """List what safe mode refuses in the block of a component; the model has not seen the options yet.
+    """List the entries of a component's block that safe mode refuses; the model has not seen the options yet.
 
-    What is written on the command line is the user's own and is not refused.
+    Settings on the command line are the user's own and are not refused.
     """
     if not is_safe():
         return []
@@ -106,7 +106,7 @@ def find_refusals(row: Row, model: type[BaseModel], node: Node, path: Path, fold
 
 
 def find_linked_files(node: Node, path: Path, config: Options | None, folder: str) -> list[Mistake]:
-    """List what safe mode refuses of files that complete a named one: links to others outside."""
+    """List the files that complete a named one and that safe mode refuses: links to others outside."""
     files = config.used_files().values() if config is not None and is_safe() else ()
     text = "safe mode: {} is a link to a file outside the scenario's folder"
     return [

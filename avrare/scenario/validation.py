@@ -67,7 +67,7 @@ def scenario_error(mistakes: Iterable[Mistake]) -> ScenarioError:
 
 
 def error_with_hint(message: str, hint: str | None) -> PydanticCustomError:
-    """Return the error by which a validator of a model gives its own hint."""
+    """Return an error of a model's validator that carries a hint."""
     return PydanticCustomError("with_hint", "{message}", {"message": message, "hint": hint})
 
 

@@ -283,7 +283,7 @@ def _locate_errors(scenario: Scenario, path: str) -> Iterator[None]:
 
 
 def build_block(block: Block, scene: Scene | None, contract: type[PartT]) -> PartT:
-    """Build the part that a block describes, which offers what its ``contract`` says.
+    """Build the part that a block describes, an instance of its ``contract``.
 
     ``scene`` is the simulator's, None if it has no road; a controller for vehicles needs one with lanes.
     """

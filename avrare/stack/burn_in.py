@@ -31,7 +31,7 @@ class BurnIn:
 
     Args:
         tracker: The tracker.
-        perception: What it sees the world through; None: it sees the truth.
+        perception: Perception that it uses; None: it sees the truth.
         steps: Number of observations, the last of them at t = 0.
         dt: Step [s].
     """

@@ -63,7 +63,7 @@ class Clock:
         )
 
     def pace_scene(self, scene: Scene | None, steps: int) -> Scene | None:
-        """Return the scene for a part that works every so many steps."""
+        """Return the scene for a part that works every ``steps`` steps."""
         return None if scene is None else replace(scene, dt=steps * self.dt)
 
 

@@ -48,7 +48,7 @@ class LoopState:
         track: State of the tracker, or None.
         memory: State of the controller, or None.
         latent: Memory of a persistent perception error model, or None.
-        drawn: What was drawn at the start, or None.
+        drawn: Values drawn at the start, or None.
     """
 
     world: Any
@@ -72,7 +72,7 @@ class ClosedLoop(System):
         tracker: Tracker, if there is one.
         controller: Controller, if there is one.
         start: Draws of the simulator's options, if there are any.
-        burn_in: What the tracker observes before the start; None: what it asks for.
+        burn_in: Observations of the tracker before the start; None: what it asks for.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class ClosedLoop(System):
         return ClosedLoop(*parts, self.start, self.burn_in)
 
     def check_steps(self, steps: int) -> None:
-        """Raise the ``UsageError`` of a simulator that cannot have so many steps."""
+        """Raise the ``UsageError`` of a simulator that cannot have this number of steps."""
         self.simulator.check_steps(steps)
 
     def initial(self, noise: Floats) -> LoopState:
@@ -204,7 +204,7 @@ class ClosedLoop(System):
         return misreadings
 
     def features(self, state: LoopState) -> Floats:
-        """Return (N, F) what the parts declare, or else what every driving stack has."""
+        """Return the features (N, F) that the parts declare, or else those of every driving stack."""
         driving = hasattr(state.world, "ego") and hasattr(state.world, "others")
         parts = [_read_features(self.simulator, state.world)]
         if parts[0] is None:

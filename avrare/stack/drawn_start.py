@@ -44,7 +44,7 @@ class DrawnStart:
 
     Args:
         draws: Options, laws and settings.
-        simulator: What ``Simulator.drawing`` returned.
+        simulator: Result of ``Simulator.drawing``.
         specifications: Monitors of the scenario, by name: a start must violate none.
 
     Attributes:

@@ -1,7 +1,7 @@
 """Features: numbers that tell how a rollout may go on, for estimators that learn it.
 
-A part declares what it knows best (its method ``features``). Where it declares nothing, a closed loop offers
-what every driving stack has: positions and speeds, what the tracker believes against the truth, the plan. Any
+A part declares its features (its method ``features``). Where it declares none, a closed loop offers
+those of every driving stack: positions and speeds, the tracker's errors, the plan. Any
 other system offers its signals.
 """
 
@@ -56,7 +56,7 @@ def vehicle_features(world: Any) -> Floats:
 def track_features(tracker: Any, track: Any, world: Any) -> Floats | None:
     """Return (N, F) the errors of tracked positions and steps; 0 and a mark where a vehicle has no track.
 
-    None where the tracker predicts something else than vehicles.
+    None where the tracker does not predict vehicles.
     """
     others, predicted = world.others, tracker.predict(track, 1)
     if not isinstance(predicted, Prediction):

@@ -84,7 +84,7 @@ class FunctionController(Controller):
         """Return the actions of N rollouts.
 
         Raises:
-            UsageError: The function returns something of another shape.
+            UsageError: The function returns a value of another shape.
         """
         if isinstance(ego, np.ndarray) or self.scene is None:
             seen = ego.observation if isinstance(ego, ObservingEgo) else ego

@@ -1,4 +1,4 @@
-"""Parts of a loop that do not fit together: what one gives and the other cannot use."""
+"""Parts of a loop that do not fit together: an output of one that the other cannot use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avrare.stack.closed_loop import ClosedLoop, LoopState
 
 @contextmanager
 def explain_misfits(path: str, loop: ClosedLoop, state: LoopState) -> Iterator[None]:
-    """Turn what a step from ``state`` raises into a ``PluginError`` that says which part got what."""
+    """Turn an exception of a step from ``state`` into a ``PluginError`` that names the part and its input."""
     try:
         yield
     except (AvrareError, MemoryError):

@@ -1,4 +1,4 @@
-"""Errors of a perception model, as what each number of its noise does to each vehicle."""
+"""Errors of a perception model: the effect of each noise number on each vehicle."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DIRECTIONS = {
 def find_misreadings(
     perception: PerceptionErrorModel, world: Any, observation: Observation, scene: Scene
 ) -> dict[str, Misreading]:
-    """Return the errors of an observation, against what the model sees of the same world without noise.
+    """Return the errors of an observation, against the observation of the same world without noise.
 
     They are named as the noise of a perception model should be: "detection of van", whose error is NaN where
     the van is missed, "longitudinal error of van", "lateral error of van" and "speed error of van".

@@ -29,7 +29,7 @@ class CommandQueue:
         planner: Memory of the controller itself.
         command: Newest command, or None before the first one.
         queue: Commands on their way, the oldest first.
-        level: What the actuators have reached, or None before the first command.
+        level: Action that the actuators have reached, or None before the first command.
         missed: (N,) planning cycles that gave no command.
     """
 

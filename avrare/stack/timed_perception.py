@@ -144,7 +144,7 @@ class PacedTrack:
 
 
 class PacedTracker(Tracker):
-    """Tracker that is updated every so many steps, and predicts in steps of the planner."""
+    """Tracker that is updated at its own period, and predicts in steps of the planner."""
 
     def __init__(self, tracker: Tracker, clock: Clock) -> None:
         self._tracker, self._clock = tracker, clock

@@ -1,4 +1,4 @@
-"""Observations without labels: false detections, and trackers that find out what a detection is of."""
+"""Observations without labels: false detections, and trackers that find out the vehicle of a detection."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ class Waiting:
 def response(
     within: int, steps: int = 100, trigger: float = 2.0, decay: float = 0.9, start: float = 0.5
 ) -> ReferenceProblem:
-    """Return an Ornstein-Uhlenbeck walk that must fall to 0 within so many steps of reaching ``trigger``."""
+    """Return an Ornstein-Uhlenbeck walk that must fall to 0 at most ``within`` steps after ``trigger``."""
     if not (1 <= within < steps and max(start, _CLEAR) < trigger):
         raise UsageError("response needs 1 <= within < steps, and a trigger above 0 and the start")
     chain = Chain(decay, scale=unit_scale(decay), start=start)

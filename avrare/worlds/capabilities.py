@@ -45,7 +45,7 @@ def capabilities(system: object, steps: int = STEPS) -> Capabilities:
 
 
 def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[str]) -> None:
-    """Raise a ``UsageError`` if an estimator of this name needs what is missing."""
+    """Raise a ``UsageError`` if an estimator of this name needs a missing capability."""
     missing = [need for need in needs if lacks.get(need)]
     if missing:
         hint = "return new arrays from `step`, and derive every random choice from its noise"
@@ -57,7 +57,7 @@ def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[st
 
 
 def require(system: System, estimator: str, needs: Collection[str], steps: int = STEPS) -> dict[str, str]:
-    """Refuse a system that lacks what an estimator needs: "branches", "noise".
+    """Refuse a system that lacks a capability that an estimator needs: "branches", "noise".
 
     "noise" is required of simulators that declare ``lacks``; of any other system a warning is enough.
 

@@ -34,7 +34,7 @@ class Stretches:
 
     Attributes:
         formula: The whole formula.
-        body: What has to hold at every sample.
+        body: Formula that must hold at every sample.
         read: Function (first, last + 1) -> inputs (1, samples, ...) of the formula.
         samples: Number of samples of the recording.
         vehicles: Number of other vehicles.

@@ -20,8 +20,8 @@ def allocate(
 ) -> list[int]:
     """Return the rollouts of each scene (Neyman 1934).
 
-    The variance of rule r's rate is the sum over scenes of e_i^2 p_ir (1 - p_ir) / n_i. What is made small is
-    the sum over rules of that variance over the squared rate: n_i is proportional to the square root of
+    The variance of rule r's rate is the sum over scenes of e_i^2 p_ir (1 - p_ir) / n_i. It minimises the sum
+    over rules of that variance over the squared rate: n_i is proportional to the square root of
     sum_r e_i^2 p_ir (1 - p_ir) / rate_r^2, over that of the cost of a rollout.
 
     Args:
@@ -30,7 +30,7 @@ def allocate(
             rollout is added to each, so that no scene counts as safe because a few rollouts passed. None: an
             estimator of the scene's own estimates this rule, and the shared rollouts do not.
         costs: Cost of a rollout of each scene.
-        budget: What all rollouts together may cost.
+        budget: Most cost of all rollouts together.
         others: For each rule, the part of its rate that comes from estimators of the scenes' own.
 
     Raises:

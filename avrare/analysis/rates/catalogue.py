@@ -67,7 +67,7 @@ class Catalogue:
     def scenario(self, index: int, phase: Phase, rollouts: int) -> Scenario:
         """Return the scenario of a scene in a phase, with a seed of its own.
 
-        In the phases ``pilot`` and ``scenes`` it is to be estimated by so many rollouts of Monte Carlo.
+        In the phases ``pilot`` and ``scenes`` Monte Carlo estimates it by ``rollouts`` rollouts.
         """
         entry = self.document.scenes[index]
         seed = 2048 * self.document.seed + 2 * index + (phase == "pilot")

@@ -35,7 +35,7 @@ class NewScene:
     """Scene of a new catalogue.
 
     Attributes:
-        path: File that it is of.
+        path: File of the scene.
         settings: ``KEY=VALUE`` overrides of the stack's scenario.
         cells: Cells that it stands for.
     """

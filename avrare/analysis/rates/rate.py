@@ -171,7 +171,7 @@ def _describe(budget: Budget | None) -> str | None:
 
 @dataclass(frozen=True)
 class _Runner:
-    """Runs the scenes of a catalogue, each into a folder of its own; what is finished there is read."""
+    """Runs the scenes of a catalogue, each into its own folder; finished runs are read from there."""
 
     catalogue: Catalogue
     folder: Path
@@ -200,7 +200,7 @@ class _Runner:
         return [_read(runs.get(index), True) for index in range(len(catalogue.own))]
 
     def run(self, phase: Phase, rollouts: Sequence[int]) -> list[Run | None]:
-        """Return the run of each scene by so many rollouts of Monte Carlo; None where it shares none."""
+        """Return the run of each scene by its rollouts of Monte Carlo; None where it shares none."""
         runs: list[Run | None] = []
         for index, count in enumerate(rollouts):
             rules = self.catalogue.list_shared_rules(index)

@@ -77,7 +77,7 @@ class CatalogueRates(Answer):
     """Rates of all rules of a catalogue.
 
     Attributes:
-        catalogue: What was asked.
+        catalogue: The question: scenes, rules and bounds.
         rollouts: Rollouts of each scene: the shared ones that count, and the whole cost of its own estimator.
         estimates: Of each scene.
         exposures: Of each scene, in the unit of its file.

@@ -14,7 +14,7 @@ from avrare.base.number_format import (
 
 
 def describe_warnings(rates: CatalogueRates) -> list[str]:
-    """Return the health warnings of all scenes; each line once, with the scenes and rules that it is of."""
+    """Return the health warnings of all scenes; each line once, after its scenes and rules."""
     lines: dict[str, list[str]] = {}
     for entry, estimates in zip(rates.catalogue.document.scenes, rates.estimates, strict=True):
         for rule, estimate in estimates.items():
@@ -40,7 +40,7 @@ def describe_grid(rates: CatalogueRates) -> list[str]:
 
 
 def describe_scenes(rates: CatalogueRates, rate: RuleRate) -> str:
-    """Return the scenes that contribute most to a rate, and the one that its interval owes most to."""
+    """Name the scenes that contribute most to a rate, and the scene that widens its interval most."""
     total = next(iter(rate.totals.values()))
     names = [entry.name for entry in rates.catalogue.document.scenes]
     doubtful = max(zip(total.doubts, names, strict=True))

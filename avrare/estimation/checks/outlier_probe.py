@@ -108,7 +108,7 @@ def find_failures(
     Args:
         problem: The problem.
         column: Number of the specification.
-        wanted: What is extreme in each (M, ...).
+        wanted: Extreme entries of each tape (M, ...).
         tapes: Function of some numbers of rollouts (m,) and their part of ``wanted`` to tapes (m, T + 1, C).
     """
     failing = []

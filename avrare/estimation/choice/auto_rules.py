@@ -86,7 +86,7 @@ class Aim:
         return self.estimate_need(evidence) <= _TIMES * 2 * self.pilot
 
     def may_try(self, cost: float, evidence: FreshRows) -> bool:
-        """Return whether choosing may cost so many rollouts, should it all be in vain."""
+        """Return whether a choice may cost these rollouts, should all of them be in vain."""
         needed = self.estimate_need(evidence) if self.goal is not None else self.rollouts
         return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
 

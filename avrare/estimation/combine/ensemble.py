@@ -1,4 +1,4 @@
-"""Estimates over an ensemble: the interval of a probability includes what is not known of its model.
+"""Estimates over an ensemble: the interval of a probability includes the uncertainty of its model.
 
 The rollouts of the scenario's own model are reweighed for each member by the density ratio of the
 observations, where enough effective failures are left; other members are run anew.

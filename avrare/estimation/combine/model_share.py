@@ -75,7 +75,7 @@ class ModelShare:
     def interval(self, confidence: float) -> Interval:
         """Return the interval of the probability under the true model.
 
-        It is a mixture of normal laws over what the spread may be (a generalised pivot): with exact y the
+        It is a mixture of normal laws over the possible spreads (a generalised pivot): with exact y the
         prediction interval of Student's t, with one model known exactly that of sampling.
         """
         centre, tail = float(self.logs.mean()), (1.0 - confidence) / 2.0

@@ -1,6 +1,6 @@
 """Two witnesses of one probability: estimates by unlike methods, which share no failure that they would miss.
 
-Where they agree, and would mostly have disagreed if one had missed something, the estimate is the mean of the
+Where they agree, and would mostly have disagreed if one had missed failures, the estimate is the mean of the
 two, and each answers the doubts about the other. Where they disagree, one of them has missed failures.
 """
 

@@ -14,7 +14,7 @@ class CostForecast:
         kind: Unit of the amounts: "rollouts", "steps" (simulated ones) or "seconds".
         least: Amount that the estimate is expected to take at least.
         most: Amount at most; infinite where nothing limits it yet.
-        given: What the amounts rest on, such as "p 0.01 .. 1e-06"; empty where they are firm.
+        given: Evidence for the amounts, such as "p 0.01 .. 1e-06"; empty where they are firm.
     """
 
     kind: Literal["rollouts", "steps", "seconds"]

@@ -75,7 +75,7 @@ class Info:
         failures: Failing rollouts.
         errors: Rollouts that ended in an error.
         goal: Rollouts planned, where known.
-        forecast: What is known of the whole cost, where the rollouts are not planned.
+        forecast: Bounds on the whole cost, where the rollouts are not planned.
         stage_rows: Rollouts of the stage under way, where it has several chunks.
         stage_done: Those of them that are done.
         counts: The system's counters, summed.

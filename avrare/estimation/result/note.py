@@ -29,7 +29,7 @@ def describe_missed_goal(rollouts: int, progress: str, option: str = "rollouts")
 
     Args:
         rollouts: Number of its rollouts.
-        progress: What it reached, for instance "with 3 failures".
+        progress: Result that it reached, for instance "with 3 failures".
         option: Option of the estimator that bounds its cost.
     """
     text = (

@@ -48,7 +48,7 @@ class Failures:
 
 
 def spread(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Return at most so many of ``rows``, evenly spaced: failures of all runs, not of the first alone."""
+    """Return at most ``most`` of ``rows``, evenly spaced: failures of all runs, not of the first alone."""
     if len(rows) <= most:
         return rows
     return rows[np.arange(most) * len(rows) // most]

@@ -16,7 +16,7 @@ from avrare.rollout.problem import Problem
 def show_progress(
     label: str, problem: Problem, confidence: float | None
 ) -> Iterator[Progress | _NotebookLine]:
-    """Show the progress of one estimate until the context ends; gives what is called with each ``Info``."""
+    """Show the progress of an estimate until the context ends; gives the function that gets each ``Info``."""
     line = Progress(label, problem, "auto", confidence)
     if not _in_notebook():
         with line:

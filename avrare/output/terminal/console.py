@@ -33,7 +33,7 @@ class _Console(Console):
             yield segment if segment.control else Segment(spell_controls(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
-        """Raise what ``print`` raises; rich would end the program here and now."""
+        """Raise the errors of ``print``; rich would end the program here and now."""
         raise BrokenPipeError
 
 

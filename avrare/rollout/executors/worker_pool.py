@@ -149,7 +149,7 @@ class WorkerPool(Executor):
         return outcome
 
     def _try(self, task: Task, attempts: int) -> Any:
-        """Run a task in up to so many workers: in more where it is not to blame, in one where it hangs."""
+        """Run a task in up to ``attempts`` workers: in more where it is not to blame, in one if it hangs."""
         attempt = 0
         while True:
             attempt += 1

@@ -1,4 +1,4 @@
-"""Description checks: what a plugin declares about a component, before anything is built."""
+"""Description checks: the declarations of a plugin about a component, before it is built."""
 
 from __future__ import annotations
 

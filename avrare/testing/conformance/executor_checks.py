@@ -34,7 +34,7 @@ def outcomes_are_those_of_serial(subject: Subject) -> None:
 
 
 def runs_errands(subject: Subject) -> None:
-    """An errand gives what its function gives for the problem, and an error of it comes through."""
+    """An errand returns its function's value for the problem, and the function's error comes through."""
     executor = subject.build()
     executor.open(_work())
     with closing(executor):

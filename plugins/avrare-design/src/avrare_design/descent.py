@@ -107,7 +107,7 @@ def descend(
     """Yield the iterations of a descent; the last one that is ``best`` has the result.
 
     Args:
-        numbers: What may change.
+        numbers: Entries that may change.
         search: Settings.
         measure: Estimates p, with failures.
         runner: Runs failing tapes again.

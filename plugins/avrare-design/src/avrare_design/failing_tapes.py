@@ -6,7 +6,7 @@ failing after the same step backwards. So d log p / d parameter is the differenc
 fail after both steps, over one step. The difference of the logarithms of the shares is exact where the tail
 beyond the border is exponential, and is taken. It closes the gap that stl-ess leaves after Eq. 39: the
 system may be a black box, and only verdicts are read. Failures that appear far from all known ones are not
-seen, so what rests on this needs fresh tapes in the end.
+seen, so a result that rests on this needs fresh tapes in the end.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def derive_from_failures(
         step: The step.
         sample: Failures at the point itself.
         runner: Runs the failing tapes again, twice. Those that break down count as failing no more.
-        activity: What progress displays say.
+        activity: Label of progress displays.
 
     Raises:
         UsageError: The tapes of the problems have another shape.

@@ -19,7 +19,7 @@ class Trial:
         value: The value.
         result: The estimate, at the level of all trials together.
         score: Slope there by its failures; None without a score function.
-        nearby: What its failures tell of other values, in ascending order.
+        nearby: Estimates for other values from its failures, in ascending order.
     """
 
     value: float

@@ -1,4 +1,4 @@
-"""Reweighed trial: what the failures of one run tell of nearby values of a parameter.
+"""Reweighed trial: estimates for nearby values of a parameter from the failures of one run.
 
 Where a parameter changes nothing but the law of the observations, and the density ratio w of two laws
 is known, the mean of w over failures, times the probability, is that at the other value. The values must be

@@ -112,7 +112,7 @@ class _Search:
     shares: list[float] = field(default_factory=list)
 
     def look(self) -> bool:
-        """Run the small trials; return whether there is something left to decide."""
+        """Run the small trials; return whether the search continues."""
         level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES
         for number in range(_SEARCH_ESTIMATES):
             if number == 2 and self._is_rare():
@@ -130,7 +130,7 @@ class _Search:
         return True
 
     def decide(self) -> None:
-        """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
+        """Run a trial that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
         if self._is_rare():
             left = sum(SHARES[2:])

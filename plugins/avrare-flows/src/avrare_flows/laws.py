@@ -19,7 +19,7 @@ class Law(Protocol):
 
     Attributes:
         noise_size: Number of numbers of a row.
-        note: What is wrong with the law; empty where it is exact.
+        note: Reason to doubt the law; empty where it is exact.
     """
 
     @property

@@ -45,7 +45,7 @@ class GliderSimulator(Simulator):
     Attributes:
         dt: Step [s].
         noise_size: 2, or 1 where the start is not random.
-        noise_names: What these numbers are.
+        noise_names: Names of these numbers.
     """
 
     dt = DT

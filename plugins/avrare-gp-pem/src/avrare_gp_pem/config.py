@@ -37,7 +37,7 @@ _Spread = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Ghosts(Options):
-    """False detections, boxes that are of no vehicle; they need a tracker with `association: hungarian`."""
+    """False detections, boxes without a vehicle; they need a tracker with `association: hungarian`."""
 
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
         description="false detections in a frame, in the mean [-]"

@@ -3,7 +3,7 @@
 Global nearest neighbour (Bar-Shalom, Willett and Tian, *Tracking and Data Fusion*, 2011, section 6.4): the
 most probable assignment of one list of detections to the tracks. A detection within the gate costs a track
 d^2 + log |S|, the distance from its prediction and the spread of that; none costs as much as the gate would
-let through at the widest prediction. What is left over begins tracks.
+let through at the widest prediction. Detections left over begin tracks.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ def choose(where: Bools, first: Mixture, second: Mixture) -> Mixture:
 
 
 def set_probability(mixture: Mixture, mode: int, chance: Floats) -> Mixture:
-    """Return the mixture whose ``mode`` has the probability ``chance`` (N, V), the others what is left."""
+    """Return the mixture whose ``mode`` has the probability ``chance`` (N, V), the others the rest."""
     probability = mixture.probability.copy()
     rest = _rest(probability, mode)
     probability *= ((1.0 - chance) / rest)[..., None]

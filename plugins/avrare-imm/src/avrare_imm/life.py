@@ -29,7 +29,7 @@ class Life:
 
 @dataclass(frozen=True)
 class LifeRules:
-    """Rules by which tracks begin and end.
+    """Rules for the begin and the end of tracks.
 
     Attributes:
         least: Detections that make a track ...

@@ -29,7 +29,7 @@ def find_controls(
 
     Args:
         system: System with inputs.
-        formula: What the trajectory should do; predicates affine in the signals.
+        formula: Aim of the trajectory; predicates affine in the signals.
         steps: T.
         bandwidth: Standard deviation of every control.
         chains: Chains of the search.

@@ -1,4 +1,4 @@
-"""Stretches without a lane, as obstacles: where a lane begins or ends something long stands in it."""
+"""Stretches without a lane, as obstacles: where a lane begins or ends, a long obstacle stands in it."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _SEED_KEY = 0xB007
 
 
 def fit_ensemble(fit: Fit, data: CleanedData, members: int, report: Report) -> FittedPem:
-    """Return the model with so many refits to bootstrap samples of the training rows."""
+    """Return the model with ``members`` refits to bootstrap samples of the training rows."""
     model, plan, refits = fit.model, fit.plan, []
     for number in range(members):
         rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(_SEED_KEY, number)))

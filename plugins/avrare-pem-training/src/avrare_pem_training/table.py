@@ -10,7 +10,7 @@ One line per annotated vehicle and frame, in the order of recording, with a head
 * ``error_right, error_forward`` [m] and if known ``error_yaw`` [rad]: truth minus detection, empty where
   missed; or, instead, the detected box itself: ``detected_right, detected_forward, detected_yaw``;
 * if known, ``track``, a number for each vehicle, and ``time`` [s]: they tell how long errors last;
-* if known, ``ghost``: 1 for a detection that is of no vehicle. Its row needs a place, ``right, forward``
+* if known, ``ghost``: 1 for a detection without a vehicle. Its row needs a place, ``right, forward``
   or ``detected_right, detected_forward``, and all rows a ``time``, equal for those of one frame. Its
   ``track`` gives its duration; its other columns are not read.
 """

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Convert the file and print what was understood."""
+    """Convert the file and print how it was read."""
     from avrare_policy.convert import convert
 
     out = Path(args.out) / f"{Path(args.file).stem}.npz"

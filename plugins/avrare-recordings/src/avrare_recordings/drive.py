@@ -60,7 +60,7 @@ def monitor(
         safe: As for ``avrare.load``.
 
     Raises:
-        UsageError: The arguments do not fit, or the recording lacks what the specification needs.
+        UsageError: The arguments do not fit, or the recording lacks a signal that the specification needs.
     """
     question = _Question(rule, stl, specification, tuple(as_settings(overrides)))
     if isinstance(source, Run) or Path(require_path(source, "a recording or a run")).is_dir():

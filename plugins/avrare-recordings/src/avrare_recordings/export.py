@@ -29,7 +29,7 @@ def export(replay: FailureReplay, path: str | os.PathLike[str]) -> list[str]:
         Sentences about vehicles that the file calls by another name.
 
     Raises:
-        UsageError: The suffix is of no format, the rollout ended before its first sample, or the file cannot
+        UsageError: The suffix names no format, the rollout ended before its first sample, or the file cannot
             be written.
         PluginError: A package that writes the format is not installed.
     """

@@ -31,7 +31,7 @@ def steering_angle(ratio: Floats) -> Floats:
 def time_to_collision(ego: Vehicles, others: Vehicles, scene: Scene) -> Floats:
     """Return (N,) the least time until the boxes of the ego and of a vehicle ahead touch [s].
 
-    Boxes are parallel to the road and velocities stay what they are. Ahead is a vehicle whose centre is; inf
+    Boxes are parallel to the road and velocities are constant. Ahead is a vehicle whose centre is; inf
     where none is ahead, or none would be touched.
     """
     boxes = [

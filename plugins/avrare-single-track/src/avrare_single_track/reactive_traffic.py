@@ -28,13 +28,13 @@ class DriverMemory:
     """Memory of R drivers in N particles.
 
     Attributes:
-        lane: (N, R) lane, or the one that is changed to.
+        lane: (N, R) lane, or the target of a lane change.
         base: (N, R) y that is kept, or from which a change began [m].
         clock: (N, R) time since a change began, -1 where none is under way [s].
         pause: (N, R) time until the next change may begin [s].
         mood: (N, R) offset of the acceleration, an Ornstein-Uhlenbeck process [m/s^2].
         haste: (N, Q) logarithm of the reaction time over its median, the same; of those whose time varies.
-        past: (N, R, K) what the model demanded at the last steps [m/s^2]; K = 0 where nobody is late.
+        past: (N, R, K) the model's demands at the last steps [m/s^2]; K = 0 where nobody is late.
         table: (N, R, 12) parameters where they are drawn, else None.
     """
 

@@ -34,7 +34,7 @@ def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
 
 
 class RecordedScene(SingleTrack):
-    """Single-track ego among obstacles that repeat what was recorded, whatever the ego does."""
+    """Single-track ego among obstacles that repeat their recorded motion, whatever the ego does."""
 
     def __init__(self, config: RecordedConfig) -> None:
         self._path = path = str(config.file)

@@ -46,7 +46,7 @@ def brakes_abruptly(s: Setting, a: Bodies) -> Floats:
 
 @predicate("acceleration")
 def brakes_abruptly_relative(s: Setting, a: Bodies, b: Bodies) -> Floats:
-    """A brakes harder than ``abrupt_braking`` beyond what b brakes."""
+    """A brakes harder than b by more than ``abrupt_braking``."""
     return s.parameters.abrupt_braking - (a.acceleration - np.minimum(b.acceleration, 0.0))
 
 

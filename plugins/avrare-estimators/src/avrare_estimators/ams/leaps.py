@@ -1,8 +1,9 @@
 """Leaps: rollouts that come from a low level to a high one in a single step.
 
-Splitting climbs: it copies what has come some way and lets it try again. Where one outlier decides, the way
-begins anew with every try, so that only the first rollouts have a fair chance to fail in this way, and runs
-that met no failure agree with each other. Leaps can be counted at levels that the first rollouts reach.
+Splitting climbs: it copies particles that have come some way and lets them try again. Where one outlier
+decides, the way begins anew with every try, so that only the first rollouts have a fair chance to fail so,
+and runs that met no failure agree with each other. Leaps can be counted at levels that the first rollouts
+reach.
 """
 
 from __future__ import annotations

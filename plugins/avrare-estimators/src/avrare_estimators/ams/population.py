@@ -120,7 +120,7 @@ class Population:
     ) -> None:
         """Give ``children`` the past of ``parents`` up to and including ``start``, new noise after it.
 
-        Where only the carries of every so many steps are stored, the newest before ``start`` is handed on.
+        Where only some carries are stored, the newest before ``start`` is handed on.
         """
         past = np.arange(self.scores.shape[1]) <= start[:, None]
         self.root[children] = self.root[parents]

@@ -84,7 +84,7 @@ class EndedRuns:
 
 
 def thin(tapes: TapeAddresses, most: int) -> TapeAddresses:
-    """Return at most so many tapes, of all runs alike."""
+    """Return at most ``most`` tapes, of all runs alike."""
     return batch.take(tapes, take_in_turn(tapes.run[:, 0], most))
 
 
@@ -117,7 +117,7 @@ class AmsState:
         first_run: Address of the noise of the first of these runs.
         growth: Factor of the particles and discards over those of the options.
         looks: When to stop; None: this is the pilot.
-        pilot: What the pilot has found, if there was one.
+        pilot: Findings of the pilot, if there was one.
         ended: Runs before these, which come in batches that fit into memory.
         saved: Steps of rollouts that ended early.
         leaps: First rollouts that came to a high level in a single step.

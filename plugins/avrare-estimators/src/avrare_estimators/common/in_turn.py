@@ -8,7 +8,7 @@ from avrare.rollout.request import Integers
 
 
 def take_in_turn(run: Integers, most: int) -> Integers:
-    """Return the indices of at most so many entries with these runs (F,): the first of each, then the second.
+    """Return the indices of at most ``most`` entries with runs (F,): the first of each, then the second.
 
     Entries that are left out of a part are left out of the whole as well.
     """

@@ -1,4 +1,4 @@
-"""Charts of estimators that pass levels of a score: what these reach, and how many particles pass them."""
+"""Charts of estimators that pass levels of a score: their scores, and the particles that pass them."""
 
 from __future__ import annotations
 

@@ -134,14 +134,14 @@ class NestedLevels(Estimator):
         return LevelPass.begin(plan, shape, self.kernel, None, most)
 
     def _share_of_budget(self, plan: Plan, runs: int, growth: int = 1) -> float:
-        """Return the rollouts of the budget that so many runs may take."""
+        """Return the rollouts of the budget for ``runs`` runs."""
         if plan.budget is None:
             return math.inf
         unit = max(plan.steps, 1) if plan.budget.kind == "steps" else 1
         return plan.budget.amount / unit * min(1.0, runs / self._most_runs(plan, growth))
 
     def _most_levels(self, plan: Plan, shape: PassShape, rollouts: float) -> float:
-        """Return the levels that a pass of so many rollouts may have, whatever it finds there."""
+        """Return the levels that a pass with these rollouts may have at most."""
         if math.isinf(rollouts):
             return math.inf
         return max(1, int((rollouts / shape.runs - shape.samples) / (shape.moves * self.kernel.rollouts)))

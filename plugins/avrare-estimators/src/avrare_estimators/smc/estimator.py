@@ -52,7 +52,7 @@ class SmcState:
         plan: The task.
         learning: Learning under way or done.
         particles: Runs under way; None while learning, and at the end.
-        course: What the runs that count share; None while learning.
+        course: Course that the counting runs share; None while learning.
         looks: Numbers of runs at which the estimate may end; None while learning.
         counted: Runs that have ended.
         tally: Cost so far.

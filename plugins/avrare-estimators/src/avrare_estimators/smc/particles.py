@@ -309,7 +309,7 @@ class Particles:
 def addresses(course: Course, lineage: NDArray[np.int32]) -> tuple[Integers, Integers]:
     """Return stage and particle (n, steps + 1) of the noise of rows with a lineage (n, S).
 
-    What follows a row's end belongs to its last segment.
+    Steps after a row's end belong to its last segment.
     """
     segment = np.searchsorted(np.array(course.ends), np.arange(course.plan.steps + 1))
     segments = np.minimum(segment, (lineage >= 0).sum(axis=1)[:, None] - 1)

@@ -101,7 +101,7 @@ class Counted:
 
 
 def _some_failures(ends: Ends, runs: int) -> Ends:
-    """Return at most so many failures of each run, so that runs in batches tell the same."""
+    """Return a limited number of failures of each run, so that batches give the same."""
     chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
     for run in range(runs):
         rows = np.flatnonzero(ends.violated & (ends.rows.run == run))

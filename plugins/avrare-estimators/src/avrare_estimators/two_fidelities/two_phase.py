@@ -51,7 +51,7 @@ class Bands:
 
 @dataclass(frozen=True)
 class Design:
-    """Plan of a two-phase estimate of S specifications, made from a pilot and fixed before what counts.
+    """Plan of a two-phase estimate of S specifications, made from a pilot and then fixed.
 
     Attributes:
         bands: One for each specification.

@@ -1,4 +1,4 @@
-"""False detections: any model of this plugin with ghosts, boxes that are of no vehicle.
+"""False detections: any model of this plugin with ghosts, boxes without a vehicle.
 
 Each of K slots holds one ghost or none, a stationary chain: with probability s = exp(-dt / persistence) a
 step leaves it as it was, else it is drawn anew, a ghost at a new place with probability q = rate / K. So the

@@ -104,7 +104,7 @@ def build_gp(config: GpPemConfig, scene: Scene) -> object:
     """Build the fitted model for a scene.
 
     Raises:
-        UsageError: The model is unknown, its file cannot be read, or lacks what is asked of it: the member,
+        UsageError: The model is unknown, its file cannot be read, or it lacks a requested part: the member,
             the artefact, or the persistence, ghosts or headings of its data.
     """
     fitted = _member(load(locate(config.model)), config)

@@ -71,7 +71,7 @@ def shift_noise(law: ObservationLaw, other: ObservationLaw, noise: Floats) -> tu
 
 
 def _observes_more(law: ObservationLaw, other: ObservationLaw) -> Bools:
-    """Return (N, V) where ``other`` observes what has probability 0 under ``own``."""
+    """Return (N, V) where ``other`` gives observations of probability 0 under ``law``."""
     rounding = 1e-12  # taken for probability 0
     misses = (law.miss == 0.0) & (other.miss > rounding)
     detects = (law.detect == 0.0) & (other.detect > rounding)

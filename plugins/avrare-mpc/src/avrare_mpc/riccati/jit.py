@@ -80,7 +80,7 @@ class _Entry:
 
 @contextlib.contextmanager
 def announce(message: str) -> Iterator[None]:
-    """Print a message to standard error once something is compiled in this block."""
+    """Print a message to standard error once a kernel is compiled in this block."""
     if not COMPILED:
         yield
         return

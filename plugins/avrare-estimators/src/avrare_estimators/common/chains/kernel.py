@@ -165,12 +165,12 @@ class StepOutcome:
 class Kernel:
     """A Markov kernel that leaves the law of a level's set invariant; by default it learns nothing.
 
-    What it learns, its tuning, is a batch with leading axis R, one row a run. It learns in the pilot, and
+    Its tuning, which it learns, is a batch with leading axis R, one row a run. It learns in the pilot, and
     each level stores the tuning for the pass that counts.
 
     Attributes:
         name: Its name in a result.
-        note: What is wrong with the kernel; empty for a valid one.
+        note: Reason to doubt the kernel; empty for a valid one.
         rollouts: Typical number of rollouts of a step, for budgets.
     """
 

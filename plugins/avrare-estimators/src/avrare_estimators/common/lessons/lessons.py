@@ -124,7 +124,7 @@ class Lessons:
 
     @property
     def key(self) -> Floats:
-        """(N,) order of the rows: by score, all failures on top; what broke down has -inf."""
+        """(N,) order of the rows: by score, all failures on top; rows that broke down have -inf."""
         score = np.concatenate([sample.score for sample in self.samples])
         error = np.concatenate([sample.error for sample in self.samples])
         return np.where(self.violated, np.inf, np.where(error, -np.inf, score))

@@ -40,7 +40,7 @@ class CrossCheckResult:
     Attributes:
         probabilities: Failure probability by each group alone, 0 where it died out; empty where the groups
             did not reach failure within their rollouts.
-        rollouts: What it has cost.
+        rollouts: Its cost.
     """
 
     probabilities: tuple[float, ...]

@@ -173,7 +173,7 @@ def variance_of_sum(parts: Sequence[tuple[float, Sample]], unit: float) -> float
 
     Args:
         parts: Shares and samples.
-        unit: What the estimates are divided by, such as their sum.
+        unit: Divisor of the estimates, such as their sum.
     """
     return sum(
         share**2 * stratified_variance(failing_weights(sample) / unit, sample.target_rows)

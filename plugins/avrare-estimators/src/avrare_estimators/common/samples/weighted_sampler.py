@@ -49,7 +49,7 @@ class SamplingState:
         plan: The task.
         rollouts: Rollouts of a sample, its cross-check included where the estimator counts it.
         source: The proposal in use.
-        task: What is under way; None when all is done.
+        task: Work under way; None when all is done.
         samples: Samples of the present run so far; the last is the final one, once learning has ended.
         stages: Learning stages of the present run, one entry each.
         finished: Runs done.
@@ -94,7 +94,7 @@ class WeightedSampler(Estimator):
         return state.task.pending if state.task is not None else None
 
     def tell(self, state: SamplingState, rollouts: Rollouts) -> tuple[SamplingState, Info]:
-        """Store the wave; when a sample or a cross-check is complete, begin what comes next."""
+        """Store the wave; when a sample or a cross-check is complete, begin the next task."""
         assert state.task is not None
         task = state.task.tell(rollouts)
         state = replace(state, tally=state.tally.plus(rollouts), task=task)
@@ -103,7 +103,7 @@ class WeightedSampler(Estimator):
         return state, self._info(state)
 
     def _task_complete(self, state: SamplingState) -> SamplingState:
-        """Begin what comes after the task."""
+        """Begin the task that follows."""
         task = state.task
         if isinstance(task, (CrossCheck, ScaleAnnealing)):
             return self._finish_run(state, task.result())

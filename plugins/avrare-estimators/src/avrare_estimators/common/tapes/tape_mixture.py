@@ -123,7 +123,7 @@ class TapeMixture:
 
     @cached_property
     def _lengths(self) -> Floats:
-        """Squared lengths (steps + 2, D) of the directions over so many steps."""
+        """Squared lengths (steps + 2, D) of the directions, by number of steps."""
         squares = np.cumsum(self._vectors**2, axis=0)
         return np.concatenate([np.zeros_like(squares[:1]), squares])
 
