@@ -249,7 +249,7 @@ def test_mistakes_in_the_other_driver_are_named_as_they_were_written(tmp_path, t
     path.write_text(SCENARIO)
     with pytest.raises(AvrareError, match=f"^--against {text}: {words}"):
         avrare.compare_versions(path, text)
-    with pytest.raises(AvrareError, match="^--set against.controller.modl: controller.modl: unknown key"):
+    with pytest.raises(AvrareError, match=r"^--set against.controller.modl: controller.modl: unknown key"):
         avrare.compare_versions(path, path, overrides=["against.controller.modl=cc"])
 
 
