@@ -69,11 +69,11 @@ def _list_rates(rates: CatalogueRates) -> Iterator[tuple[str, str, RuleRate, str
 
 
 def _list_versions(rates: CatalogueRates) -> list[Table]:
-    rows = [tuple(map(_typeset, row)) for row in list_scenes(rates, typeset=True)]
+    rows = [tuple(map(_typeset, row[:-1])) for row in list_scenes(rates, typeset=True)]
     if not rows:
         return []
-    text = f"Probabilities of the stack and of {rates.driver}, and each scene's share of the stack's rate."
-    heads = ("Rule", "Scene", "Stack", "Interval", "Driver", "Interval", "Stack / driver", "Share")
+    text = f"Probabilities of the stack and of {rates.driver}."
+    heads = ("Rule", "Scene", "Stack", "Interval", "Driver", "Interval", "Stack / driver")
     return [Table("Stack and driver", text, heads, tuple(rows), (1,))]
 
 
@@ -101,7 +101,12 @@ def _list_scenes(rates: CatalogueRates, rate: RuleRate) -> Table:
     total, sentence = next(iter(rate.totals.values())), describe_scenes(rates, rate)
     scenes = zip(rates.catalogue.document.scenes, rates.estimates, total.shares, total.doubts, strict=True)
     rows = [
-        (entry.name, _describe(estimates[rate.rule]), *(format_percent(round(x, 3)) for x in (share, doubt)))
+        (
+            entry.name,
+            _describe(estimates[rate.rule]),
+            format_percent(round(share, 3)) if total.value else "–",
+            format_percent(round(doubt, 3)),
+        )
         for entry, estimates, share, doubt in sorted(scenes, key=lambda scene: -scene[2])
     ]
     heads = ("Scene", "Failures", "Share of the rate", "Share of the interval's squared width")

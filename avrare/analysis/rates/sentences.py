@@ -66,9 +66,8 @@ def list_scenes(rates: CatalogueRates, typeset: bool = False) -> list[tuple[str,
     )
     for balance, rate in zip(rates.balances, rates.rates, strict=True):
         total = next(iter(rate.totals.values()))
-        for (entry, *versions), (ratio, interval), share in zip(
-            scenes, balance.scenes, total.shares, strict=True
-        ):
+        rows_of_rule = zip(scenes, balance.scenes, total.shares, strict=True)
+        for (entry, *versions), (ratio, interval), share in rows_of_rule:
             results = [version[balance.rule].result for version in versions]
             cells = [
                 text for result in results for text in (number(result.probability), span(result.interval))

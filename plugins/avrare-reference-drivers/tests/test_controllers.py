@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.analysis.page.rates import build_rates
 from avrare.base.errors import AvrareError, UsageError
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.testing.conformance import Subject, checks_of
@@ -229,6 +230,7 @@ def test_rates_of_a_catalogue_beside_another_driver(tmp_path):
     assert "negative risk balance" in page
     assert '<span class="interval">reference_driver=cc</span>' in page
     assert " .. " not in page
+    assert [build_rates(side).tables[-2].rows[0][2] for side in (rates, rates.reference)] == ["100 %", "–"]
     again = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out", resume=True)
     assert again.to_dict() == rates.to_dict()
     with pytest.raises(UsageError, match="only a controller can drive"):
@@ -249,7 +251,7 @@ def test_mistakes_in_the_other_driver_are_named_as_they_were_written(tmp_path, t
     path.write_text(SCENARIO)
     with pytest.raises(AvrareError, match=f"^--against {text}: {words}"):
         avrare.compare_versions(path, text)
-    with pytest.raises(AvrareError, match=r"^--set against.controller.modl: controller.modl: unknown key"):
+    with pytest.raises(AvrareError, match=r"^--set against\.controller\.modl: controller\.modl: unknown key"):
         avrare.compare_versions(path, path, overrides=["against.controller.modl=cc"])
 
 

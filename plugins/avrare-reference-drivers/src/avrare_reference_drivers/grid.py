@@ -116,9 +116,8 @@ def cut_in(
     for (name, (low, high)), values in zip(_BOUNDS.items(), numbers, strict=True):
         wrong = values[~((values >= low) & (values <= high))]
         if wrong.size:
-            raise UsageError(
-                f"{name}: {wrong[0]:g} is not in a cut-in", f"give numbers from {low:g} to {high:g}"
-            )
+            hint = f"give numbers from {low:g} to {high:g}"
+            raise UsageError(f"{name}: {wrong[0]:g} is not in a cut-in", hint)
     shape = np.broadcast_shapes(*(array.shape for array in numbers))
     speed, other, free, lateral = (np.broadcast_to(array, shape).ravel() for array in numbers)
     cars = _start(speed, other, free, lateral, Reaction.start(driver, len(speed)))
