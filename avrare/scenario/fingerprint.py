@@ -67,16 +67,21 @@ def digests(scenario: Scenario) -> dict[str, str]:
     Raises:
         OSError: A file cannot be read.
     """
-    hashes = {
+    return {
         f"{key}.{name}": hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-        for key, block in scenario.blocks.items()
-        for name, path in named_files(block.config)
+        for key, config in list_options(scenario)
+        for name, path in named_files(config)
     }
-    if scenario.cheap is not None:
-        hashes |= {f"cheap.{key}": value for key, value in digests(scenario.cheap).items()}
-    for number, member in enumerate(scenario.members):
-        hashes |= {f"ensemble.{number}.{key}": value for key, value in digests(member).items()}
-    return hashes
+
+
+def list_options(scenario: Scenario, prefix: str = "") -> Iterator[tuple[str, Options]]:
+    """Yield (dotted path, options) of all components, with those of a cheap variant and of an ensemble."""
+    for key, block in scenario.blocks.items():
+        yield f"{prefix}{key}", block.config
+    variants = {"cheap": scenario.cheap} if scenario.cheap is not None else {}
+    variants |= {f"ensemble.{number}": member for number, member in enumerate(scenario.members)}
+    for name, variant in variants.items():
+        yield from list_options(variant, f"{prefix}{name}.")
 
 
 def named_files(config: Options) -> Iterator[tuple[str, Path]]:

@@ -1,22 +1,21 @@
 """Confirmation of a pack by another person: fresh random numbers, and a test whether both agree.
 
-Two estimates are compared by melding their confidence distributions, as in the gate (Fay, Proschan and
-Brittain 2015). Holm's first step keeps the chance of a false alarm over all comparisons at 5 %.
+Two estimates are compared by the logarithm of their ratio, with the ends of both intervals that face each
+other (MOVER, Zou and Donner 2008), as a cross-check is. Holm's first step keeps the chance of a false alarm
+over all comparisons at 5 %.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import NormalDist
-from typing import Literal
+from typing import Any, Literal
 
-from avrare.analysis.check.melded_intervals import p_value_ratio_at_least, p_value_ratio_at_most
 from avrare.analysis.rates.rate import RATES, REFERENCE
 from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
@@ -25,31 +24,31 @@ from avrare.estimation.combine.power import LEAST_POWER, MISS
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.estimate_scenario import estimate_scenario
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.confidence_distributions import Binomial, LogNormal
-from avrare.estimation.result.result import Result, Results
+from avrare.estimation.result.result import Result, Results, finite
 from avrare.estimation.result.verdict import with_verdict
 from avrare.results.run import Run
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 from avrare.scenario.schema import Scenario
-from avrare_evidence.manifest import (
+from avrare_evidence.pack import (
     Pack,
-    PackedRun,
     find_pack_faults,
     find_version_changes,
     hash_file,
+    list_files,
     read_pack,
 )
-from avrare_evidence.sources import compute_rates, list_files
+from avrare_evidence.sources import read_rates
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
 _SEED_STRIDE = 1_000_003
 """Distance of the seeds of a pack's runs."""
-_Law = Binomial | LogNormal
-_Estimate = tuple[float, float, float, _Law]
-"""Value, interval and law."""
+_ZERO_SHARE = 0.135
+"""Half a failure, which stands for none on a logarithm, over the upper end of none at 95 %."""
+_Estimate = tuple[float, float, float, float]
+"""Value, interval and its confidence."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,9 +65,9 @@ class Confirmation(Answer):
     """
 
     seed: int
-    comparisons: Records
-    variations: Records
-    version_changes: tuple[str, ...]
+    comparisons: Sequence[Mapping[str, Any]]
+    variations: Sequence[Mapping[str, Any]]
+    version_changes: Sequence[str]
 
     @property
     def outcome(self) -> Literal["agree", "disagree", "not decided"]:
@@ -80,18 +79,16 @@ class Confirmation(Answer):
     def to_dict(self) -> dict[str, object]:
         """Return the content of confirmation.yaml, with blanks for the person who signs it."""
         test = f"false alarms {LEVEL:.0%} over all comparisons (Holm); power: factor {MISS:g}"
-        rows = {"comparisons": [*self.comparisons], "variations": [*self.variations]}
-        heads = {"outcome": self.outcome, "test": test, "seed": self.seed}
         blanks = {"name": None, "organisation": None, "date": None}
-        return {**heads, **rows, "version_changes": [*self.version_changes], "signed_off": blanks}
+        return {"outcome": self.outcome, "test": test, **vars(self), "signed_off": blanks}
 
     def table(self) -> Records:
         """Return the comparisons."""
-        return self.comparisons
+        return Records(self.comparisons)
 
     def lines(self) -> list[str]:
         """Return the outcome, and the tables of comparisons and variations."""
-        tables = [table for table in (self.comparisons, self.variations) if table]
+        tables = [Records(rows) for rows in (self.comparisons, self.variations) if rows]
         return [self.outcome, *(line for table in tables for line in repr(table).splitlines())]
 
 
@@ -132,52 +129,42 @@ def confirm(
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
     execution = Execution(partial(build_executor, workers), watch)
 
-    def load_all(*settings: str) -> dict[str, Scenario]:
-        files = {name: pack.folder / entry.scenario for name, entry in runs.items()}
-        return {name: load(file, [f"seed={seeds[name]}", *settings]) for name, file in files.items()}
-
-    def estimate_all(scenarios: Mapping[str, Scenario]) -> dict[str, Results]:
-        amounts = {name: Budget.parse(runs[name].budget if budget is None else budget) for name in scenarios}
-        return {
-            name: Results(
-                estimate_scenario(LoadedScenario(scenario), scenario.estimated, amounts[name], execution)
-            )
-            for name, scenario in scenarios.items()
-        }
-
-    scenarios, varied = load_all(), load_all(*vary) if vary else {}
-    for name, scenario in scenarios.items():
-        _check_files(pack, runs[name], scenario)
-    stored = {name: Run.read(pack.folder / entry.folder).results for name, entry in runs.items()}
-    before, after = _list_estimates(pack, stored), _list_estimates(pack, estimate_all(scenarios))
+    settings = {"": [], ", ".join(vary): vary}
+    scenarios = {
+        (text, name): load(pack.folder / entry.scenario, [f"seed={seeds[name]}", *words])
+        for text, words in settings.items()
+        for name, entry in runs.items()
+    }
+    for (_, name), scenario in scenarios.items():
+        _check_files(pack, runs[name].files, scenario)
+    estimates = {}
+    for (text, name), scenario in scenarios.items():
+        amount = Budget.parse(runs[name].budget if budget is None else budget)
+        results = estimate_scenario(LoadedScenario(scenario), scenario.estimated, amount, execution)
+        estimates[text, name] = Results(with_verdict(result, scenario.thresholds) for result in results)
+    stored = {name: Run.read(pack.folder / entry.folder) for name, entry in runs.items()}
+    before = _list_estimates(pack, stored)
+    after = _list_estimates(pack, {name: estimates["", name] for name in runs})
     comparisons = [
         {"scenario": name, "rule": rule, **_compare(estimate, after[name, rule], LEVEL / len(before))}
         for (name, rule), estimate in before.items()
     ]
     variations = [
-        {
-            "scenario": name,
-            "rule": rule,
-            "set": ", ".join(vary),
-            "value": result.probability,
-            "interval": list(result.interval),
-            "verdict": with_verdict(result, varied[name].thresholds).verdict,
-        }
-        for name, results in estimate_all(varied).items()
-        for rule, result in results.items()
+        {"scenario": name, "set": text, **finite(row)}
+        for (text, name), results in estimates.items()
+        if text
+        for row in results.table()
     ]
-    return Confirmation(seed, Records(comparisons), Records(variations), tuple(changes))
+    return Confirmation(seed, comparisons, variations, changes)
 
 
-def _check_files(pack: Pack, entry: PackedRun, scenario: Scenario) -> None:
+def _check_files(pack: Pack, copies: Mapping[str, str], scenario: Scenario) -> None:
     """Raise a ``UsageError`` if an option names another file than that of the pack."""
-    files = ChainMap(*list_files(scenario))
-    for option, copy in entry.files.items():
-        if option not in files or hash_file(files[option]) != pack.manifest.files[copy]:
+    named = {option: path for files in list_files(scenario) for option, path in files.items()}
+    for option, copy in copies.items():
+        if option not in named or hash_file(named[option]) != pack.manifest.files[copy]:
             text = f"{option}: the file {Path(copy).name} is missing here, or not that of the pack"
-            hint = (
-                "install the versions that the pack names; or call `avrare confirm ..` in its folder `repeat`"
-            )
+            hint = "install the versions of the pack, or call `avrare confirm ..` in its folder `repeat`"
             raise UsageError(text, hint)
 
 
@@ -185,49 +172,39 @@ def _list_estimates(
     pack: Pack, results: Mapping[str, Mapping[str, Result]]
 ) -> dict[tuple[str, str], _Estimate]:
     """Return rates of catalogues and of their reference drivers, else probabilities, by name and rule."""
-    estimates = {}
-    homes = [path.removesuffix(RATES) for path in pack.manifest.files if path.endswith(f"/{RATES}")]
-    for home in homes:
-        name = home.removeprefix("evidence/")
-        places = {f"{run.removeprefix(name)}/": results[run] for run in results if run.startswith(name)}
-        rates = compute_rates(pack.folder / home / RATES, places)
-        confidence = rates.catalogue.document.confidence
-        largest = 1e6 * sum(exposure.high for exposure in rates.exposures)  # brings rates below 1
-        for driver, side in (("", rates), (REFERENCE, rates.reference)):
+    estimates: dict[tuple[str, str], _Estimate] = {}
+    for source in dict.fromkeys(name.partition("/")[0] for name in results):
+        runs = {name: run for name, run in results.items() if f"{name}/".startswith(f"{source}/")}
+        file = f"evidence/{source}/{RATES}"
+        if file not in pack.manifest.files:
+            estimates |= {
+                (name, rule): (result.probability, *result.interval, result.confidence)
+                for name, run in runs.items()
+                for rule, result in run.items()
+            }
+            continue
+        places = {f"{name.removeprefix(f'{source}/')}/": run for name, run in runs.items()}
+        rates = read_rates(pack.folder / file, places)
+        for driver, side in ((source, rates), (f"{source}/{REFERENCE}", rates.reference)):
             for rate in side.rates if side is not None else ():
                 total = next(iter(rate.totals.values()))  # with its exposures taken as known
-                numbers = (total.value, *total.sampling)
-                value, low, high = (number / largest for number in numbers)
-                law = _derive_law(value, low, high, confidence)
-                estimates[name + driver, rate.rule] = (*numbers, law)
-    for name, run in results.items():
-        if not f"evidence/{name}".startswith(tuple(homes)):
-            for rule, result in run.items():
-                numbers, counts = (
-                    (result.probability, *result.interval),
-                    (result.failures.count, result.trials),
-                )
-                law = _derive_law(*numbers, result.confidence)
-                exact = Binomial(*counts, result.errors) if result.trials else law
-                estimates[name, rule] = (*numbers, exact)
+                confidence = rates.catalogue.document.confidence
+                estimates[driver, rate.rule] = (total.value, *total.sampling, confidence)
     return estimates
 
 
-def _derive_law(value: float, low: float, high: float, confidence: float) -> _Law:
-    """Derive the law of an estimate from its interval."""
-    if low <= 0.0:  # as many rollouts without a failure as give the upper end
-        tail = (1.0 - confidence) / 2.0
-        return Binomial(0, max(1, math.floor(math.log(tail) / math.log1p(-min(high, 1.0 - 1e-9)))))
-    width = math.log(max(high / value, value / low)) / normal_factor(confidence)
-    return LogNormal(value, math.expm1(width**2), 0)
-
-
-def _compare(old: _Estimate, new: _Estimate, level: float) -> dict[str, object]:
-    laws = new[-1], old[-1]
-    p_value = 2.0 * min(p_value_ratio_at_most(1.0, *laws), p_value_ratio_at_least(1.0, *laws))
-    ends = [law.interval_at(0.95) for law in laws]
-    widths = [math.log(high / low) / 2.0 if low > 0.0 else math.inf for low, high in ends]
-    spread = math.hypot(*widths) / normal_factor(0.95)
-    power = NormalDist().cdf(math.log(MISS) / spread - normal_factor(1.0 - level))
-    sides = {"pack": list(old[:3]), "fresh": list(new[:3])}
-    return {**sides, "p_value": min(1.0, p_value), "power": round(power, 3)}
+def _compare(before: _Estimate, after: _Estimate, level: float) -> dict[str, object]:
+    (small, _, top, confidence), (large, bottom, *_) = sorted(
+        (value or high * _ZERO_SHARE, low, high, confidence)
+        for value, low, high, confidence in (before, after)
+    )
+    reach = math.hypot(math.log(top / small), math.log(large / bottom) if bottom > 0.0 else math.inf)
+    distances = [math.log(ratio) * normal_factor(confidence) / reach for ratio in (large / small, MISS)]
+    return {
+        "pack": before[0],
+        "pack_interval": list(before[1:3]),
+        "fresh": after[0],
+        "fresh_interval": list(after[1:3]),
+        "p_value": 2.0 * NormalDist().cdf(-distances[0]),
+        "power": round(NormalDist().cdf(distances[1] - normal_factor(1.0 - level)), 3),
+    }

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from avrare.base.errors import ExitCode
 from avrare.cli.options import DISPLAY, REPEATABLE, RUN, SAFE, SEED, WORKERS, Options, add_rows, display
 from avrare.cli.output import say_beside, show, write_files
 from avrare.output.terminal.progress_line import Progress
-from avrare.rollout.problem import Problem
 from avrare_evidence.confirm import confirm
-from avrare_evidence.manifest import CONFIRMATION
-from avrare_evidence.pack import dump_yaml
+from avrare_evidence.pack import CONFIRMATION, dump_yaml
 
 _OPTIONS: Options = {
     "folder DIR": "pack that avrare evidence has written",
@@ -40,12 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Confirm and write the sheet; exit code 1 where the estimates disagree, 3 where nothing is decided."""
-
-    @contextmanager
-    def watch(label: str, problem: Problem) -> Iterator[Progress]:
-        with Progress(label, problem, "quiet" if args.json else display(args)) as progress:
-            yield progress
-
+    watch = partial(Progress, mode="quiet" if args.json else display(args))
     options = {"budget": args.budget, "vary": args.vary, "workers": args.workers}
     seed = 1 if args.seed is None else args.seed
     confirmation = confirm(args.folder, seed, **options, accept_changes=args.accept_changes, watch=watch)

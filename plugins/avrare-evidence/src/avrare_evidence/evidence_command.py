@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import DISPLAY, SAFE, Options, add_rows
 from avrare.cli.output import say, say_beside
-from avrare_evidence.manifest import find_pack_faults, find_version_changes, read_pack
-from avrare_evidence.pack import write_pack
-from avrare_evidence.page import PAGE
+from avrare_evidence.gsn import STATES
+from avrare_evidence.pack import PAGE, find_pack_faults, find_version_changes, read_pack, write_pack
 
 _OPTIONS: Options = {
     "folders DIR": ("folder of avrare run, check or rate; with --check: a pack", {"nargs": "+"}),
@@ -32,13 +32,13 @@ def execute(args: argparse.Namespace) -> int:
         return _check(args)
     if args.out is None:
         raise UsageError("--out is required", "name the folder of the pack: --out pack")
-    pack = write_pack(args.folders, args.out)
-    states = {claim.text: claim.measure.state for claim in pack.claims if claim.measure is not None}
+    case = write_pack(args.folders, args.out).case
+    states = {goal.text: STATES[goal.measure.verdict] for goal in case.values() if goal.measure is not None}
     if args.json:
-        print(json.dumps({"folder": str(pack.folder), "claims": states}))
+        print(json.dumps({"folder": args.out, "claims": states}))
     else:
         say(*(f"{text}: {state}" for text, state in states.items()))
-        say_beside(args, f"the page to read: {pack.folder / PAGE}")
+        say_beside(args, f"the page to read: {Path(args.out) / PAGE}")
     return int(ExitCode.PASS)
 
 

@@ -6,24 +6,46 @@ Counter goals and counter solutions, which challenge other elements, are those o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 from pydantic.alias_generators import to_camel
 
-from avrare_evidence.claims import Statement
-
-_SUPPORTS = {"G": "G S Sn", "S": "G S Sn", "CG": "CG G S Sn CSn"}
+_KINDS = {"G": "G S Sn", "S": "G S Sn", "CG": "CG G S Sn CSn"} | dict.fromkeys(
+    ["Sn", "CSn", "C", "A", "J"], ""
+)
 """Kind of an element -> kinds that support it."""
-_KINDS = (*_SUPPORTS, "Sn", "CSn", "C", "A", "J")
+STATES = {
+    "pass": "holds",
+    "pass_assuming": "holds as far as the search could see",
+    "inconclusive": "not shown",
+    "fail": "refuted",
+    None: "measured, no bound asked",
+}
+"""Verdict -> state of a claim."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Numbers of a claim; ``bound`` and ``verdict`` are None where no bound is set."""
+
+    rule: str
+    value: float | None
+    low: float
+    high: float
+    bound: str | None
+    verdict: str | None
+    unit: str
+    blind: float | None
 
 
 class Element(BaseModel):
     """Element of an argument; further keys are layers for programs."""
 
-    model_config = ConfigDict(strict=True, extra="allow", alias_generator=to_camel, populate_by_name=True)
+    model_config = ConfigDict(extra="allow", alias_generator=to_camel, populate_by_name=True)
 
     text: str
     supported_by: list[str] = []
@@ -31,8 +53,10 @@ class Element(BaseModel):
     challenges: str | None = None
     undeveloped: bool = False
     defeated: bool = False
+    decides: bool = False
     url: str = ""
     sha256: str = ""
+    measure: Measure | None = None
 
     @property
     def links(self) -> list[tuple[str, str]]:
@@ -46,57 +70,27 @@ Case = dict[str, Element]
 """Elements by id."""
 
 
-def build_case(name: str, sources: Mapping[str, Iterable[Statement]], digests: Mapping[str, str]) -> Case:
-    """Return the argument: one goal above all, a strategy for each source, and a goal for each claim.
+def add_element(case: Case, kind: str, text: str, **fields: Any) -> str:
+    """Add an element and return its id, the letters of its kind and a number."""
+    key = f"{kind}{1 + sum(find_kind(other) == kind for other in case)}"
+    case[key] = Element(text=text, **fields)
+    return key
 
-    Args:
-        name: Name of the pack.
-        sources: Premises and claims by source.
-        digests: SHA-256 of the files that support claims, by path.
+
+def add_challenge(
+    case: Case, target: str, text: str, url: str = "", decides: bool = False, answer: str = ""
+) -> None:
+    """Add a reason to doubt an element, which it defeats if it ``decides``, and the answer to it, if any.
+
+    ``url`` is the file of the pack with the evidence, and the key in it behind ``#``.
     """
-    case: Case = {}
-
-    def add(kind: str, text: str, **fields: Any) -> str:
-        key = f"{kind}{1 + sum(find_kind(other) == kind for other in case)}"
-        case[key] = Element(text=text, **fields)
-        return key
-
-    def challenge(target: str, statement: Statement) -> None:
-        for doubt in statement.challenges:
-            evidence = [add("CSn", doubt.url.partition("#")[2], url=doubt.url)] if doubt.url else []
-            support = {"supported_by": evidence, "undeveloped": not evidence}
-            counter = add("CG", doubt.text, challenges=target, **support)
-            if doubt.answer:
-                add("CG", doubt.answer, challenges=counter, undeveloped=True)
-                case[counter].defeated = not doubt.decides
-
-    top = add("G", f"The stack keeps the rules of {name} as often as claimed")
-    for source, statements in sources.items():
-        text = f"{source}: estimate how often each rule is broken; a verdict needs the whole interval"
-        strategy, solutions = add("S", text), dict[str, str]()
-        case[top].supported_by.append(strategy)
-        for statement in statements:
-            key = add(statement.kind, statement.text, defeated=statement.is_defeated, **statement.layers)
-            if file := statement.file:
-                if file not in solutions:
-                    solutions[file] = add(
-                        "Sn", file.removeprefix("evidence/"), url=file, sha256=digests[file]
-                    )
-                case[key].supported_by.append(solutions[file])
-                case[strategy].supported_by.append(key)
-            else:
-                case[strategy].in_context_of.append(key)
-            challenge(key, statement)
-    return case
-
-
-def dump_case(name: str, case: Case, versions: Mapping[str, str]) -> dict[str, object]:
-    """Return the content of case.gsn.yaml."""
-    module = {"name": name, "brief": "Argument from simulated drives", "extra": dict(versions)}
-    elements = {
-        key: element.model_dump(by_alias=True, exclude_defaults=True) for key, element in case.items()
-    }
-    return {"module": module, **elements}
+    evidence = [add_element(case, "CSn", url.partition("#")[2], url=url)] if url else []
+    fields = {"supported_by": evidence, "undeveloped": not evidence, "decides": decides}
+    counter = add_element(case, "CG", text, challenges=target, **fields)
+    case[target].defeated |= decides
+    if answer:
+        add_element(case, "CG", answer, challenges=counter, undeveloped=True)
+        case[counter].defeated = not decides
 
 
 def find_kind(key: str) -> str:
@@ -121,22 +115,22 @@ def find_faults(case: Case) -> list[str]:
 
 def _check_element(key: str, element: Element, case: Case) -> Iterator[str]:
     kind, targets = find_kind(key), [target for _, target in element.links]
-    allowed = {"supportedBy": _SUPPORTS.get(kind, "").split(), "inContextOf": ["C", "A", "J"]}
+    supports, is_counter = _KINDS.get(kind, "").split(), kind in ("CG", "CSn")
     is_challenged = any(other.challenges == key for other in case.values())
-    is_incomplete = kind in _SUPPORTS and bool(element.supported_by) == element.undeveloped
-    rules = {
+    broken = {
         f"V01 {key}: its id begins with none of {', '.join(_KINDS)}": not kind,
-        f"V02 {key}: it needs either support or `undeveloped: true`": is_incomplete,
+        f"V02 {key}: it needs either support or `undeveloped: true`": supports
+        and bool(element.supported_by) == element.undeveloped,
         f"V05 {key}: it refers twice to the same element": len(set(targets)) < len(targets),
         f"V06 {key}: it refers to itself": key in targets,
-        f"V10 {key}: it is marked as defeated, but nothing challenges it": element.defeated
-        and not is_challenged,
+        f"V10 {key}: it is marked as defeated, but nothing challenges it": element.defeated > is_challenged,
         f"V12 {key}: only counter goals and counter solutions challenge": bool(element.challenges)
-        and kind not in ("CG", "CSn"),
+        > is_counter,
     }
-    yield from (fault for fault, is_broken in rules.items() if is_broken)
+    yield from (rule for rule, is_broken in broken.items() if is_broken)
+    allowed = {"supportedBy": supports, "inContextOf": ["C", "A", "J"], "challenges": list(_KINDS)}
     for relation, target in element.links:
         if target not in case:
             yield f"C03 {key}: {relation} refers to {target}, which is missing"
-        elif find_kind(target) not in allowed.get(relation, _KINDS):
+        elif find_kind(target) not in allowed[relation]:
             yield f"V04 {key}: {relation} cannot refer to {target}"

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ValidationError
 
+from avrare.analysis.check.criteria import Decision
 from avrare.analysis.rates.catalogue import Catalogue
 from avrare.analysis.rates.catalogue_document import CatalogueDocument
 from avrare.analysis.rates.rate import RATES, REFERENCE
@@ -17,45 +18,29 @@ from avrare.analysis.rates.rates import CatalogueRates, compute
 from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
+from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.results.run import RESULT, Run
-from avrare.scenario.fingerprint import fingerprint, named_files
-from avrare.scenario.schema import Scenario
+from avrare.scenario.fingerprint import fingerprint
 
 CHECK, MANIFEST = "check.json", "manifest.json"
 _HINT = "give a folder that avrare run, check or rate has written"
 _AGAIN = "run it again; relative paths in its options are those of the folder from which it was called"
 _Stored = TypeVar("_Stored", bound=BaseModel)
-_Ends = tuple[float | None, float | None] | None
 
 
-class CheckRow(BaseModel):
-    """Verdict in check.json on a bound, or on the change since a baseline."""
+@dataclass(frozen=True)
+class _StoredDecision(Decision):
+    """Verdict in check.json, where null stands for an infinite end."""
 
-    model_config = ConfigDict(frozen=True)
-
-    scenario: str
-    specification: str
-    kind: str
-    question: str
-    verdict: str
-    reason: str
-    probability: float | None
-    interval: _Ends
-    change: float | None
-    change_interval: _Ends
-
-    @property
-    def numbers(self) -> tuple[float | None, float, float, str]:
-        """Value, interval and unit; unknown ends are unbounded."""
-        is_change = self.kind == "regression"
-        low, high = (self.change_interval if is_change else self.interval) or (None, None)
-        ends = low or 0.0, math.inf if high is None else high
-        return (self.change, *ends, "times") if is_change else (self.probability, *ends, "")
+    change_interval: Annotated[
+        Interval | None,
+        BeforeValidator(lambda ends: [math.inf if end is None else end for end in ends or ()] or None),
+    ] = None
 
 
 class _StoredCheck(BaseModel):
-    rows: tuple[CheckRow, ...]
+    rows: tuple[_StoredDecision, ...]
 
 
 class _Driver(BaseModel):
@@ -84,7 +69,7 @@ class Source:
     folder: Path
     runs: dict[str, Run]
     file: str = RESULT
-    rows: tuple[CheckRow, ...] = ()
+    rows: tuple[Decision, ...] = ()
     rates: CatalogueRates | None = None
 
     @property
@@ -101,9 +86,10 @@ def read_sources(folders: Sequence[Path]) -> list[Source]:
     """
     sources = [_read_source(folder) for folder in folders]
     names = [source.name for source in sources]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(f"two of the results are named {name!r}", "give each scenario a name of its own")
+    if doubles := [name for name in names if names.count(name) > 1]:
+        raise UsageError(
+            f"two of the results are named {doubles[0]!r}", "give each scenario a name of its own"
+        )
     return sources
 
 
@@ -115,7 +101,7 @@ def _read_source(folder: Path) -> Source:
         raise UsageError(f"{folder}: no result in it", _HINT)
     runs = {f"{path.relative_to(folder).as_posix()}/".removeprefix("./"): _read_run(path) for path in results}
     if (folder / RATES).is_file():
-        rates = compute_rates(folder / RATES, {place: run.results for place, run in runs.items()})
+        rates = read_rates(folder / RATES, runs)
         return Source(rates.catalogue.document.name, folder, runs, RATES, rates=rates)
     name = "-".join(dict.fromkeys(run.name for run in runs.values()))
     if (folder / CHECK).is_file():
@@ -137,8 +123,8 @@ def _read_run(folder: Path) -> Run:
     return run
 
 
-def compute_rates(file: Path, results: Mapping[str, Mapping[str, Result]]) -> CatalogueRates:
-    """Compute the rates of a catalogue, whose rate.json is given, from the results of its runs by place.
+def read_rates(file: Path, results: Mapping[str, Mapping[str, Result]]) -> CatalogueRates:
+    """Return the rates of a catalogue, whose rate.json is given, from the results of its runs by place.
 
     Raises:
         UsageError: The file is damaged.
@@ -175,19 +161,3 @@ def read_model(model: type[_Stored], file: Path, hint: str) -> _Stored:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise UsageError(f"{file}: it is damaged: {place}: {first['msg']}", hint) from None
-
-
-def list_files(scenario: Scenario, prefix: str = "") -> list[dict[str, Path]]:
-    """Return the files and shipped models that options name, by dotted path, for each component with any."""
-    components = [
-        {
-            f"{prefix}{key}.{option}": path
-            for option, path in [*named_files(block.config), *block.config.used_models().items()]
-        }
-        for key, block in scenario.blocks.items()
-    ]
-    variants = {f"ensemble.{number}": member for number, member in enumerate(scenario.members)}
-    variants |= {"cheap": scenario.cheap} if scenario.cheap is not None else {}
-    for name, variant in variants.items():
-        components += list_files(variant, f"{prefix}{name}.")
-    return [files for files in components if files]
