@@ -36,8 +36,8 @@ if TYPE_CHECKING:  # the public names of the core: ``find_modules`` reads them, 
     from avrare.logic.formula import stl as stl
     from avrare.output.renderers import plot as plot
     from avrare.output.renderers import report as report
-    from avrare.output.session.scenario_run import run as run
-    from avrare.output.session.trace import trace as trace
+    from avrare.output.scenario_run import run as run
+    from avrare.output.trace import trace as trace
     from avrare.results.run import Run as Run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem

@@ -43,8 +43,7 @@ from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
-from avrare.output.documents.check_documents import junit, markdown
-from avrare.output.documents.github_output import annotate_rows, is_github_job, write_summary
+from avrare.output.documents import annotate_rows, is_github_job, junit, markdown, write_summary
 from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir

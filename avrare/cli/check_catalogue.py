@@ -8,8 +8,7 @@ import sys
 from avrare.analysis.check.check import choose_catalogue, decide_rates
 from avrare.cli import rate
 from avrare.cli.output import ensure_files, write_file
-from avrare.output.documents.check_documents import junit, markdown
-from avrare.output.documents.github_output import annotate_rows, is_github_job, write_summary
+from avrare.output.documents import annotate_rows, is_github_job, junit, markdown, write_summary
 
 _OF_SCENARIOS = (
     "set",

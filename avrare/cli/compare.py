@@ -18,11 +18,10 @@ from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import display
 from avrare.cli.output import can_draw, say, write_files
-from avrare.output.documents.comparison_documents import comparison_document, paired_document
-from avrare.output.plots.comparison_plot import plot_comparison
-from avrare.output.terminal.comparison_table import comparison_table, markdown
+from avrare.output.documents import comparison_document, paired_document
+from avrare.output.plots.estimate_plots import plot_comparison
+from avrare.output.terminal.comparison_table import comparison_table, markdown, paired_table
 from avrare.output.terminal.console import make_console, print_lines, print_table
-from avrare.output.terminal.paired_table import paired_table
 from avrare.output.terminal.progress_line import Progress
 from avrare.rollout.problem import Problem
 from avrare.testing.problems import reference_problems

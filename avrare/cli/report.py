@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.cli.output import print_warnings, say
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, resume_hint
-from avrare.output.session.report import write_report
+from avrare.output.report import write_report
 
 
 def execute(args: argparse.Namespace) -> None:

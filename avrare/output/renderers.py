@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from avrare.base.plot import Plot
     from avrare.estimation.loop.loop import Progress
     from avrare.estimation.result.result import Result, ResultMapping
-    from avrare.output.session.report import Source
+    from avrare.output.report import Source
     from avrare.rollout.problem import Problem
     from avrare.rollout.trace import Trace
 
@@ -39,10 +39,9 @@ def plot(
     from avrare.analysis.monitor.monitoring import MonitoringResult
     from avrare.base.errors import UsageError
     from avrare.estimation.result.result import Result, ResultMapping
-    from avrare.output.plots.comparison_plot import plot_comparison
+    from avrare.output.plots.estimate_plots import plot_comparison, plot_results
     from avrare.output.plots.monitoring_plot import plot_monitoring
-    from avrare.output.plots.result_plot import plot_results
-    from avrare.output.plots.trace_plot import plot_trace
+    from avrare.output.plots.rollout_plot import plot_trace
     from avrare.rollout.trace import Trace
 
     match value:
@@ -74,21 +73,21 @@ def report(source: Source, path: str | os.PathLike[str] | None = None) -> Path:
         UsageError: The file cannot be written, there is neither a path nor a folder, or a result does not
             know its problem.
     """
-    from avrare.output.session.report import write_report
+    from avrare.output.report import write_report
 
     return write_report(source, path)
 
 
 def render_html(results: ResultMapping) -> str:
     """Return results as the HTML table of a notebook."""
-    from avrare.output.session.notebook_table import render_table
+    from avrare.output.notebook import render_table
 
     return render_table(list(results.values()))
 
 
 def show_progress(label: str, problem: Problem, confidence: float | None) -> AbstractContextManager[Progress]:
     """Show the live line of an estimate."""
-    from avrare.output.session.live_progress import show_progress
+    from avrare.output.notebook import show_progress
 
     return show_progress(label, problem, confidence)
 

@@ -29,15 +29,11 @@ from avrare.driving import Road
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Info
 from avrare.estimation.result.note import describe_counts
-from avrare.output.documents import (
-    check_documents,
-    comparison_documents,
-    github_output,
-)
-from avrare.output.plots.comparison_plot import plot_comparison
+from avrare.output import documents
+from avrare.output.plots.estimate_plots import plot_comparison
 from avrare.output.plots.monitoring_plot import plot_monitoring
-from avrare.output.session.report import render_report
-from avrare.output.terminal import comparison_table, paired_table, result_table
+from avrare.output.report import render_report
+from avrare.output.terminal import comparison_table, result_table
 from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.console import make_console, print_lines, print_table
 from avrare.output.terminal.progress_line import Progress
@@ -151,7 +147,7 @@ def screens(name, problem, estimate):
     say(*result_table.verdict_lines(name, results))
     for one, table in (
         (comparison, comparison_table.comparison_table(comparison)),
-        (paired, paired_table.paired_table(paired)),
+        (paired, comparison_table.paired_table(paired)),
     ):
         print_table(console, table)
         print_lines(console, one.lines())
@@ -224,7 +220,7 @@ def test_the_report(plane, tamper, name):
 
 
 def test_junit(name, estimate):
-    text = check_documents.junit(check_of(name, estimate))
+    text = documents.junit(check_of(name, estimate))
     assert not OBEYED.search(text)
     assert "<!" not in text
     top = ElementTree.fromstring(text.encode())
@@ -232,8 +228,8 @@ def test_junit(name, estimate):
 
 
 def test_markdown(name, problem, estimate):
-    for made in (check_documents.markdown, comparison_table.markdown):
-        is_check = made is check_documents.markdown
+    for made in (documents.markdown, comparison_table.markdown):
+        is_check = made is documents.markdown
         honest, text = (
             made(check_of(one, estimate) if is_check else comparison_of(one, problem))
             for one in ("plain", name)
@@ -245,7 +241,7 @@ def test_markdown(name, problem, estimate):
 def test_github_annotations(name, estimate):
     """Write each in one line, and none as another command of a workflow."""
     path = name.replace("\0", "").replace("\ud800", "")
-    lines = github_output.annotate_rows(check_of(name, estimate), {name: path})
+    lines = documents.annotate_rows(check_of(name, estimate), {name: path})
     assert [line.split()[0] for line in lines] == ["::error", "::warning"]
     assert not OBEYED.search("".join(lines))
     assert not re.search("[\n\r]", "".join(lines))
@@ -282,16 +278,16 @@ def test_csv(name, tmp_path):
 
 
 def test_json(name, problem, estimate):
-    documents = [
-        comparison_documents.comparison_document(comparison_of(name, problem)),
+    contents = [
+        documents.comparison_document(comparison_of(name, problem)),
         monitoring_documents.monitoring_document(monitored_of(name, drive_of(name))),
         results_of(name, estimate)[0].to_dict(),
     ]
-    for one in documents:
-        text = json.dumps(one)
+    for content in contents:
+        text = json.dumps(content)
         assert text.isascii()
         assert not OBEYED.search(text.replace("\x7f", ""))
-        assert json.loads(text) == json.loads(json.dumps(one))
+        assert json.loads(text) == json.loads(json.dumps(content))
 
 
 def test_commonroad(name):

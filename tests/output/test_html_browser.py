@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from avrare.output.session.report import render_report
+from avrare.output.report import render_report
 
 FRAMES = """
 requestAnimationFrame = (go) => setTimeout(() => go(performance.now()), 16);  // nobody looks: no frames

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from avrare.cli.main import main
-from avrare.output.session.report import render_report
+from avrare.output.report import render_report
 
 
 @pytest.fixture

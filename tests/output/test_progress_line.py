@@ -17,8 +17,7 @@ from avrare.base.number_format import format_clock
 from avrare.cli.main import main
 from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.plan import Info
-from avrare.output.terminal.progress_line import Progress
-from avrare.output.terminal.time_left import TimeLeft
+from avrare.output.terminal.progress_line import Progress, TimeLeft
 
 SLOW = """\
 name: slow

@@ -10,7 +10,7 @@ from rich.table import Table
 from avrare.analysis.check.gate import CheckResult
 from avrare.analysis.check.power_analysis import CostEstimate
 from avrare.base.number_format import format_duration
-from avrare.output.documents.check_documents import format_numbers, list_notes
+from avrare.output.documents import format_numbers, list_notes
 from avrare.output.terminal.console import (
     VERDICT_COLOURS,
     Mode,

@@ -8,8 +8,7 @@ import pytest
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.check.gate import CheckResult
 from avrare.estimation.result.note import describe_blind_bound
-from avrare.output.documents.check_documents import junit, markdown
-from avrare.output.documents.github_output import annotate_rows
+from avrare.output.documents import annotate_rows, junit, markdown
 
 NASTY = 'a <b> & "c" | `d` *e* \x00\x1b[31m ]]> \ud800 é\nnew line'
 

@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.base.number_format import format_amount
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.note import Note
-from avrare.output.plots.comparison_plot import plot_comparison
+from avrare.output.plots.estimate_plots import plot_comparison
 from avrare.output.terminal.comparison_table import comparison_table, markdown
 from avrare.plugin.registry import default_registry
 from avrare.testing.problems import walk

@@ -17,7 +17,7 @@ from avrare.analysis.compare.paired_comparison import compare_pairs, compare_ver
 from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.base.errors import EveryRolloutBroke, UsageError
 from avrare.cli.main import main
-from avrare.output.terminal.paired_table import paired_table
+from avrare.output.terminal.comparison_table import paired_table
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.stack.new_scenario import write_python_scenario
 

@@ -11,7 +11,7 @@ from avrare.analysis.compare.estimator_options import parse_arms
 from avrare.analysis.compare.study import run_study
 from avrare.base.errors import UsageError
 from avrare.estimation.plan.budget import Budget
-from avrare.output.documents.comparison_documents import comparison_document
+from avrare.output.documents import comparison_document
 from avrare.plugin.registry import default_registry
 from avrare.testing.problems import conjunction, count_down
 

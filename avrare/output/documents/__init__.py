@@ -1,1 +1,0 @@
-"""Documents that other programs read: JSON, JUnit XML, Markdown."""
