@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import traceback
 from collections.abc import Iterable
 from enum import IntEnum
 
@@ -189,3 +190,13 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str | None:
     if names and len(names) <= 16:
         return "known: " + ", ".join(names)
     return None
+
+
+def find_place(error: BaseException) -> str:
+    """Return ``file:line in function`` of the last frame; of a file that cannot be read, file and line."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.filename}:{error.lineno}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames:
+        return "unknown place"
+    return f"{frames[-1].filename}:{frames[-1].lineno} in {frames[-1].name}"

@@ -51,7 +51,7 @@ from avrare.results.callbacks import call_back
 from avrare.results.run import Run
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
-from avrare.scenario.scenario_files import is_catalogue, load_scenarios
+from avrare.scenario.load import is_catalogue, load_scenarios
 
 _CHECK = "check.json"
 

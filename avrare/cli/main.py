@@ -15,8 +15,15 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 from avrare.base import version
-from avrare.base.error_place import find_place
-from avrare.base.errors import AvrareError, ExitCode, OutOfMemory, PluginError, UsageError, did_you_mean
+from avrare.base.errors import (
+    AvrareError,
+    ExitCode,
+    OutOfMemory,
+    PluginError,
+    UsageError,
+    did_you_mean,
+    find_place,
+)
 from avrare.base.visible_text import spell_controls
 
 COMMANDS = {

@@ -8,11 +8,11 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from pkgutil import resolve_name
 
 from avrare.analysis.check.validation import first_steps
 from avrare.analysis.rates.new_catalogue import CatalogueWriter, write_catalogue
 from avrare.base.errors import AvrareError, UsageError
-from avrare.base.late_import import late_import
 from avrare.base.number_format import format_count
 from avrare.cli.output import say
 from avrare.plugin.new_package import check_name, write
@@ -102,7 +102,7 @@ def _write_catalogue(args: argparse.Namespace) -> None:
         if args.stack is None:
             write_stack(stack)
         writer = CatalogueWriter(component, str(stack))
-        scenes = writer.list_scenes(late_import(component.scenes)(str(source), args.ego))
+        scenes = writer.list_scenes(resolve_name(component.scenes)(str(source), args.ego))
         for (file, reason), cells in writer.reasons.items():
             say(f"left out: {file} ({format_count(cells, 'cell')}): {reason}", error=True)
         if not scenes:

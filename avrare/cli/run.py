@@ -42,7 +42,7 @@ from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.json_schema import scenario_schema
-from avrare.scenario.scenario_files import load_scenarios
+from avrare.scenario.load import load_scenarios
 from avrare.scenario.schema import Scenario
 from avrare.scenario.validation import UNKNOWN_KEY
 

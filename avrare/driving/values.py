@@ -3,12 +3,13 @@
 SI units throughout: metres, seconds, radians. The frame is the road's: x along it and y to the left; headings
 are counter-clockwise from its direction; positions are the centres of the vehicles' rectangles. On a straight
 road that is the plane. On a bent one x is the station and y the offset of its reference line, and
-``avrare.driving.frames`` converts where shapes and lines of sight matter.
+``to_plane`` converts where shapes and lines of sight matter.
 N is the number of particles, V the number of other vehicles, H the number of predicted steps.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -243,3 +244,29 @@ class Action:
 
     acceleration: Floats
     yaw_rate: Floats
+
+
+def to_plane(road: Road, vehicles: Vehicles) -> Vehicles:
+    """Return vehicles of the road's frame in the plane."""
+    if road.line is None:
+        return vehicles
+    x, y, heading, _ = road.line.frame(vehicles.x)
+    return dataclasses.replace(
+        vehicles,
+        x=x - vehicles.y * np.sin(heading),
+        y=y + vehicles.y * np.cos(heading),
+        heading=vehicles.heading + heading,
+    )
+
+
+def to_road(line: ReferenceLine, vehicles: Vehicles) -> Vehicles:
+    """Return vehicles of the plane in the frame of a line; NaN where they have no foot on it."""
+    s, d = line.to_road(vehicles.x, vehicles.y)
+    return dataclasses.replace(vehicles, x=s, y=d, heading=vehicles.heading - line.heading(s))
+
+
+def world_in_plane(road: Road, world: World) -> World:
+    """Return a world of the road's frame in the plane."""
+    if road.line is None:
+        return world
+    return dataclasses.replace(world, ego=to_plane(road, world.ego), others=to_plane(road, world.others))

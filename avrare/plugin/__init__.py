@@ -10,8 +10,7 @@ from avrare.plugin.component import (
     RuleParameter,
     hookimpl,
 )
-from avrare.plugin.option_marks import Drawable
-from avrare.plugin.options import Options
+from avrare.plugin.options import Drawable, Options
 
 __all__ = [
     "KINDS",

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import pluggy
 
-from avrare.base.late_import import late_import
 from avrare.plugin.options import Options
 
 if TYPE_CHECKING:
@@ -199,14 +199,14 @@ class Component:
 
     def load_config(self) -> type[Options]:
         """Import the class of the options."""
-        model = late_import(self.config)
+        model = resolve_name(self.config)
         if not (isinstance(model, type) and issubclass(model, Options)):
             raise TypeError(f"{self.config} is not a class derived from avrare.plugin.Options")
         return model
 
     def load_factory(self) -> Callable[..., Any]:
         """Import the function that builds the component; may import heavy packages."""
-        factory: Callable[..., Any] = late_import(self.factory)
+        factory: Callable[..., Any] = resolve_name(self.factory)
         return factory
 
     def build(self, config: object, scene: Scene | None = None) -> Any:
@@ -217,11 +217,11 @@ class Component:
 
     def load_rules(self) -> list[RuleCard]:
         """Return the rules that the component offers by name, if any."""
-        return list(late_import(self.rules)()) if self.rules else []
+        return list(resolve_name(self.rules)()) if self.rules else []
 
     def find_faults(self, config: object, dt: float | None) -> list[Finding]:
         """Run the component's own check of its options, if it has one."""
-        return list(late_import(self.check)(config, dt)) if self.check else []
+        return list(resolve_name(self.check)(config, dt)) if self.check else []
 
 
 GROUP = "avrare"

@@ -10,8 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from avrare.plugin.option_marks import FILE, is_marked
-from avrare.plugin.options import Options
+from avrare.plugin.options import FILE, Options, is_marked
 from avrare.scenario.schema import Scenario
 
 

@@ -1,30 +1,38 @@
-"""Loading of scenarios: read the file, merge ``extends``, apply overrides, check."""
+"""Scenarios from files: read, extended, overridden, validated; one, or all of a command."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pkgutil import resolve_name
 
 from pydantic import BaseModel
 
-from avrare.base.errors import AvrareError, ExitCode, PluginError, did_you_mean, require_path
-from avrare.base.late_import import late_import
+from avrare.base.errors import (
+    AvrareError,
+    ExitCode,
+    PluginError,
+    ScenarioError,
+    UsageError,
+    did_you_mean,
+    require_path,
+)
+from avrare.base.stored_files import open_regular
 from avrare.plugin.component import Component
 from avrare.plugin.first_party import TWIN_ESTIMATOR
-from avrare.plugin.option_marks import FILE
-from avrare.plugin.options import Options
+from avrare.plugin.options import FILE, Options
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.scenario.draws import check_drawn
-from avrare.scenario.extends import read
 from avrare.scenario.fingerprint import is_file
-from avrare.scenario.overrides import override
+from avrare.scenario.overrides import override, read_extended
 from avrare.scenario.safe_mode import check_import_path, find_linked_files, find_refusals
 from avrare.scenario.schema import PARTS, TWIN_PARTS, Block, Document, Formula, Scenario
 from avrare.scenario.specification_checks import check_specification, step_of
-from avrare.scenario.timing_checks import check_timing
+from avrare.scenario.timing import Timing
 from avrare.scenario.validation import Mistake, check, describe, find_places, scenario_error
 from avrare.scenario.value_positions import Mark, Node, Path, merge, put
+from avrare.scenario.yaml import MAX_BYTES, parse
 
 _CORE_KEYS = {"estimator": ("plugin", "specifications")}
 """Keys of a block that the core reads itself, where there are more than ``plugin``."""
@@ -50,7 +58,7 @@ def load(
     hint = "give its path; a Problem is for avrare.estimate, compare, falsify and trace"
     file = require_path(path, "a scenario file", hint)
     check_import_path(os.path.dirname(file) or ".")
-    tree = override(_with_estimator(read(file), estimator), overrides)
+    tree = override(_with_estimator(read_extended(file), estimator), overrides)
     return _resolve(tree, file, registry or default_registry())
 
 
@@ -180,7 +188,7 @@ def _resolve_block(
     if component.complete:  # some of its options are in files of others
         directory = os.path.dirname(node.mark.file) if node.mark.line else folder
         try:
-            options = late_import(component.complete)(node.plain(), directory or ".")
+            options = resolve_name(component.complete)(node.plain(), directory or ".")
         except AvrareError as error:
             return None, [Mistake(node.name_mark, path, error.message, error.hint)]
         node = merge(node, Node.of(options, node.mark))
@@ -274,3 +282,70 @@ def _check_other_family(tree: Node, document: Document, estimator: str) -> list[
         return []
     hint = "leave it out to have one chosen"
     return [Mistake(node.mark, ("cross_check", "estimator"), conflict, hint)]
+
+
+def load_scenarios(
+    paths: Sequence[str | os.PathLike[str]], overrides: Sequence[str] = (), estimator: str | None = None
+) -> list[Scenario]:
+    """Load scenario files, which must have different names.
+
+    Raises:
+        ScenarioError: A file has mistakes.
+        UsageError: A file is a catalogue, or two scenarios have the same name.
+    """
+    try:
+        scenarios = [load(path, overrides, estimator) for path in paths]
+    except ScenarioError:
+        for path in (path for path in paths if is_catalogue(path)):
+            text = f"{path}: is a catalogue of scenes, and no scenario"
+            raise UsageError(text, f"avrare rate {path}, or with thresholds avrare check {path}") from None
+        raise
+    names = sorted(scenario.name for scenario in scenarios)
+    if len(set(names)) < len(names):
+        raise UsageError(f"two scenarios have the same name: {', '.join(names)}", "give one per command")
+    return scenarios
+
+
+def is_catalogue(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a list of scenes; one that cannot be read is none."""
+    name = require_path(path, "a scenario file")
+    try:
+        with open_regular(name) as file:
+            top = parse(file.read(MAX_BYTES), name)
+    except (AvrareError, OSError, ValueError):
+        return False
+    return top.child("scenes") is not None and top.child("simulator") is None
+
+
+_CONSEQUENCES = {
+    "sensor_period": "it has a single frame",
+    "tracker_period": "the tracker is updated once",
+    "planner_period": "it has a single plan",
+    "perception_latency": "none of its frames is ever read",
+    "planning_latency": "none of its plans takes effect",
+    "actuation_delay": "none of its commands takes effect",
+}
+"""Effect of a time that is as long as the drive."""
+
+
+def check_timing(
+    timing: Timing | None, node: Node | None, dt: float | None, steps: int | None
+) -> tuple[list[Mistake], list[Mistake]]:
+    """Return errors and warnings of the block ``timing``; ``dt`` [s] and ``steps`` may be unknown."""
+    if timing is None or node is None or dt is None:
+        return [], []
+
+    def place(name: str, text: str, hint: str | None = None) -> Mistake:
+        written = node.child(name)
+        return Mistake(node.name_mark if written is None else written.mark, ("timing", name), text, hint)
+
+    errors = [place(name, error.message, error.hint) for name, error in timing.find_faults(dt).items()]
+    duration, written = (steps or 0) * dt, timing.model_dump(exclude_none=True)
+    late = [name for name in _CONSEQUENCES if written.get(name, 0.0) >= duration > 0.0]
+    warnings = [
+        place(
+            name, f"{written[name]:g} s is not shorter than the drive, {duration:g} s: {_CONSEQUENCES[name]}"
+        )
+        for name in late
+    ]
+    return errors, warnings

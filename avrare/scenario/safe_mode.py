@@ -16,8 +16,7 @@ from pydantic import BaseModel
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.plugin.component import GROUP
-from avrare.plugin.option_marks import CODE, FILE
-from avrare.plugin.options import Options
+from avrare.plugin.options import CODE, FILE, Options
 from avrare.plugin.registry import Row
 from avrare.scenario.validation import Mistake, find_places
 from avrare.scenario.value_positions import Node, Path, printable

@@ -158,10 +158,7 @@ class Cheap(_Model):
     """Cheap twin of the stack: parts, or options of parts, that differ from the scenario's own."""
 
     cost: float | None = Field(
-        None,
-        gt=0.0,
-        lt=1.0,
-        description="time of the twin's rollout over that of the stack's; mfmc needs it",
+        None, gt=0.0, lt=1.0, description="time of the twin's rollout over that of the stack's; mfmc needs it"
     )
     simulator: dict[str, Any] | None = Field(None, description="differences of the simulator")
     perception: dict[str, Any] | None = Field(None, description="differences of perception")

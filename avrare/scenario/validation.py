@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from avrare.base.errors import ExitCode, ScenarioError, UsageError, did_you_mean
-from avrare.plugin.option_marks import DrawableMark, is_marked
+from avrare.plugin.options import DrawableMark, is_marked
 from avrare.scenario.value_positions import Mark, Node, Path, Scalar, join_path
 
 Value = TypeVar("Value")
@@ -176,7 +176,7 @@ class Place:
         return any(isinstance(kind, DrawableMark) for kind in self.types)
 
     def is_marked(self, mark: str) -> bool:
-        """Return whether the option has a mark of ``avrare.plugin.option_marks``."""
+        """Return whether the option has a mark of ``avrare.plugin.options``."""
         return any(is_marked(field, mark) for field in self.fields)
 
     @property

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.base import batch
-from avrare.base.error_place import find_place
-from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError
+from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError, find_place
 from avrare.driving import Observation, Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, stl
 from avrare.plugin.registry import Row, default_registry

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from avrare.base.error_place import find_place
-from avrare.base.errors import AvrareError, PluginError
+from avrare.base.errors import AvrareError, PluginError, find_place
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 
 

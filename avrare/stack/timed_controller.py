@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Road, Scene, Vehicles
-from avrare.driving.frames import to_plane, to_road
+from avrare.driving.values import to_plane, to_road
 from avrare.protocols import Controller, Floats
 from avrare.scenario.timing import Actuators, Timing
 from avrare.stack.clock import Clock, move_samples, round_up

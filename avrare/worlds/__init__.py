@@ -3,8 +3,7 @@
 from avrare.worlds.capabilities import Capabilities, capabilities, require
 from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.step_timeout import StepTimeout
-from avrare.worlds.world import NotDeterministic, World
-from avrare.worlds.world_controller import WorldController
+from avrare.worlds.world import NotDeterministic, World, WorldController
 from avrare.worlds.worlds_simulator import Worlds, WorldState, WorldSystem, as_system
 
 __all__ = [

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from avrare.cli.main import main
-from avrare.scenario.extends import read
+from avrare.scenario.overrides import read_extended
 from avrare.scenario.yaml import dump
 from untrusted_files import time_limit
 
@@ -155,7 +155,7 @@ def merged(path):
 
 @functools.cache
 def _plain(path):
-    return read(path).plain()
+    return read_extended(path).plain()
 
 
 def malformed(number):

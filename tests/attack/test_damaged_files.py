@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import damage
-from avrare.scenario.extends import read
+from avrare.scenario.overrides import read_extended
 from damage import pick
 from untrusted_files import ESTIMATORS, ROOT, call, make_material, time_limit
 
@@ -34,7 +34,7 @@ LARGEST = {"steps": 30, "rollouts": 40, "particles": 20, "chains": 10, "runs": 3
 
 @cache
 def shipped_scenarios():
-    return [read(str(path)).plain() for path in sorted((ROOT / "scenarios").glob("*.yaml"))]
+    return [read_extended(str(path)).plain() for path in sorted((ROOT / "scenarios").glob("*.yaml"))]
 
 
 @cache

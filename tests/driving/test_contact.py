@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from avrare.driving import Road, Scene, Vehicles
-from avrare.driving.contact import find_contacts, interpolate
-from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.geometry import (
+    ego_rectangle,
+    find_contacts,
+    interpolate,
+    other_rectangles,
+    signed_distance,
+)
 from avrare.driving.reference_line import CurvedLine, Piece
 
 

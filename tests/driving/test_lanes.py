@@ -3,9 +3,9 @@
 import numpy as np
 
 from avrare.driving import Lane, Road, Vehicles
-from avrare.driving.frames import to_plane, to_road
 from avrare.driving.lanes import is_outermost, lane_borders, lane_exists, lane_overlap
 from avrare.driving.reference_line import CurvedLine, Piece
+from avrare.driving.values import to_plane, to_road
 
 ENDING = Lane(np.array([0.0, 50.0]), np.array([-5.0, -2.0]), np.array([-1.75, -1.75]))
 MAIN = Lane(np.array([0.0, 200.0]), np.array([-1.75, -1.75]), np.array([1.75, 2.25]))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from avrare.driving import Lane, Road
-from avrare.driving.lanes import ENDLESS
-from avrare.driving.markings import list_markings
+from avrare.driving.lanes import ENDLESS, list_markings
 
 
 def lane(begin, end, right, left):

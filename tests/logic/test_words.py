@@ -3,7 +3,7 @@
 import pytest
 
 from avrare.logic.formula import stl
-from avrare.logic.syntax.words import to_words
+from avrare.logic.syntax.printer import to_words
 
 WORDS = {
     "always (x < 4)": "At all times, x is below 4.",

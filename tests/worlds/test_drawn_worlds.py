@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.base import batch
-from avrare.worlds.drawn_worlds import DrawnWorlds
+from avrare.worlds.worlds_simulator import DrawnWorlds
 
 
 class Walk:

@@ -19,9 +19,9 @@ from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.plan.budget import Budget
 from avrare.rollout.executors.work import build_executor
+from avrare.scenario.load import is_catalogue, load_scenarios
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
-from avrare.scenario.scenario_files import is_catalogue, load_scenarios
 
 
 def check(

@@ -9,13 +9,19 @@ from dataclasses import dataclass
 from functools import partial
 
 from avrare.analysis.rates.catalogue import load_catalogue
-from avrare.base.error_place import find_place
-from avrare.base.errors import AvrareError, ExitCode, PluginError, ScenarioError, UsageError, require_path
+from avrare.base.errors import (
+    AvrareError,
+    ExitCode,
+    PluginError,
+    ScenarioError,
+    UsageError,
+    find_place,
+    require_path,
+)
 from avrare.base.number_format import format_count
 from avrare.base.records import Answer, Records
-from avrare.scenario.load import load
+from avrare.scenario.load import is_catalogue, load
 from avrare.scenario.safe_mode import safe_mode
-from avrare.scenario.scenario_files import is_catalogue
 from avrare.scenario.schema import Scenario
 
 _STEPS = 3

@@ -11,10 +11,16 @@ import numpy as np
 from avrare.analysis.failures.avoidance import FULL_BRAKING, Approach
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.driving import Road, Scene, Vehicles
-from avrare.driving.contact import find_contacts, interpolate
-from avrare.driving.frames import to_plane
-from avrare.driving.geometry import Rectangle, ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.geometry import (
+    Rectangle,
+    ego_rectangle,
+    find_contacts,
+    interpolate,
+    other_rectangles,
+    signed_distance,
+)
 from avrare.driving.lanes import lane_overlap
+from avrare.driving.values import to_plane
 from avrare.protocols import Floats
 from avrare.results.recordings.recording import FIELDS
 

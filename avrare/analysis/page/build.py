@@ -7,6 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import get_args
 
 from avrare.analysis.page.causes import build_causes, summarise_causes
@@ -25,11 +26,10 @@ from avrare.analysis.page.player import build_player
 from avrare.analysis.page.stored_rollouts import replay_rollouts
 from avrare.analysis.rates.combination import Interval, Quantity, combine, from_exposure
 from avrare.base.chart import Chart, Scale, make_log_scale
-from avrare.base.late_import import late_import
 from avrare.base.number_format import format_amount_in_words, format_percent
 from avrare.estimation.result.result import COLUMNS, Result
 from avrare.estimation.result.verdict import Verdict, worst_verdict
-from avrare.logic.syntax.words import to_words
+from avrare.logic.syntax.printer import to_words
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
 from avrare.results.stored_causes import StoredCauses, read_causes
@@ -279,7 +279,7 @@ def _build_rule(run: Run, name: str) -> Rule | None:
 
 
 def _draw_charts(result: Result) -> tuple[Chart, ...]:
-    draw: Callable[[Result], tuple[Chart, ...]] = late_import(default_registry().charts(result.estimator))
+    draw: Callable[[Result], tuple[Chart, ...]] = resolve_name(default_registry().charts(result.estimator))
     return draw(result)
 
 

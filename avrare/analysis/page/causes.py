@@ -15,9 +15,8 @@ from avrare.analysis.page.stored_rollouts import MonitoredRollout
 from avrare.base.chart import Chart, Points, make_linear_scale
 from avrare.base.number_format import describe_share
 from avrare.driving import Road, Vehicles, World
-from avrare.driving.frames import to_plane
-from avrare.driving.lanes import lane_borders, lane_exists
-from avrare.driving.markings import list_markings
+from avrare.driving.lanes import lane_borders, lane_exists, list_markings
+from avrare.driving.values import to_plane
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.run import Run

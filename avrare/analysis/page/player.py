@@ -21,8 +21,7 @@ from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.base.chart import Chart, make_linear_scale
 from avrare.base.errors import FormulaError
 from avrare.base.number_format import format_robustness
-from avrare.driving.lanes import list_lanes
-from avrare.driving.markings import list_markings
+from avrare.driving.lanes import list_lanes, list_markings
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, Specification

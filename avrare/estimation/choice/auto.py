@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
-from avrare.base.late_import import late_import
 from avrare.estimation.checks.result_builder import add_counts
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import (
@@ -347,7 +347,7 @@ class _Work:
         shared = {"memory": self.config.memory} | ({} if goal is None else {"relative_error": goal})
         options = {name: value for name, value in shared.items() if name in model.model_fields}
         if role.options:
-            options |= late_import(role.options)(goal, self.aim.pilot)
+            options |= resolve_name(role.options)(goal, self.aim.pilot)
         return component.build(model(**options))  # type: ignore[no-any-return]
 
 

@@ -7,10 +7,24 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from avrare.logic.syntax.syntax_errors import Place, make_error, suggest
-from avrare.logic.syntax.trees import get_subtree, get_token
 
 if TYPE_CHECKING:
     from lark import Token, Tree
+
+
+def get_token(tree: Tree[Token], index: int) -> Token:
+    """Return a child that is a token."""
+    child = tree.children[index]
+    assert isinstance(child, str)
+    return child
+
+
+def get_subtree(tree: Tree[Token], index: int) -> Tree[Token]:
+    """Return a child that is a tree."""
+    child = tree.children[index]
+    assert not isinstance(child, str)
+    return child
+
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from avrare.logic.syntax.definitions import Definitions
+from avrare.logic.syntax.definitions import Definitions, get_subtree, get_token
 from avrare.logic.syntax.syntax_errors import Place, add_place
-from avrare.logic.syntax.trees import get_subtree, get_token
 
 if TYPE_CHECKING:
     from lark import Token, Tree

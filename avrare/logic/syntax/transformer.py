@@ -8,10 +8,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from avrare.logic.syntax import nodes
-from avrare.logic.syntax.definitions import Definition, Definitions, Scope
+from avrare.logic.syntax.definitions import Definition, Definitions, Scope, get_subtree, get_token
 from avrare.logic.syntax.syntax_errors import make_error, suggest
 from avrare.logic.syntax.token_classes import FUNCTIONS, MEANING, WORDS
-from avrare.logic.syntax.trees import get_subtree, get_token
 
 if TYPE_CHECKING:
     from lark import Token, Tree

@@ -13,8 +13,7 @@ from avrare.base.number_format import format_robustness
 from avrare.base.plot import Plot
 from avrare.driving import Scene, Vehicles
 from avrare.driving.geometry import Rectangle
-from avrare.driving.lanes import list_lanes
-from avrare.driving.markings import list_markings
+from avrare.driving.lanes import list_lanes, list_markings
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.rollout.frames import Frame, make_frames

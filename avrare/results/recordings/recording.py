@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
-from avrare.driving.contact import find_contacts, interpolate
-from avrare.driving.frames import to_plane
-from avrare.driving.geometry import Rectangle, ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.geometry import (
+    Rectangle,
+    ego_rectangle,
+    find_contacts,
+    interpolate,
+    other_rectangles,
+    signed_distance,
+)
 from avrare.driving.lanes import lane_overlap
+from avrare.driving.values import to_plane
 from avrare.protocols import Bools, Floats
 
 FIELDS = ("x", "y", "heading", "speed", "acceleration")

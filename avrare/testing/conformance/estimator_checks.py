@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avrare.base.chart import Chart
-from avrare.base.late_import import late_import
 from avrare.testing.conformance.suite import Skipped, Subject
 from avrare.testing.problems import count_down, walk
 from avrare.testing.repeated_estimates import Study
@@ -96,7 +96,7 @@ def results_are_consistent(subject: Subject) -> None:
 
 def charts_are_drawn(subject: Subject) -> None:
     """The charts that it declares are drawn from its results."""
-    charts = late_import(subject.component.charts)(_suite(subject).estimate(walk(1.0, 20).problem(), seed=0))
+    charts = resolve_name(subject.component.charts)(_suite(subject).estimate(walk(1.0, 20).problem(), seed=0))
     assert all(isinstance(chart, Chart) for chart in charts), "not all of them are avrare.base.chart.Chart"
 
 

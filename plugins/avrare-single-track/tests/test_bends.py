@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrare.driving import Action
-from avrare.driving.frames import to_plane
+from avrare.driving.values import to_plane
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.simulator import SingleTrack
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import PluginError, UsageError, did_you_mean
 from avrare.protocols import Floats
-from avrare.worlds.drawn_worlds import DrawnWorlds
 from avrare.worlds.noisy_world import Channel, Noisy
 from avrare.worlds.world import World
+from avrare.worlds.worlds_simulator import DrawnWorlds
 from avrare_gymnasium.actions import Commands, actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
 from avrare_gymnasium.registration import register_installed

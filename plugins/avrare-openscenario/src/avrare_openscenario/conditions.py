@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Vehicles
-from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.driving.values import to_plane
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, pick, place_point

@@ -9,8 +9,13 @@ import numpy as np
 
 from avrare.base import batch
 from avrare.driving import Scene
-from avrare.driving.contact import find_contacts, interpolate
-from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.geometry import (
+    ego_rectangle,
+    find_contacts,
+    interpolate,
+    other_rectangles,
+    signed_distance,
+)
 
 if TYPE_CHECKING:
     from avrare_single_track.simulator import TrackWorld

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Lane, Road, Scene, Vehicles, World
-from avrare.driving.contact import interpolate
-from avrare.driving.frames import to_plane, to_road
-from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
+from avrare.driving.geometry import ego_rectangle, interpolate, other_rectangles, signed_distance
 from avrare.driving.lanes import ENDLESS
 from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
+from avrare.driving.values import to_plane, to_road
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture

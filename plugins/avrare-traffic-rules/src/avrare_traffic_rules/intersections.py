@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from avrare.driving import Crossing, Vehicles
-from avrare.driving.frames import to_plane
 from avrare.driving.reference_line import ReferenceLine
-from avrare.driving.values import RED, YELLOW
+from avrare.driving.values import RED, YELLOW, to_plane
 from avrare.protocols import Floats
 from avrare_traffic_rules.traffic import Bodies
 from avrare_traffic_rules.vocabulary import Setting, predicate

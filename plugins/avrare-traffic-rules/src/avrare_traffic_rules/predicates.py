@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from avrare.driving import Vehicles
-from avrare.driving.frames import to_plane
 from avrare.driving.geometry import Rectangle, signed_distance
+from avrare.driving.values import to_plane
 from avrare.protocols import Floats
 from avrare_traffic_rules.traffic import Bodies
 from avrare_traffic_rules.vocabulary import Setting, predicate, quantity

@@ -11,7 +11,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene, World
-from avrare.driving.frames import world_in_plane
+from avrare.driving.values import world_in_plane
 from avrare.protocols import Floats
 from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig, Persistence
 from avrare_gp_pem.runtime import normal

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrare.driving import Scene, World
-from avrare.driving.frames import world_in_plane
+from avrare.driving.values import world_in_plane
 from avrare.protocols import Bools, Floats
 
 Indices = NDArray[np.intp]
