@@ -28,8 +28,7 @@ from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.plan.plan import Info
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Info, Settings
 from avrare.protocols import Floats
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario

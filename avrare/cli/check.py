@@ -1,4 +1,4 @@
-"""``avrare check``: thresholds and baselines, turned into an exit code."""
+"""``avrare check``: thresholds, baselines and the rates of a catalogue, turned into an exit code."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from avrare.analysis.check.check import choose_catalogue, decide_rates
 from avrare.analysis.check.gate import CheckResult, check_targets
 from avrare.analysis.check.next_steps import with_next_steps
 from avrare.analysis.check.power_analysis import estimate_costs
@@ -24,7 +25,7 @@ from avrare.analysis.check.targets import (
 from avrare.base.atomic_files import ensure_writable
 from avrare.base.errors import ExitCode, Interrupted, UsageError
 from avrare.base.stored_files import read_json
-from avrare.cli import check_catalogue
+from avrare.cli import rate
 from avrare.cli.options import display, overrides
 from avrare.cli.output import (
     UNFINISHED,
@@ -59,7 +60,7 @@ _CHECK = "check.json"
 def execute(args: argparse.Namespace) -> int:
     """Check the scenarios together, or a catalogue; report, and return the exit code of the verdict."""
     if any(map(is_catalogue, args.scenarios)):
-        return check_catalogue.execute(args)
+        return _check_catalogue(args)
     budget = Budget.parse(args.budget)
     out = _out_folder(args)
     _make_folders(args, out)
@@ -222,3 +223,42 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
     write_files(out, {_CHECK: json.dumps(outcome.to_dict(), indent=2) + "\n"})
     (out / UNFINISHED).unlink()
     return messages
+
+
+_OF_SCENARIOS = (
+    "set",
+    "estimator",
+    "seed",
+    "looks",
+    "baseline",
+    "save",
+    "require_baseline",
+    "accept_changes",
+    "plan",
+)
+"""Options that a catalogue has no use for, or has keys of its own for."""
+
+
+def _check_catalogue(args: argparse.Namespace) -> int:
+    """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
+    catalogue = choose_catalogue(args.scenarios, **{name: getattr(args, name) for name in _OF_SCENARIOS})
+    ensure_files({"--junit": args.junit, "--markdown": args.markdown})
+    rates = rate.estimate(
+        argparse.Namespace(
+            **{name: getattr(args, name) for name in ("workers", "executor", "budget", "json")},
+            **{name: getattr(args, name) for name in ("quiet", "plain", "out", "resume")},
+            catalogue=catalogue.path,
+            against=None,
+        ),
+        "check",
+    )
+    outcome = decide_rates(rates, args.strict)
+    for name, text in ((args.junit, junit), (args.markdown, markdown)):
+        if name is not None:
+            write_file(name, text(outcome), "choose another file")
+    if is_github_job():
+        write_summary(outcome)
+        paths = {catalogue.document.name: catalogue.path}
+        for line in annotate_rows(outcome, paths):
+            print(line, file=sys.stderr if args.json else sys.stdout)
+    return int(outcome.exit_code)

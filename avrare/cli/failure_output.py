@@ -1,4 +1,4 @@
-"""Progress line and storage of failures that ``falsify``, ``replay`` and ``failures`` share."""
+"""Progress, texts and storage of failures that ``falsify``, ``replay`` and ``failures`` share."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from pathlib import Path
 
 from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.failure import Failure
+from avrare.analysis.failures.shrink import ShrinkResult
 from avrare.analysis.failures.storage import FailureDatabase, encode
 from avrare.cli.output import say_beside, write_file
-from avrare.output.terminal.failure_text import MAX_BLOB
+from avrare.rollout.noise_words import describe_tape
+from avrare.rollout.problem import Problem
 
 
 @contextmanager
@@ -50,3 +52,23 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
         export = shlex.join(["avrare", "failures", "blob", failure.id, *folder])
         elsewhere = f"{export} > FILE, then {shlex.join([*command, '--blob'])} @FILE"
     say_beside(args, f"on another machine: {elsewhere}")
+
+
+MAX_BLOB = 1000
+"""Longest blob [characters] that is printed; for longer ones the command that prints them is shown."""
+
+
+def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
+    """Describe the rest of a failure in numbers and words."""
+    if shrunk.after == 0.0:
+        description = describe_tape(problem, shrunk.noise)
+        lines = [f"it fails without any noise ({shrunk.rollouts} rollouts): {description}"]
+        if shrunk.passing_noise is not None:
+            lines.append(f"it passes with: {describe_tape(problem, shrunk.passing_noise)}")
+        return lines
+    lines = [
+        f"shrunk to {shrunk.ratio:.1%} of its norm ({shrunk.before:.3g} -> {shrunk.after:.3g}), "
+        f"{shrunk.nonzero} of {shrunk.noise.size} numbers ({shrunk.rollouts} rollouts)",
+        f"the rest: {describe_tape(problem, shrunk.noise)}",
+    ]
+    return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]

@@ -18,8 +18,8 @@ from avrare.cli.output import say
 from avrare.plugin.new_package import check_name, write
 from avrare.plugin.registry import Registry, default_registry
 from avrare.rollout.loaded_scenario import load
-from avrare.stack.builder import try_stack
 from avrare.stack.new_scenario import write_python_scenario, write_scenario, write_stack
+from avrare.stack.trial import try_stack
 
 
 def execute(args: argparse.Namespace) -> None:

@@ -13,9 +13,8 @@ from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.storage import decode
 from avrare.analysis.failures.stored_replays import FailureReplay, replay, replay_error
 from avrare.base.errors import ExitCode, UsageError
-from avrare.cli.failure_output import progress_line, store_failure
+from avrare.cli.failure_output import describe_shrinking, progress_line, store_failure
 from avrare.cli.output import print_warnings, say_beside, show
-from avrare.output.terminal.failure_text import describe_shrinking
 from avrare.plugin.provided import load_function
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario

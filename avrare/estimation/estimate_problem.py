@@ -27,8 +27,7 @@ from avrare.estimation.combine.specifications import (
 from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import Estimator
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Estimator, Settings
 from avrare.estimation.result.result import Origin, Result, Results
 from avrare.logic.formula import Formula
 from avrare.plugin.registry import default_registry
@@ -128,7 +127,7 @@ class _Call:
         if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
             raise UsageError(f"checkpoint must be the path of a folder, not {self.checkpoint!r}")
         if self.workers != 1:
-            from avrare.rollout.executors.worker_process import exit_if_unguarded
+            from avrare.rollout.executors.processes import exit_if_unguarded
 
             exit_if_unguarded()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)

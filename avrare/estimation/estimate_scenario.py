@@ -13,7 +13,7 @@ from avrare.estimation.combine.ensemble import include_model
 from avrare.estimation.combine.specifications import Execution, check_specifications, estimate_specifications
 from avrare.estimation.loop.preflight import Clearance
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.twin import check_twin

@@ -20,8 +20,8 @@ from avrare.estimation.result.verdict import with_verdict
 from avrare.results import run_folder
 from avrare.results.callbacks import call_back
 from avrare.results.run import Run
+from avrare.rollout.executors.processes import exit_if_unguarded
 from avrare.rollout.executors.work import build_executor
-from avrare.rollout.executors.worker_process import exit_if_unguarded
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
 from avrare.scenario.load import load

@@ -26,8 +26,8 @@ def avrare_components() -> list[Component]:
         Component(
             kind="controller",
             name="function",
-            config="avrare.stack.function_controller:FunctionConfig",
-            factory="avrare.stack.function_controller:build",
+            config="avrare.stack.python_file:FunctionConfig",
+            factory="avrare.stack.python_file:build_function",
             summary="a plain function act(observation) in a Python file, for a first try",
         ),
         Component(

@@ -18,8 +18,8 @@ from avrare.protocols import Bools, Floats, Signals, Specification, System, adap
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import FROM_START, Carry, Integers, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer, draw_lineage
-from avrare.stack.array_checks import check_rows, check_signals, find_nan
 from avrare.stack.features import monitor_features, system_features
+from avrare.stack.part_checks import check_rows, check_signals, find_nan
 
 _AnswerT = TypeVar("_AnswerT")
 Sample = tuple[Any, Signals, Bools]

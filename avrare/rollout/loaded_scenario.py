@@ -19,7 +19,8 @@ from avrare.rollout.twin import Twin
 from avrare.scenario.load import load as read_scenario
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Formula, Scenario, ScoreFormula
-from avrare.stack.builder import Stack, build_block, build_stack, refuse_violated_starts
+from avrare.stack.builder import Stack, build_block, build_stack
+from avrare.stack.trial import refuse_violated_starts
 
 AnyEstimator = Estimator[Any, Any, Any, Any, Any]
 

@@ -12,7 +12,7 @@ from avrare.protocols import Bools, Floats, Misreading
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise
+from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
 _MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0

@@ -15,22 +15,28 @@ from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.protocols import Floats, Specification, System, adapt, overrides
 from avrare.rollout.child_process import run_guarded, run_here
 from avrare.rollout.chunk_size import choose_chunk
-from avrare.rollout.early_stop import Deciding
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
-from avrare.rollout.scores.flat_parts import find_flat_parts
 from avrare.rollout.scores.progress_score import ProgressScored, shape_of
 from avrare.rollout.scores.scored_specifications import (
+    Deciding,
     FormulaScored,
     FunctionScored,
     MarginScored,
     PrefixScored,
     ScoreFunction,
 )
-from avrare.rollout.scores.term_sizes import ScaledMonitor, Select, Sizes, measure_terms, record
+from avrare.rollout.scores.term_sizes import (
+    ScaledMonitor,
+    Select,
+    Sizes,
+    find_flat_parts,
+    measure_terms,
+    record,
+)
 from avrare.rollout.twin import Twin, check_twin
-from avrare.stack.noise_names import check_dynamics
+from avrare.stack.part_checks import check_dynamics
 
 _MEASURING = "the rollouts that measure the terms of its score"
 SCORES = ("robustness", "margin", "progress")

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import FROM_START, Integers, Request
-from avrare.rollout.tape_law import CHOICES, TapeLaw
+from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, TapeLaw
 
 
 class TapeDrawer:

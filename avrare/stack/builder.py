@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from avrare.base import batch
-from avrare.base.errors import AvrareError, FormulaError, PluginError, ScenarioError, UsageError, find_place
-from avrare.driving import Observation, Scene
+from avrare.base.errors import AvrareError, PluginError, ScenarioError, UsageError, find_place
+from avrare.driving import Scene
 from avrare.logic.formula import FormulaMonitor, FormulaWarning, stl
 from avrare.plugin.registry import Row, default_registry
 from avrare.plugin.rule_catalogue import Catalogue
 from avrare.protocols import (
     BASES,
     Controller,
-    Floats,
     PerceptionErrorModel,
-    Signals,
     Simulator,
     Specification,
     Tracker,
@@ -32,24 +26,19 @@ from avrare.protocols import (
 )
 from avrare.scenario.overrides import override
 from avrare.scenario.schema import Block, Formula, Scenario
-from avrare.scenario.specification_checks import reach_warnings
 from avrare.scenario.timing import Actuators, Timing
 from avrare.scenario.validation import check, scenario_error
 from avrare.scenario.value_positions import Mark, Node
-from avrare.stack.array_checks import check_signals
 from avrare.stack.clock import Clock
-from avrare.stack.closed_loop import ClosedLoop, LoopState
+from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.drawn_start import DrawnStart
 from avrare.stack.emergency_braking import add_emergency_braking
-from avrare.stack.misfits import explain_misfits
-from avrare.stack.noise_names import check_declarations, check_dynamics
-from avrare.stack.timed_parts import Parts, time_parts
-from avrare.stack.unlabelled import check_labels
+from avrare.stack.observation import check_labels
+from avrare.stack.part_checks import check_declarations, check_dynamics
+from avrare.stack.timed_controller import TimedController
+from avrare.stack.timed_perception import ExactPerception, PacedTracker, TimedPerception
 
 PartT = TypeVar("PartT")
-
-_STARTS = 32
-"""Starts drawn with noise where the noise-free one violates a specification."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +56,14 @@ class Stack:
     specifications: dict[str, Specification]
 
 
+class Parts(NamedTuple):
+    """Parts of a stack, as far as there are any."""
+
+    perception: PerceptionErrorModel | None
+    tracker: Tracker | None
+    controller: Controller | None
+
+
 def build_stack(scenario: Scenario) -> Stack:
     """Build every part of ``scenario``; they must fit together."""
     if scenario.perception is not None and scenario.tracker is None:
@@ -74,19 +71,19 @@ def build_stack(scenario: Scenario) -> Stack:
             f"{scenario.path}: perception: no tracker is given to process the observations",
             "add a `tracker:` block, or remove the perception",
         )
-    with _locate_errors(scenario, "simulator"):
+    with locate_errors(scenario, "simulator"):
         simulator = _build_simulator(scenario.simulator)
         check_dynamics(simulator)
-    with _locate_errors(scenario, "steps"):
+    with locate_errors(scenario, "steps"):
         simulator.check_steps(scenario.steps)
     scene = simulator.scene
-    with _locate_errors(scenario, "timing"):
+    with locate_errors(scenario, "timing"):
         clock = Clock.of(scenario.timing or Timing(), simulator.dt)
     plane = scene or simulator.junction
     parts = _build_parts(scenario, plane, clock)
     specifications = {}
     for name, part in scenario.specifications.items():
-        with _locate_errors(scenario, f"specifications.{name}"):
+        with locate_errors(scenario, f"specifications.{name}"):
             specifications[name] = build_specification(part, plane, simulator.dt)
     draws = scenario.simulator.draws
     start = DrawnStart(draws, simulator, specifications) if draws is not None else None
@@ -96,31 +93,58 @@ def build_stack(scenario: Scenario) -> Stack:
 def _build_parts(scenario: Scenario, scene: Scene | None, clock: Clock) -> Parts:
     perception, tracker, controller, seen_scene = None, None, None, scene
     if scenario.perception is not None:
-        with _locate_errors(scenario, "perception"):
+        with locate_errors(scenario, "perception"):
             perception = build_block(
                 scenario.perception, clock.pace_scene(scene, clock.sensor), PerceptionErrorModel
             )
             check_declarations(perception)
     if scenario.tracker is not None:
-        with _locate_errors(scenario, "tracker"):
+        with locate_errors(scenario, "tracker"):
             tracker = build_block(scenario.tracker, clock.pace_scene(scene, clock.tracker), Tracker)
             if perception is not None:
                 check_labels(perception, tracker)
             seen_scene = tracker.known_scene or scene
     if scenario.controller is not None:
-        with _locate_errors(scenario, "controller"):
+        with locate_errors(scenario, "controller"):
             paced = clock.pace_scene(seen_scene, clock.planner)
             controller = build_block(scenario.controller, paced, Controller)
     if scenario.aeb is not None:
-        with _locate_errors(scenario, "aeb"):
+        with locate_errors(scenario, "aeb"):
             controller = add_emergency_braking(
                 controller, scenario.aeb, clock.pace_scene(seen_scene, clock.planner)
             )
     if controller is not None and adapt(Controller, controller).sees_truth:
         perception, tracker = None, None  # nobody reads them
     timing, actuators = scenario.timing or Timing(), scenario.actuators or Actuators()
-    with _locate_errors(scenario, "timing"):
+    with locate_errors(scenario, "timing"):
         return time_parts(timing, actuators, clock, scene, Parts(perception, tracker, controller))
+
+
+def time_parts(
+    timing: Timing, actuators: Actuators, clock: Clock, scene: Scene | None, parts: Parts
+) -> Parts:
+    """Return the parts with the delays that ``timing`` and ``actuators`` ask for.
+
+    Raises:
+        UsageError: An option is about a part that the scenario has not.
+    """
+    of_frames = ("sensor_period", "tracker_period", "perception_latency", "perception_jitter", "lost_frames")
+    of_cycles = ("planner_period", "planning_latency", "missed_cycles", "actuation_delay", "compensated")
+    frames, cycles = ([name for name in names if getattr(timing, name)] for names in (of_frames, of_cycles))
+    if frames and parts.tracker is None:
+        raise UsageError(f"{frames[0]} needs a tracker", "add a `tracker:` block, or remove the option")
+    controlled = bool(cycles) or actuators != Actuators()
+    if controlled and parts.controller is None:
+        name = cycles[0] if cycles else "actuators"
+        raise UsageError(f"{name}: needs a controller", "add a `controller:` block, or remove the option")
+    perception, tracker, controller = parts
+    if frames:
+        perception = TimedPerception(perception or ExactPerception(), timing, clock)
+    if tracker is not None and (clock.tracker, clock.planner) != (1, 1):
+        tracker = PacedTracker(tracker, clock)
+    if controlled and controller is not None:
+        controller = TimedController(controller, timing, clock, actuators, scene)
+    return Parts(perception, tracker, controller)
 
 
 def _build_simulator(block: Block) -> Simulator:
@@ -135,146 +159,9 @@ def _build_simulator(block: Block) -> Simulator:
     return adapt(Simulator, simulator.drawing(dict(zip(block.draws.paths, block.draws.laws, strict=True))))
 
 
-def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
-    """Raise a ``ScenarioError`` for specifications that every start violates: their probability is 1."""
-    for name, spec in stack.specifications.items():
-        if isinstance(scenario.specifications[name], Formula):
-            with _locate_errors(scenario, f"specifications.{name}"):
-                _check_relations(spec)
-    signals = _signals_at_start(scenario, stack, np.zeros((1, stack.loop.noise_size)))
-    problems: list[tuple[str, str | None]] = []
-    for name, spec in stack.specifications.items():
-        with _locate_errors(scenario, f"specifications.{name}"):
-            monitor, verdict = spec.update(spec.start(1), signals)
-        settled = spec.margin(monitor) is not None
-        if settled and verdict.violated[0] and _fails_from_drawn_starts(scenario, stack, spec):
-            cause = spec.explain(signals)
-            culprit = f": {cause}" if cause else ""
-            place = f"{scenario.path}: specifications.{name}"
-            hint = "move the vehicles, change the parameters of the specification, or remove it"
-            text = f"{place}: violated at sample 0 by the noise-free start, and by all others tried{culprit}"
-            problems.append((text, f"its probability would be 1, or nearly; {hint}"))
-    if problems:
-        raise ScenarioError(problems)
-
-
-def _fails_from_drawn_starts(scenario: Scenario, stack: Stack, spec: Specification) -> bool:
-    """Return whether a few starts that are drawn with noise all violate a specification."""
-    noise = np.random.default_rng(0).standard_normal((_STARTS, stack.loop.noise_size))
-    signals = _signals_at_start(scenario, stack, noise)
-    return bool(spec.update(spec.start(_STARTS), signals)[1].violated.all())
-
-
-def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Signals:
-    try:
-        return check_signals(stack.loop.signals(stack.loop.initial(noise)), len(noise))
-    except AvrareError:
-        raise
-    except Exception as error:  # raised by a plugin
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        which = "a start" if noise.any() else "the noise-free start"
-        place = f"{scenario.path}: {which} raised {reason}"
-        raise ScenarioError([(place, "check the options of its parts")]) from error
-
-
-def _check_relations(spec: Specification) -> None:
-    for name in [] if spec.formula is None else spec.formula.signals:
-        if name.endswith(")"):
-            hint = "predicates of vehicles belong to a plugin: write {plugin: traffic_rules, formula: ...}"
-            raise FormulaError(f"signal {name!r} is missing", f"{hint} instead of {{stl: ...}}")
-
-
-def try_stack(scenario: Scenario, stack: Stack, steps: int = 3) -> list[tuple[str, str | None]]:
-    """Run a few noise-free steps and return warnings (message, hint) on the specifications.
-
-    Only those of plugins: loading the scenario has warned of the others.
-
-    Raises:
-        PluginError: A signal is NaN.
-    """
-    noise = np.zeros((1, stack.loop.noise_size))
-    states = [stack.loop.initial(noise)]
-    monitors = {name: spec.start(1) for name, spec in stack.specifications.items()}
-    for step in range(min(steps, scenario.steps) + 1):
-        if step:
-            with explain_misfits(scenario.path, stack.loop, states[-1]):
-                states.append(stack.loop.step(states[-1], noise))
-        signals = stack.loop.signals(states[-1])
-        if unknown := [name for name, values in signals.items() if _has_nan(values)]:
-            names = ", ".join(unknown[:3]) + (f" and {len(unknown) - 3} more" if len(unknown) > 3 else "")
-            part, sample = _find_nan(stack.loop, states) or (f"simulator: its signals ({names}) are", step)
-            text = f"{scenario.path}: {part} NaN at sample {sample} of a noise-free rollout"
-            raise PluginError(text, f"rollouts with NaN in a signal ({names}) are errors: mend this part")
-        for name, spec in stack.specifications.items():
-            monitors[name], _ = spec.update(monitors[name], signals)
-    return [warning for name, spec in stack.specifications.items() for warning in _lint(scenario, name, spec)]
-
-
-def _has_nan(part: object) -> bool:
-    leaves: list[NDArray[np.generic]] = []
-    with suppress(UsageError):  # no batch: a controller may give whatever its simulator takes
-        plain = isinstance(part, (float, np.generic, np.ndarray))
-        leaves = [np.asarray(part)] if plain else batch.leaves(part)
-    return any(leaf.dtype.kind == "f" and bool(np.isnan(leaf).any()) for leaf in leaves)
-
-
-def _reports_nan(seen: Observation | None) -> bool:
-    return seen is not None and any(
-        bool(np.isnan(values[seen.detected]).any()) for values in (seen.x, seen.y, seen.speed_x)
-    )
-
-
-def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] | None:
-    """Find the first part with a NaN before the last state, and its step; None: the simulator."""
-    for sample, state in enumerate(states[:-1]):
-        if loop.controller is not None and _has_nan(loop.show(state.world)):
-            return None
-        if _reports_nan(state.observation):
-            return "perception: its observation is", sample
-        if _has_nan(loop.predict(state)):
-            return "tracker: its prediction is", sample
-        if _has_nan(loop.act(state)[0]):
-            return "controller: its action is", sample
-    return None
-
-
-def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3) -> list[str]:
-    """Draw scenes, run each for a few steps and return notes; none where nothing is drawn.
-
-    Raises:
-        ScenarioError: A scene cannot be drawn or driven.
-    """
-    start, loop = stack.loop.start, stack.loop
-    if start is None:
-        return []
-    noise = np.random.default_rng(0).standard_normal((steps + 1, scenes, loop.noise_size))
-    with _locate_errors(scenario, "simulator"):
-        state = loop.initial(noise[0])
-        drawn = state.drawn
-        for row in noise[1 : scenario.steps + 1]:
-            state = loop.step(state, row)
-    broken = int(loop.faults(state).sum())
-    if broken == scenes:
-        text = f"{scenario.path}: simulator: each of {scenes} drawn scenes is impossible or breaks down"
-        raise ScenarioError([(text, "bring the laws nearer to a scene that can be driven")])
-    again = 0 if drawn is None else int((drawn.redraws > 0).sum())
-    count = f"{start.size} option{'s' * (start.size != 1)} drawn"
-    return [f"{count}, {scenes} scenes tried: {again} of them drawn again, {broken} in error"]
-
-
-def _lint(scenario: Scenario, name: str, spec: Specification) -> list[tuple[str, str | None]]:
-    part, formula = scenario.specifications[name], spec.formula
-    if formula is None or not isinstance(part, Block):
-        return []
-    findings = (
-        [] if part.component.check else [(warning.message, warning.hint) for warning in formula.warnings]
-    )
-    findings += [(text, None) for text in reach_warnings(formula.node, scenario.steps)]
-    return [(f"{scenario.path}: specifications.{name}: {text}", hint) for text, hint in findings]
-
-
 @contextmanager
-def _locate_errors(scenario: Scenario, path: str) -> Iterator[None]:
+def locate_errors(scenario: Scenario, path: str) -> Iterator[None]:
+    """Turn a ``UsageError`` into a ``ScenarioError`` that names the place in the scenario."""
     try:
         yield
     except UsageError as error:

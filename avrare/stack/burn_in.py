@@ -19,8 +19,8 @@ import numpy as np
 from avrare.base.philox import philox, to_uniform
 from avrare.driving import Observation, Vehicles
 from avrare.protocols import Floats, PerceptionErrorModel, Tracker
-from avrare.stack.noise_names import find_perfect_noise
-from avrare.stack.observing import observe
+from avrare.stack.observation import observe
+from avrare.stack.part_checks import find_perfect_noise
 
 _TAG = np.uint64(0x6275726E)
 """Word of the counter that keeps these numbers apart from others of the same key."""

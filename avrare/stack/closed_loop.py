@@ -32,9 +32,8 @@ from avrare.protocols import (
 from avrare.stack.burn_in import BurnIn
 from avrare.stack.drawn_start import DrawnStart, DrawnValues
 from avrare.stack.features import check_features, flatten, plan_features, track_features, vehicle_features
-from avrare.stack.misreadings import find_misreadings
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise
-from avrare.stack.observing import observe
+from avrare.stack.observation import find_misreadings, observe
+from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 from avrare.stack.timed_controller import TimedController
 
 

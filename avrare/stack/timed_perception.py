@@ -14,8 +14,8 @@ from avrare.driving import Observation, Prediction
 from avrare.protocols import Bools, Floats, PerceptionErrorModel, Tracker
 from avrare.scenario.timing import Timing
 from avrare.stack.clock import Clock, move_samples, round_all_up, round_up
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise
-from avrare.stack.observing import observe
+from avrare.stack.observation import observe
+from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
 _NEVER = 1 << 40
 """Steps until a frame that is lost or has been read."""

@@ -17,8 +17,7 @@ from avrare.estimation.loop.checkpoint import SaveError
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import GaveUp
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import GaveUp, Settings
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import log_normal
 from avrare.rollout.executors.serial import SerialExecutor

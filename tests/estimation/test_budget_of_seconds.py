@@ -9,12 +9,11 @@ import avrare
 from avrare.base.errors import Interrupted
 from avrare.estimation.loop import loop
 from avrare.estimation.loop.checkpoint import Checkpoint
-from avrare.estimation.loop.loop import run
-from avrare.estimation.loop.pace import Pace
+from avrare.estimation.loop.loop import Pace, run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 

@@ -12,7 +12,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.estimation.combine.cross_check import add_cross_check, compare
 from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result import intervals
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.cross_check import CrossCheck

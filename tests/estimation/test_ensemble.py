@@ -8,9 +8,8 @@ import pytest
 
 import avrare
 from avrare.base.special_functions import chi_square_quantiles, t_factor
-from avrare.estimation.combine.ensemble import combine, reweigh
-from avrare.estimation.combine.model_share import ModelShare
-from avrare.rollout.observation_ratios import log_ratios
+from avrare.estimation.combine.ensemble import ModelShare, combine, reweigh
+from avrare.rollout.weighted_problem import log_ratios
 from avrare.testing.repeated_estimates import coverage_at_most
 from noisy_loop import Sensor, exact, noisy_problem
 

@@ -11,7 +11,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.verdict import judge
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.schema import Threshold

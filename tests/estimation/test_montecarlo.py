@@ -47,7 +47,7 @@ def test_scores_over_time_are_not_kept():
     """Hold a few numbers for each rollout, whatever the number of steps."""
     from avrare.estimation.loop.loop import run
     from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-    from avrare.estimation.plan.settings import Settings
+    from avrare.estimation.plan.plan import Settings
     from avrare.rollout.executors.serial import SerialExecutor
 
     states = []

@@ -8,7 +8,7 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.estimation.monte_carlo.stopping_rules import AtThreshold
+from avrare.estimation.monte_carlo.monte_carlo import AtThreshold
 from avrare.estimation.result.intervals import anytime
 from avrare.testing.problems import linear
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.combine.power import LEAST_POWER, power_to_notice
-from avrare.estimation.combine.witnesses import reconcile
+from avrare.estimation.combine.witnesses import LEAST_POWER, power_to_notice, reconcile
 from avrare.estimation.result import intervals
 from avrare.estimation.result.doubts import open_interval
 from avrare.estimation.result.fresh_rows import FreshRows

@@ -7,7 +7,7 @@ from matplotlib import figure as figures
 from avrare.analysis.page.player import _encode_prediction
 from avrare.driving import Prediction, Road, Scene, Vehicles, World
 from avrare.output.plots.rollout_plot import plot_drive
-from avrare.rollout.frames import Frame
+from avrare.rollout.replay import Frame
 
 
 def vehicles(x, y):

@@ -38,7 +38,7 @@ from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.console import make_console, print_lines, print_table
 from avrare.output.terminal.progress_line import Progress
 from avrare.plugin.registry import default_registry
-from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import Recording, VehicleTrack, assemble_recording
 from avrare.testing.problems import walk
 from avrare_recordings.formats.commonroad import to_commonroad
 from avrare_recordings.formats.csv_recording import read_csv, to_csv

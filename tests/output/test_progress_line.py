@@ -15,8 +15,7 @@ import pytest
 import avrare
 from avrare.base.number_format import format_clock
 from avrare.cli.main import main
-from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import Info
+from avrare.estimation.plan.plan import CostForecast, Info
 from avrare.output.terminal.progress_line import Progress, TimeLeft
 
 SLOW = """\

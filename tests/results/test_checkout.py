@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from avrare.results.checkout import describe_checkout
+from avrare.results.provenance import describe_checkout
 
 
 @pytest.fixture

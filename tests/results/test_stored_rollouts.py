@@ -8,7 +8,7 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
-from avrare.results.recordings.replayed_failure import replay_run_failure
+from avrare.results.recordings import replay_run_failure
 from avrare.results.run import Run
 from avrare.results.stored_results import read_failures
 from avrare.scenario.fingerprint import fingerprint

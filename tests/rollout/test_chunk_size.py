@@ -12,7 +12,7 @@ from avrare.estimation.loop.checkpoint import Checkpoint
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.rollout.chunk_size import LEAST, MOST, WORLD_ROWS, spread
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request

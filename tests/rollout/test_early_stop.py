@@ -38,7 +38,7 @@ def test_a_row_continues_until_every_specification_is_decided():
     from avrare.estimation.loop.loop import run
     from avrare.estimation.monte_carlo.config import McConfig
     from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-    from avrare.estimation.plan.settings import Settings
+    from avrare.estimation.plan.plan import Settings
     from avrare.rollout.executors.serial import SerialExecutor
 
     results = run(

@@ -9,7 +9,7 @@ from avrare.base import batch
 from avrare.driving import Vehicles
 from avrare.protocols import PerceptionErrorModel
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.observation_ratios import log_ratios
+from avrare.rollout.weighted_problem import log_ratios
 from avrare.scenario.load import load
 from avrare.stack.burn_in import BurnIn, rewind
 from avrare.stack.closed_loop import SamplingLaw, WeightedLoop

@@ -10,7 +10,7 @@ from avrare.base.errors import AvrareError, UsageError
 from avrare.cli.main import main
 from avrare.driving import Action, ObservingEgo, Prediction, Road, Scene, Vehicles
 from avrare.scenario.fingerprint import fingerprint
-from avrare.stack.function_controller import EXAMPLE, FunctionConfig, build
+from avrare.stack.python_file import EXAMPLE, FunctionConfig, build_function
 
 SCENE = Scene(
     dt=0.5, road=Road(lane_centres=(0.0, 3.5), lane_width=3.5), ego_length=4.0, ego_width=2.0,
@@ -40,7 +40,7 @@ def controller(tmp_path):
     def make(text, scene=SCENE, **options):
         path = tmp_path / "pilot.py"
         path.write_text(text)
-        return build(FunctionConfig(file=str(path), **options), scene)
+        return build_function(FunctionConfig(file=str(path), **options), scene)
 
     return make
 
@@ -117,7 +117,7 @@ def test_a_file_that_is_missing(tmp_path):
     config = FunctionConfig(file=str(file))
     file.unlink()
     with pytest.raises(UsageError, match="no such file"):
-        build(config, None)
+        build_function(config, None)
 
 
 @pytest.fixture

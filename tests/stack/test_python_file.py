@@ -11,7 +11,7 @@ from avrare.base.errors import AvrareError, PluginError
 from avrare.cli.main import main
 from avrare.results.run import Run
 from avrare.scenario.fingerprint import fingerprint
-from avrare.stack.builder import try_stack
+from avrare.stack.trial import try_stack
 
 BATCHED = """\
 import numpy as np

@@ -11,10 +11,10 @@ from avrare.base import batch
 from avrare.driving import Action, Observation, Prediction, Road, Scene, Vehicles
 from avrare.protocols import Controller, PerceptionErrorModel, Tracker, adapt
 from avrare.scenario.timing import Actuators, Timing
+from avrare.stack.builder import Parts, time_parts
 from avrare.stack.clock import Clock, move_samples
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.timed_controller import Response
-from avrare.stack.timed_parts import Parts, time_parts
 
 DT, STEPS = 0.1, 24
 SCENE = Scene(DT, Road((0.0,), 3.5), 4.5, 1.8, ("lead",), np.full(1, 4.5), np.full(1, 1.8), np.ones(1, bool))

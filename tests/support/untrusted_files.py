@@ -109,7 +109,7 @@ def interrupt(patch, chunks=4):
 
 
 def write_drives():
-    from avrare.results.recordings.recording import parse_road
+    from avrare.results.recordings import parse_road
     from avrare_recordings.formats.commonroad import to_commonroad
     from avrare_recordings.formats.csv_recording import read_csv
 

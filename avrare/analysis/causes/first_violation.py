@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from avrare.analysis.failures.severity import Severity, measure_severity
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.base.errors import AvrareError
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout
 

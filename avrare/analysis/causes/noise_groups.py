@@ -11,7 +11,7 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.noise_words import format_range
 from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise
+from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
 _MAX_CHANNELS = 24
 """With more channels than this, none gets a row of its own unless it is named."""

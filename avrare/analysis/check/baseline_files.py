@@ -25,7 +25,7 @@ from avrare.estimation.result.confidence_distributions import (
     encode_distribution,
 )
 from avrare.estimation.result.result import Result, finite
-from avrare.results.checkout import describe_checkout
+from avrare.results.provenance import describe_checkout
 from avrare.results.stored_results import StoredEstimate
 from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario

@@ -150,7 +150,7 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     from avrare.estimation.estimate_scenario import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.child_process import run_guarded
     from avrare.rollout.loaded_scenario import LoadedScenario
-    from avrare.stack.builder import try_draws, try_stack
+    from avrare.stack.trial import try_draws, try_stack
 
     built = LoadedScenario(scenario)
     stack = built.stack

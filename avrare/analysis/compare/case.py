@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from avrare.base.errors import UsageError, did_you_mean, require_path
 from avrare.driving import Scene
-from avrare.estimation.plan.settings import DEFAULT_MAX_ERROR_RATE
+from avrare.estimation.plan.plan import DEFAULT_MAX_ERROR_RATE
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario, open_problem

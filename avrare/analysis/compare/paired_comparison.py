@@ -36,7 +36,7 @@ from avrare.scenario.load import load
 from avrare.scenario.overrides import Setting, as_settings, read_driver
 from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.part_checks import find_noise_names
 
 _ROLLOUTS = 1000
 """Default number of rollouts of each version."""

@@ -26,7 +26,7 @@ from avrare.base.number_format import format_duration
 from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import check_estimate
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result
 from avrare.plugin.registry import default_registry
 from avrare.rollout.child_process import run_guarded

@@ -9,9 +9,8 @@ from functools import partial
 
 from avrare.base.number_format import format_count, format_probability, format_ratio
 from avrare.base.special_functions import bisect, normal_factor
-from avrare.estimation.result.intervals import Interval, clopper_pearson
+from avrare.estimation.result.intervals import Interval, clopper_pearson, divide_estimates, subtract_estimates
 from avrare.estimation.result.note import list_error_notes
-from avrare.estimation.result.ratios import divide_estimates, subtract_estimates
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools
 

@@ -22,7 +22,7 @@ from avrare.driving.geometry import (
 from avrare.driving.lanes import lane_overlap
 from avrare.driving.values import to_plane
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import FIELDS
+from avrare.results.recordings import FIELDS
 
 _SMALL_REACH = 0.3
 """Reach into a lane below which the ego only touches it [m]."""

@@ -23,7 +23,7 @@ from avrare.base.records import Answer, Records
 from avrare.logic.formula import Formula
 from avrare.logic.syntax import nodes
 from avrare.protocols import Bools, Floats, Specification
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 
 
 @dataclass(frozen=True, repr=False)

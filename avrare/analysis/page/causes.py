@@ -20,7 +20,7 @@ from avrare.driving.values import to_plane
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.run import Run
-from avrare.results.stored_causes import (
+from avrare.results.stored_failures import (
     StoredAttribution,
     StoredCauses,
     StoredKind,

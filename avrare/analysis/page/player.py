@@ -25,8 +25,8 @@ from avrare.driving.lanes import list_lanes, list_markings
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.printer import to_text
 from avrare.protocols import Floats, Specification
-from avrare.rollout.frames import Frame
 from avrare.rollout.problem import Problem
+from avrare.rollout.replay import Frame
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.drawn_start import SIGNAL
 

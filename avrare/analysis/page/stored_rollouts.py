@@ -12,12 +12,11 @@ from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recordi
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
-from avrare.results.recordings.replayed_failure import record_rollout
+from avrare.results.recordings import record_rollout
 from avrare.results.run import Run
-from avrare.results.stored_causes import StoredKinds
-from avrare.rollout.frames import Frame, extract_frames
+from avrare.results.stored_failures import StoredKinds
 from avrare.rollout.problem import Problem
-from avrare.rollout.replay import ReplayedRollout, replay_tapes
+from avrare.rollout.replay import Frame, ReplayedRollout, extract_frames, replay_tapes
 
 _PATIENCE = 120.0
 """Predicted time above which the moments at which drives were lost are not looked for [s]."""

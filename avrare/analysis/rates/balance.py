@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from avrare.analysis.rates.combination import Quantity, Total
 from avrare.base.number_format import format_probability, format_ratio
-from avrare.estimation.result.ratios import divide_estimates
+from avrare.estimation.result.intervals import divide_estimates
 from avrare.estimation.result.result import Result, finite
 
 Interval = tuple[float, float]

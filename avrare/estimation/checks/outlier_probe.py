@@ -20,7 +20,7 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.part_checks import find_noise_names
 
 _FIRST, _SECOND = 5, 96
 """Rollouts of each tail at first, and of all together that are looked at again."""

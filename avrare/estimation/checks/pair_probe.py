@@ -19,7 +19,7 @@ from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.part_checks import find_noise_names
 
 _GROUPS, _MOST_GROUPS = 24, 64
 """Rollouts with many extreme numbers, of few numbers and at most."""

@@ -29,11 +29,9 @@ from avrare.estimation.choice.auto_rules import (
 from avrare.estimation.combine.witnesses import in_doubt, reconcile
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
-from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo.stopping_rules import AtFailures, Stopping
+from avrare.estimation.monte_carlo.monte_carlo import AtFailures, MonteCarlo, Stopping
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused, Settings
 from avrare.estimation.result.confidence_distributions import (
     Binomial,
     InverseBinomial,

@@ -19,8 +19,7 @@ from avrare.base.number_format import format_estimate, format_percent
 from avrare.estimation.loop.preflight import check_system
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import Estimator
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Estimator, Settings
 from avrare.estimation.result import health
 from avrare.estimation.result.doubts import open_interval
 from avrare.estimation.result.note import Note

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from avrare.estimation.combine.cross_check import add_cross_check
 from avrare.estimation.loop.loop import Progress, run
 from avrare.estimation.loop.preflight import Clearance, check_estimate
-from avrare.estimation.plan.plan import Estimator, Journal
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Estimator, Journal, Settings
 from avrare.estimation.result.doubts import answer_doubts
 from avrare.estimation.result.result import Result
 from avrare.rollout.executors.serial import SerialExecutor

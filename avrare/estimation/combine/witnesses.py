@@ -6,20 +6,45 @@ two, and each answers the doubts about the other. Where they disagree, one of th
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import replace
 from functools import partial
+from statistics import NormalDist
 
 import numpy as np
 
 from avrare.base.number_format import format_interval, format_probability
 from avrare.estimation.checks.result_builder import contradict
 from avrare.estimation.combine.cross_check import compare
-from avrare.estimation.combine.power import LEAST_POWER, describe_power, power_to_notice
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.doubts import DOUBTS, MAY_MISS_FAILURES, open_interval, undo_opening
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.result import Result
+
+MISS = 3.0
+"""Factor of a miss that a witness must be able to notice."""
+LEAST_POWER = 0.5
+"""Power below which agreement says nothing: then a miss would mostly have passed as agreement."""
+
+
+def power_to_notice(threshold: float, errors: tuple[float, float]) -> float:
+    """Return the chance that two estimates would have disagreed if they were apart by the factor of a miss.
+
+    Args:
+        threshold: Factor between the estimates from which they disagree.
+        errors: Their relative errors; NaN where one has found nothing.
+    """
+    spread = math.sqrt(sum(math.log1p(error**2) for error in errors))
+    if not spread or math.isnan(spread) or not math.isfinite(threshold):
+        return 0.0
+    return NormalDist().cdf((math.log(MISS) - math.log(threshold)) / spread)
+
+
+def describe_power(power: float) -> str:
+    """Return the power in words."""
+    return f"a miss by a factor {MISS:g} would have been noticed in {100 * power:.0f} of 100"
+
 
 _ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "leaps"})
 """Doubts that an unlike estimate answers where it agrees."""

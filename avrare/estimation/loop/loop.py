@@ -1,4 +1,4 @@
-"""Estimation loop: ask the estimator for rollouts, run them, tell it the outcomes."""
+"""Estimation loop: ask the estimator for rollouts, run them at the budget's pace, tell it the outcomes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,17 @@ import numpy as np
 
 from avrare.base.errors import FIRST_ROLLOUTS, EveryRolloutBroke, Interrupted, UsageError
 from avrare.estimation.checks.result_builder import examine
-from avrare.estimation.loop.pace import Pace
 from avrare.estimation.loop.preflight import Clearance, clear_estimate
-from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import Estimator, GaveUp, Info, Journal, Plan, Refused
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import (
+    CostForecast,
+    Estimator,
+    GaveUp,
+    Info,
+    Journal,
+    Plan,
+    Refused,
+    Settings,
+)
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.chunk_size import spread
@@ -25,6 +31,38 @@ from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import FROM_START, Request, Rollouts
 from avrare.rollout.tape_source import TapeDrawer
+
+
+@dataclass
+class Pace:
+    """Rows per second since the first was given out.
+
+    The start of workers counts: several outcomes that arrive at once say nothing of how long one takes.
+    """
+
+    began: float | None = None  # time at which the first row was given out [s]
+    rows: int = 0  # finished
+    flight: int = 0  # given out and not finished
+
+    def take(self, now: float, left: float, most: int, first: bool = False) -> int:
+        """Return how many of ``most`` rows to run next in the seconds ``left``; 0: none.
+
+        The ``first`` row of an estimate runs however little time is left, or there would be no result.
+        """
+        if self.began is None:
+            self.began = now
+        rows = 1 if first or left > 0.0 else 0  # one at a time, until an outcome says how long that takes
+        if self.rows:
+            rate = self.rows / max(now - self.began, 1e-9)
+            rows = max(min(most, int(rate * left) - self.flight), 0)
+        self.flight += rows
+        return rows
+
+    def finish(self, rows: int) -> None:
+        """Count the rows of an outcome."""
+        self.flight -= rows
+        self.rows += rows
+
 
 Progress = Callable[[Info], None]
 

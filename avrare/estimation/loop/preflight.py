@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from avrare.base.errors import UsageError
 from avrare.base.health_messages import MESSAGES
 from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
-from avrare.estimation.plan.plan import Estimator, Plan
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Estimator, Plan, Settings
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.work import Executor, Work, run_errand

@@ -1,20 +1,67 @@
-"""Interface of the estimation loop and its estimators: plan, progress, estimator, journal."""
+"""Interface of the estimation loop and its estimators: settings, plan, progress, forecast, journal."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from avrare import protocols
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.result.fresh_rows import NO_ROWS, FreshRows
 from avrare.estimation.result.result import Result
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
+
+DEFAULT_MAX_ERROR_RATE = 0.01
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings that all estimators share.
+
+    Attributes:
+        seed: Seed of all random numbers.
+        confidence: Level of the intervals, in (0, 1).
+        budget: Upper bound on cost.
+        max_error_rate: Share of errors among the rollouts above which a result has the warning ``errors``.
+        suppress: Names of health warnings to leave out.
+        seen: Counts of rollouts of the target from before (``Plan.seen``).
+        goal: Relative error for an estimator that is given neither its size nor a budget; None: its own.
+    """
+
+    seed: int = 0
+    confidence: float = 0.95
+    budget: Budget | None = None
+    max_error_rate: float = DEFAULT_MAX_ERROR_RATE
+    suppress: tuple[str, ...] = ()
+    seen: FreshRows = NO_ROWS
+    goal: float | None = None
+
+
+@dataclass(frozen=True)
+class CostForecast:
+    """Whole cost of an estimate, as far as it is certain before its end.
+
+    Attributes:
+        kind: Unit of the amounts: "rollouts", "steps" (simulated ones) or "seconds".
+        least: Amount that the estimate is expected to take at least.
+        most: Amount at most; infinite where nothing limits it yet.
+        given: Evidence for the amounts, such as "p 0.01 .. 1e-06"; empty where they are firm.
+    """
+
+    kind: Literal["rollouts", "steps", "seconds"]
+    least: float
+    most: float
+    given: str = ""
+
+    def after(self, rollouts: int, steps: int) -> CostForecast:
+        """Return the forecast of an estimate of which parts at this cost are done."""
+        done = {"rollouts": rollouts, "steps": steps, "seconds": 0}[self.kind]
+        return replace(self, least=self.least + done, most=self.most + done)
+
 
 _MAX_MESSAGES = 5
 FAILURE_LIMIT = 100

@@ -10,7 +10,7 @@ from avrare.analysis.monitor.monitoring import MonitoringResult, format_sample_t
 from avrare.base.plot import Plot
 from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.output.plots.rollout_plot import draw_frame, draw_road
-from avrare.rollout.frames import Frame
+from avrare.rollout.replay import Frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,9 +16,8 @@ from avrare.driving.geometry import Rectangle
 from avrare.driving.lanes import list_lanes, list_markings
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure, plain
-from avrare.rollout.frames import Frame, make_frames
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.replay import replay_tapes
+from avrare.rollout.replay import Frame, make_frames, replay_tapes
 from avrare.rollout.trace import Trace
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from rich.text import Text
 
 from avrare.base.number_format import format_clock
 from avrare.base.visible_text import spell_line
-from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import Info
+from avrare.estimation.plan.plan import CostForecast, Info
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.output.terminal.console import Mode, make_console
 from avrare.rollout.executors.interruption import Stopping

@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 
 from avrare.plugin.component import GROUP
 from avrare.plugin.options import Options
-from avrare.stack.noise_names import check_declarations, check_dynamics
+from avrare.stack.part_checks import check_declarations, check_dynamics
 from avrare.testing.conformance.suite import Subject
 
 HEAVY = (

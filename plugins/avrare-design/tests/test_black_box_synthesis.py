@@ -12,7 +12,7 @@ from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare_design.descent import Search, descend
 from avrare_design.scenario_numbers import ScenarioNumbers

@@ -10,7 +10,7 @@ from studies.stationarity import rolled_out
 import avrare
 import odd_systems
 from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.intervals import clopper_pearson
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.problem import Problem

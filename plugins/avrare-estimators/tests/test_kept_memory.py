@@ -10,7 +10,7 @@ from avrare.estimation.estimate_problem import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 
 STEPS, SIZE = 40, 4

@@ -8,8 +8,7 @@ import pytest
 
 import avrare
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Past, Request, Rollouts
-from avrare.rollout.tape_law import TapeLaw
+from avrare.rollout.request import Past, Request, Rollouts, TapeLaw
 from avrare.rollout.tape_source import draw_lineage
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture

@@ -10,7 +10,7 @@ from scipy.stats import beta
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.part_checks import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.lessons.dictionary import entries_of_channel, fit
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture

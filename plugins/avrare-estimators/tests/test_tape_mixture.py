@@ -10,8 +10,7 @@ from scipy.stats import multivariate_normal, norm
 import avrare
 from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
-from avrare.rollout.tape_law import CHOICES, TapeLaw
+from avrare.rollout.request import CHOICES, Request, TapeLaw
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.proposal_file import ProposalFile, to_entry
 

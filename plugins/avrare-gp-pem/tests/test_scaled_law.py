@@ -5,7 +5,7 @@ import pytest
 
 import avrare
 from avrare.analysis.causes.tape_runs import draw_tapes
-from avrare.rollout.observation_ratios import log_ratios
+from avrare.rollout.weighted_problem import log_ratios
 from avrare_gp_pem.runtime import normal
 
 SCENARIO = "scenarios/lane_change_published.yaml"

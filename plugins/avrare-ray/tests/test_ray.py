@@ -14,7 +14,7 @@ import avrare
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.testing import faulty_systems as systems

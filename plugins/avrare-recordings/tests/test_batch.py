@@ -10,7 +10,7 @@ from avrare.analysis.monitor import long_recordings
 from avrare.analysis.monitor.monitoring import describe_body, monitor_recording
 from avrare.cli.main import main
 from avrare.driving import Road
-from avrare.results.recordings.recording import VehicleTrack, assemble_recording
+from avrare.results.recordings import VehicleTrack, assemble_recording
 from avrare.stack.builder import build_rule
 from avrare_recordings.batch import Question, monitor_files
 

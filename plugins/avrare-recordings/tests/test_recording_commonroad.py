@@ -8,7 +8,7 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene
-from avrare.results.recordings.recording import FIELDS, Recording
+from avrare.results.recordings import FIELDS, Recording
 from avrare_recordings.formats.commonroad import _read_pose, read_commonroad, to_commonroad
 from avrare_recordings.roads.straight_road import find_straight_lanes
 

@@ -5,7 +5,7 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.results.recordings.recording import ABSENT
+from avrare.results.recordings import ABSENT
 from avrare_recordings.formats.csv_recording import read_csv
 
 ROAD = Road((-1.75, 1.75), 3.5)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import PluginError
-from avrare.results.recordings.recording import FIELDS, Recording
-from avrare.rollout.frames import extract_frames
-from avrare.rollout.replay import replay_tape, replay_tapes
+from avrare.results.recordings import FIELDS, Recording
+from avrare.rollout.replay import extract_frames, replay_tape, replay_tapes
 from avrare_recordings.formats.commonroad import read_commonroad, to_commonroad
 from avrare_recordings.formats.csv_recording import csv_vehicle_names, read_csv, to_csv
 from avrare_recordings.formats.mcap_recording import write_mcap

@@ -11,7 +11,7 @@ from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.logic.formula import FormulaMonitor
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 
 DT, LENGTH, WIDTH = 0.1, 4.0, 2.0
 SIZE = np.ones(1)

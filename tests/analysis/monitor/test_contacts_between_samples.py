@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from avrare.driving import Road
-from avrare.results.recordings.recording import VehicleTrack, assemble_recording
+from avrare.results.recordings import VehicleTrack, assemble_recording
 from avrare.stack.builder import build_rule
 
 ROAD = Road((0.0, 3.5), 3.5)

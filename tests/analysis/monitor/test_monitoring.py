@@ -8,7 +8,7 @@ from avrare.analysis.monitor.monitoring import monitor_recording, summarise
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.protocols import Specification, Verdict
-from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import Recording, VehicleTrack, assemble_recording
 
 rng = np.random.default_rng(8)
 

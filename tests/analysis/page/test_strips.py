@@ -11,7 +11,7 @@ from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.analysis.page.player import evaluate_predicates, select_rows, shade
 from avrare.logic.formula import FormulaMonitor
 from avrare.output.html.pictures import encode_png, encode_strip
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 
 
 def unpacked(content):

@@ -14,7 +14,7 @@ SOURCES = sorted([*(ROOT / "avrare").rglob("*.py"), *ROOT.glob("plugins/*/src/**
 
 UNPICKLERS = {
     "avrare/rollout/child_process.py",
-    "avrare/rollout/executors/worker_process.py",
+    "avrare/rollout/executors/processes.py",
     "plugins/avrare-ray/src/avrare_ray/executor.py",
 }
 """They unpickle what another process of the same run has sent them."""

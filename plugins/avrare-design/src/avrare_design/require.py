@@ -16,7 +16,7 @@ from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.estimate_scenario import check_scenario
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.problem import Problem

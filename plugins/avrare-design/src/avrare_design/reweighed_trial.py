@@ -19,8 +19,8 @@ from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Failures, Result
 from avrare.protocols import Floats
-from avrare.rollout.observation_ratios import log_ratios
 from avrare.rollout.problem import Problem
+from avrare.rollout.weighted_problem import log_ratios
 
 HALVING = math.sqrt(math.log(2.0))
 """Standard deviation of normal log weights at which half of the effective failures are left."""

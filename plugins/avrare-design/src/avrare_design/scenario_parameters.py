@@ -18,7 +18,7 @@ from avrare.base.errors import AvrareError, ExitCode, UsageError, did_you_mean
 from avrare.estimation.loop.preflight import check_estimate
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result import intervals
 from avrare.estimation.result.result import Result
 from avrare.results.run import Run

@@ -22,8 +22,8 @@ from avrare.base.records import Answer, Records
 from avrare.estimation.result.intervals import Interval, clopper_pearson
 from avrare.estimation.result.result import Failures
 from avrare.protocols import Floats, PerceptionErrorModel
-from avrare.rollout.observation_ratios import find_ratio_model, log_ratios
 from avrare.rollout.problem import Problem
+from avrare.rollout.weighted_problem import find_ratio_model, log_ratios
 
 Built = TypeVar("Built")
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrare.base.errors import UsageError
 from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.logic.formula import Formula, stl
 from avrare.protocols import Floats
 from avrare.rollout.executors.serial import SerialExecutor

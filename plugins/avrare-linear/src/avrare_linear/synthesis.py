@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError, did_you_mean
 from avrare.estimation.loop.loop import run
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result
 from avrare.logic.formula import Formula
 from avrare.protocols import Floats

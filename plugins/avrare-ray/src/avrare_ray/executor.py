@@ -14,10 +14,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from avrare.base.errors import AvrareError
-from avrare.rollout.executors.processes import pickle_work
+from avrare.rollout.executors.processes import pack, pickle_work, unpack
 from avrare.rollout.executors.work import Task, Work
 from avrare.rollout.executors.worker_pool import WorkerLost, WorkerPool
-from avrare.rollout.executors.worker_process import pack, unpack
 from avrare_ray.config import RayConfig
 
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

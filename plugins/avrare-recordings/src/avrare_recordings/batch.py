@@ -25,7 +25,7 @@ from avrare.base.number_format import format_robustness
 from avrare.base.records import Answer, Records
 from avrare.driving import Road
 from avrare.protocols import Specification
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 from avrare.scenario.load import load
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode

@@ -13,8 +13,7 @@ from avrare.driving import Road
 from avrare.logic import stl
 from avrare.logic.syntax import nodes
 from avrare.protocols import Simulator, Specification
-from avrare.results.recordings.recording import Recording
-from avrare.results.recordings.replayed_failure import replay_run_failure
+from avrare.results.recordings import Recording, replay_run_failure
 from avrare.results.run import Run
 from avrare.scenario.load import load
 from avrare.scenario.overrides import as_settings

@@ -8,9 +8,8 @@ from pathlib import Path
 from avrare.analysis.failures.stored_replays import FailureReplay
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.results.recordings.recording import Recording
-from avrare.results.recordings.replayed_failure import record_rollout
-from avrare.rollout.frames import extract_frames
+from avrare.results.recordings import Recording, record_rollout
+from avrare.rollout.replay import extract_frames
 from avrare_recordings.formats.commonroad import to_commonroad
 from avrare_recordings.formats.csv_recording import csv_vehicle_names, to_csv
 from avrare_recordings.formats.mcap_recording import write_mcap

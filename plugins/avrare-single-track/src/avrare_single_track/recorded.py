@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road, Scene, Vehicles, World
 from avrare.driving.lanes import ENDLESS, lane_overlap
 from avrare.protocols import Bools, Floats, Signals
-from avrare.results.recordings.recording import VehicleTrack
+from avrare.results.recordings import VehicleTrack
 from avrare_single_track.config import DriverConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.file_config import HandedOverConfig, RecordedConfig, check_ego
 from avrare_single_track.recorded_files import read_scene

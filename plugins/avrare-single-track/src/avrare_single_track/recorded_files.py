@@ -13,7 +13,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import ABSENT, FIELDS, Recording, VehicleTrack
+from avrare.results.recordings import ABSENT, FIELDS, Recording, VehicleTrack
 from avrare_recordings.formats.commonroad import open_problem, warn_once
 from avrare_recordings.formats.drives import open_drives
 from avrare_recordings.formats.drone_recording import is_drone_recording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.plan import CostForecast
 from avrare_estimators.ams.state import AmsState
 from avrare_estimators.common.looks import LIKELY, RARE, Looks
 

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from avrare.base.memory import allowance
-from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Estimator, Info, Plan
+from avrare.estimation.plan.plan import CostForecast, Estimator, Info, Plan
 from avrare.estimation.result.result import Result
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers, Request, Rollouts

@@ -16,9 +16,8 @@ import numpy as np
 
 from avrare.base.errors import PluginError
 from avrare.base.memory import allowance
-from avrare.estimation.plan.cost_forecast import CostForecast
 from avrare.estimation.plan.memory import Demand
-from avrare.estimation.plan.plan import Info, Plan
+from avrare.estimation.plan.plan import CostForecast, Info, Plan
 from avrare.protocols import Floats
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Integers

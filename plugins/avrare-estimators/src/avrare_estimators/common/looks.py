@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-from avrare.estimation.plan.cost_forecast import CostForecast
+from avrare.estimation.plan.plan import CostForecast
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
 from avrare_estimators.common import health

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import GaveUp, Info, Plan
+from avrare.estimation.plan.plan import CostForecast, GaveUp, Info, Plan
 from avrare.estimation.result.note import Note, describe_missed_goal, describe_precision
 from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
-from avrare.stack.noise_names import find_noise_names
+from avrare.stack.part_checks import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.lessons.lessons import Lessons, require_noise
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch

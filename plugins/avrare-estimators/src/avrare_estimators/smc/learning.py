@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation.plan.plan import Plan
-from avrare.rollout.request import Integers, Request, Rollouts
-from avrare.rollout.tape_law import TapeLaw
+from avrare.rollout.request import Integers, Request, Rollouts, TapeLaw
 from avrare_estimators.common.lessons.lessons import Lessons
 from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import TapeSource

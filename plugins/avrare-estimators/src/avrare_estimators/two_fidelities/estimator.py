@@ -19,8 +19,7 @@ from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.plan.plan import FAILURE_LIMIT, Execute
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.plan.plan import FAILURE_LIMIT, Execute, Settings
 from avrare.estimation.result import health, intervals
 from avrare.estimation.result.note import Note
 from avrare.estimation.result.result import Failures, Result, spread

@@ -16,7 +16,7 @@ import numpy as np
 from avrare.base import batch
 from avrare.driving import Observation, Scene, Vehicles, World
 from avrare.protocols import Bools, Floats, PerceptionErrorModel, adapt
-from avrare.stack.noise_names import find_noise_names, find_perfect_noise
+from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 from avrare_gp_pem.config import Blackouts, CommonErrors, PoseErrors
 
 

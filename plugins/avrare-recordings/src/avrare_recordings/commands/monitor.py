@@ -23,7 +23,7 @@ from avrare.cli.output import can_draw, print_warnings, say, write_files
 from avrare.driving import Road
 from avrare.output.plots.monitoring_plot import plot_monitoring
 from avrare.output.terminal.console import make_console
-from avrare.results.recordings.recording import parse_road
+from avrare.results.recordings import parse_road
 from avrare.results.run import Run
 from avrare_recordings.commands import monitor_batch
 from avrare_recordings.drive import monitor

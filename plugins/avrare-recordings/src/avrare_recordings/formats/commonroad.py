@@ -23,7 +23,7 @@ from avrare.base.errors import PluginError, UsageError
 from avrare.base.visible_text import escape_xml
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import FIELDS, Recording
+from avrare.results.recordings import FIELDS, Recording
 from avrare_recordings.formats.commonroad_2024 import SUFFIX, open_2024
 from avrare_recordings.roads.crossings import check_references
 from avrare_recordings.roads.plane_drives import Obstacle, PlaneDrives

@@ -16,7 +16,7 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.visible_text import escape_cell
 from avrare.driving import Road
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare.rollout.replay import tabulate_signals
 
 VEHICLE_COLUMNS = ("vehicle", "x", "y", "heading", "speed", "length", "width")

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 from avrare_recordings.formats.commonroad import open_commonroad, read_network
 from avrare_recordings.formats.commonroad_2024 import SUFFIX, is_companion
 from avrare_recordings.formats.csv_recording import open_csv

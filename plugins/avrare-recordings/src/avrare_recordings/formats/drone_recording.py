@@ -25,7 +25,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Lane, Road
 from avrare.driving.lanes import ENDLESS
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare_recordings.roads.plane_drives import Obstacle, PlaneDrives
 
 if TYPE_CHECKING:

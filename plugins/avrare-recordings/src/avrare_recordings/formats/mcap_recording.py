@@ -18,9 +18,8 @@ import numpy as np
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError
 from avrare.driving import Scene, Vehicles
-from avrare.results.recordings.recording import Recording
-from avrare.rollout.frames import Frame
-from avrare.rollout.replay import tabulate_signals
+from avrare.results.recordings import Recording
+from avrare.rollout.replay import Frame, tabulate_signals
 
 Entity = dict[str, list[dict[str, object]]]
 """Primitives of an entity by kind."""

@@ -8,8 +8,8 @@ from typing import Any
 
 from avrare.base.atomic_files import explain_file_errors
 from avrare.base.errors import PluginError
-from avrare.results.recordings.recording import Recording
-from avrare.rollout.frames import Frame
+from avrare.results.recordings import Recording
+from avrare.rollout.replay import Frame
 from avrare_recordings.formats.mcap_recording import SIGNALS, list_messages
 
 

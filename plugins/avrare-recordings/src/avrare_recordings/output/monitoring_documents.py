@@ -11,7 +11,7 @@ from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult
 from avrare.base.atomic_files import write_text
 from avrare.estimation.result.result import finite
-from avrare.results.recordings.recording import Recording
+from avrare.results.recordings import Recording
 
 
 def monitoring_document(result: MonitoringResult) -> dict[str, object]:

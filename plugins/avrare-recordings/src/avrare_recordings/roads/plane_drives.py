@@ -16,7 +16,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
-from avrare.results.recordings.recording import FIELDS, Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import FIELDS, Recording, VehicleTrack, assemble_recording
 from avrare_recordings.roads.crossings import add_crossings, check_references, has_right_of_way, show_lights
 from avrare_recordings.roads.lanelet_road import ASIDE, find_neighbours, find_path
 from avrare_recordings.roads.lanelet_road import find_road as find_lanelet_road

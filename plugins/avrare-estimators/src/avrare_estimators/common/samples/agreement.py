@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from avrare.base.number_format import format_estimate
-from avrare.estimation.combine.power import LEAST_POWER, MISS, describe_power, power_to_notice
+from avrare.estimation.combine.witnesses import LEAST_POWER, MISS, describe_power, power_to_notice
 from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.note import Note

@@ -17,8 +17,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Floats
-from avrare.rollout.request import FROM_START, Integers, Request, Rollouts
-from avrare.rollout.tape_law import CHOICES, TapeLaw
+from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, Rollouts, TapeLaw
 from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture

@@ -1,4 +1,4 @@
-"""Errors of a perception model: the effect of each noise number on each vehicle."""
+"""Observations of the other vehicles, their errors in words, and the labels that trackers need."""
 
 from __future__ import annotations
 
@@ -6,8 +6,22 @@ from typing import Any
 
 import numpy as np
 
+from avrare.base.errors import UsageError
 from avrare.driving import Observation, Scene
-from avrare.protocols import Floats, Misreading, PerceptionErrorModel
+from avrare.protocols import Floats, Misreading, PerceptionErrorModel, Tracker
+
+
+def observe(
+    perception: PerceptionErrorModel | None, world: Any, noise: Floats, latent: Any
+) -> tuple[Observation, Any]:
+    """Return the observation of a world, and the perception's memory after it; without a model the truth."""
+    if perception is not None:
+        return perception.follow(world, noise, latent)
+    others = world.others
+    detected = np.ones(others.x.shape, dtype=bool)
+    along, across = (others.speed * part(others.heading) for part in (np.cos, np.sin))
+    return Observation(detected, others.x, others.y, along, across, others.heading), None
+
 
 _DIRECTIONS = {
     "longitudinal error": ("{} m too far ahead", "{} m too far behind", 0.1),
@@ -49,3 +63,13 @@ def _compute_errors(world: Any, observation: Observation) -> Floats:
         part[:, : others.x.shape[1]] for part in (observation.x, observation.y, observation.speed_x)
     )
     return np.stack([x - others.x, y - others.y, speed_x - others.speed * np.cos(others.heading)])
+
+
+def check_labels(perception: PerceptionErrorModel, tracker: Tracker) -> None:
+    """Raise UsageError where the tracker needs labels that false detections do not have."""
+    if perception.ghost_slots and tracker.known_scene is None:
+        raise UsageError(
+            "it needs to know the vehicle of each detection, but the perception reports false detections "
+            "(`ghosts`), which are of none",
+            "let the tracker find out: tracker: {plugin: imm, association: hungarian, gate: 4, death: 10}",
+        )

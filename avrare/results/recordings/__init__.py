@@ -1,1 +1,0 @@
-"""Recorded drives: CSV and CommonRoad files, and stored failures driven again."""
