@@ -182,7 +182,7 @@ def check_drawn(
         for value in (float(law.at(-TAIL)), float(law.at(TAIL))):
             _, new_mistakes = check(model, node, path, keys, numbers={**medians, at: value})
             if new_mistakes:
-                text = f"draws reach {value:.4g}: {new_mistakes[0].text.partition(', new_mistakes')[0]}"
+                text = f"draws reach {value:.4g}: {new_mistakes[0].text.partition(', found')[0]}"
                 hint = "cut the law: {law: truncated, of: {...}, low: ..., high: ...}"
                 mistakes.append(Mistake(places[at].node.mark, (*path, *at), text, hint))
     draws = Draws(tuple(drawn), names, tuple(laws.values()), settings) if drawn else None

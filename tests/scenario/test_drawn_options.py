@@ -90,7 +90,7 @@ def test_another_law_is_another_fingerprint(read):
         ("law: normal", "law: {a: 1}", "8:18", "should be one of"),
         ("sd: 1.0", "sd: -1.0", "8:42", "should be greater than 0"),
         ("sd: 1.0", "deviation: 1.0", "8:38", "unknown key"),
-        ("sd: 1.0", "sd: 9.0", "8:12", "draws reach -34: should be greater than or equal to 0"),
+        ("sd: 1.0", "sd: 9.0", "8:12", "draws reach -34: should be greater than or equal to 0\n"),
         ("steps: 3", "steps: 3\nconfidence: {law: normal}", "3:13", "should be a number"),
         ("y: 1.75\n    speed", "length: {law: uniform, low: 4, high: 5}\n    y: 1.75\n    speed", "7:13",
          "this option cannot be drawn"),

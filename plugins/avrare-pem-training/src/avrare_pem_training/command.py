@@ -171,7 +171,7 @@ def _describe_artefact(data: CleanedData) -> str:
         return f"too few vehicles along the ego's axes to look for an artefact of matching: {action}"
     return (
         f"detected along the ego's axes {test.aligned:.2f}, off them {test.oblique:.2f} at the same range: "
-        f"artefact of matching {'test' if test.present else 'not test'}, {action}"
+        f"artefact of matching {'found' if test.present else 'not found'}, {action}"
     )
 
 
