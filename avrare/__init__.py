@@ -27,8 +27,8 @@ if TYPE_CHECKING:  # the public names of the core: ``find_modules`` reads them, 
     from avrare.base.errors import ScenarioError as ScenarioError
     from avrare.base.errors import UsageError as UsageError
     from avrare.base.version import __version__ as __version__
-    from avrare.estimation.estimate_problem import estimate as estimate
-    from avrare.estimation.estimate_problem import estimate_all as estimate_all
+    from avrare.estimation.estimate import estimate as estimate
+    from avrare.estimation.estimate import estimate_all as estimate_all
     from avrare.estimation.plan.budget import Budget as Budget
     from avrare.estimation.result.result import Result as Result
     from avrare.estimation.result.result import Results as Results
@@ -41,7 +41,7 @@ if TYPE_CHECKING:  # the public names of the core: ``find_modules`` reads them, 
     from avrare.results.run import Run as Run
     from avrare.rollout.loaded_scenario import load as load
     from avrare.rollout.problem import Problem as Problem
-    from avrare.rollout.trace import Trace as Trace
+    from avrare.rollout.replay import Trace as Trace
 else:
 
     def __getattr__(name: str) -> object:

@@ -162,7 +162,7 @@ def _python() -> str:
     for name in sorted(modules, key=lambda name: (not name[0].islower(), name)):
         if not name.startswith("_"):
             parts.append(f"::: {modules[name]}.{name}")
-    parts.append("::: avrare.rollout.trace.Trace")
+    parts.append("::: avrare.rollout.replay.Trace")
     return _page(parts)
 
 

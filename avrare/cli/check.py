@@ -48,8 +48,8 @@ from avrare.output.documents import annotate_rows, is_github_job, junit, markdow
 from avrare.output.terminal.check_table import print_check, print_plan
 from avrare.output.terminal.progress_line import Progress
 from avrare.results import run_folder as rundir
-from avrare.results.callbacks import call_back
 from avrare.results.run import Run
+from avrare.results.run_folder import call_back
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import build_executor
 from avrare.scenario.load import is_catalogue, load_scenarios

@@ -17,7 +17,7 @@ from avrare.base.number_format import format_confidence
 from avrare.cli.options import display, overrides
 from avrare.cli.output import can_draw, find_resumed_folder, print_warnings, say
 from avrare.estimation.combine.specifications import Execution
-from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
+from avrare.estimation.estimate import check_scenarios, estimate_scenario
 from avrare.estimation.loop.checkpoint import Checkpoint, SaveError, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
@@ -33,8 +33,8 @@ from avrare.output.terminal.result_table import (
 )
 from avrare.plugin.registry import default_registry
 from avrare.results import run_folder as rundir
-from avrare.results.callbacks import call_back
 from avrare.results.run import RESULT, Run
+from avrare.results.run_folder import call_back
 from avrare.rollout.child_process import SystemCrashed
 from avrare.rollout.executors.interruption import Stopping
 from avrare.rollout.executors.work import Executor, build_executor

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from avrare.estimation.result.result import Result, ResultMapping
     from avrare.output.report import Source
     from avrare.rollout.problem import Problem
-    from avrare.rollout.trace import Trace
+    from avrare.rollout.replay import Trace
 
 
 def plot(
@@ -42,7 +42,7 @@ def plot(
     from avrare.output.plots.estimate_plots import plot_comparison, plot_results
     from avrare.output.plots.monitoring_plot import plot_monitoring
     from avrare.output.plots.rollout_plot import plot_trace
-    from avrare.rollout.trace import Trace
+    from avrare.rollout.replay import Trace
 
     match value:
         case Trace():

@@ -10,16 +10,15 @@ from pathlib import Path
 
 from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution
-from avrare.estimation.estimate_problem import watch_with
-from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
+from avrare.estimation.estimate import check_scenarios, estimate_scenario, watch_with
 from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.result.result import Origin, Result
 from avrare.estimation.result.verdict import with_verdict
 from avrare.results import run_folder
-from avrare.results.callbacks import call_back
 from avrare.results.run import Run
+from avrare.results.run_folder import call_back
 from avrare.rollout.executors.processes import exit_if_unguarded
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario

@@ -12,7 +12,7 @@ from avrare.estimation.result.result import Result
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import open_problem, select_specification
 from avrare.rollout.problem import Problem
-from avrare.rollout.trace import Trace, trace_tape
+from avrare.rollout.replay import Trace, trace_tape
 
 
 def trace(

@@ -1,11 +1,13 @@
-"""Folders of runs: chosen, refused where they hold another run, checkpointed, and found finished."""
+"""Folders of runs: chosen, refused where they hold another run, checkpointed, and told to callbacks."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
+from importlib.metadata import EntryPoint, entry_points
 from itertools import count
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.loop.checkpoint import FOLDER, INDEX, SCENARIO, Checkpoint, read_index, resume_hint
 from avrare.estimation.plan.budget import Budget
+from avrare.plugin.registry import VARIABLE
 from avrare.results.run import RESULT, Run
 from avrare.results.stored_results import RUN_AGAIN
 from avrare.scenario.fingerprint import fingerprint, identify
@@ -184,3 +187,33 @@ def _recorded_budget(run: Run) -> Budget | None:
         return Budget.parse(run.provenance.budget)
     except UsageError:  # a damaged provenance.json must not keep a finished run from being shown
         return None
+
+
+GROUP = "avrare.results"
+"""Entry points whose value is a function ``on_result(run: Run) -> str | None``."""
+
+
+def call_back(run: Run) -> list[str]:
+    """Call the callbacks of all installed distributions with a run that has been written.
+
+    An exception becomes a line, and changes no exit code.
+
+    Returns:
+        Lines to show: the callbacks' texts, and the callbacks that failed.
+    """
+    lines = []
+    for point in _find_allowed():
+        try:
+            said = point.load()(run)
+        except (Exception, SystemExit) as error:
+            lines.append(f"callback {point.name} failed: {type(error).__name__}: {error}")
+        else:
+            lines += [str(said)] if said else []
+    return lines
+
+
+def _find_allowed() -> list[EntryPoint]:
+    names = os.environ.get(VARIABLE)
+    allowed = None if names is None else {name.strip() for name in names.split(",")}
+    points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
+    return [point for point in points if allowed is None or point.name in allowed]

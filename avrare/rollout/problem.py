@@ -14,10 +14,9 @@ from avrare.driving import Scene
 from avrare.logic.formula import Formula, FormulaMonitor
 from avrare.protocols import Floats, Specification, System, adapt, overrides
 from avrare.rollout.child_process import run_guarded, run_here
-from avrare.rollout.chunk_size import choose_chunk
 from avrare.rollout.engine import simulate
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request, Rollouts
+from avrare.rollout.request import Request, Rollouts, choose_chunk
 from avrare.rollout.scores.progress_score import ProgressScored, shape_of
 from avrare.rollout.scores.scored_specifications import (
     Deciding,
@@ -60,7 +59,7 @@ class Problem:
             one or two without noise and at most 64 others, run once in each process, before the first that
             is scored; no cost counts them.
         chunk: Rollouts per unit of work; changes no result of a system whose rows are independent. By
-            default chosen from the memory of a row and the steps (``avrare.rollout.chunk_size``).
+            default chosen from the memory of a row and the steps (``avrare.rollout.request``).
         rollout_timeout: Seconds that a single rollout may take, else it is an error. All rollouts then run
             in worker processes, one too, so that one that ends its process is an error as well.
 

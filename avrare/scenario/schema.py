@@ -22,11 +22,10 @@ from avrare.base.errors import UsageError
 from avrare.plugin.component import Component
 from avrare.plugin.options import Options
 from avrare.plugin.registry import default_registry
-from avrare.scenario.aeb import Aeb
 from avrare.scenario.cross_check import CrossCheck, as_cross_check
 from avrare.scenario.draws import Draws
 from avrare.scenario.exposure import Exposure
-from avrare.scenario.timing import Actuators, Timing
+from avrare.scenario.timing import Actuators, Aeb, Timing
 from avrare.scenario.validation import error_with_hint
 
 PARTS = ("simulator", "perception", "tracker", "controller", "estimator")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from avrare.driving import Prediction, Scene
 from avrare.protocols import Controller, Floats
-from avrare.scenario.aeb import Aeb
+from avrare.scenario.timing import Aeb
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.emergency_braking import EmergencyBraking
 from avrare.stack.timed_controller import TimedController

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.protocols import Bools, Controller, Floats, adapt
-from avrare.scenario.aeb import Aeb
+from avrare.scenario.timing import Aeb
 
 
 @dataclass(frozen=True)

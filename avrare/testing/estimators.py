@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import EveryRolloutBroke, UsageError
-from avrare.estimation.estimate_problem import estimate
+from avrare.estimation.estimate import estimate
 from avrare.estimation.result.result import Result
 from avrare.logic.formula import stl
 from avrare.protocols import Floats

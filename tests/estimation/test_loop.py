@@ -6,14 +6,13 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
-from avrare.estimation import estimate_problem
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.verdict import judge
-from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import SerialExecutor
 from avrare.scenario.schema import Threshold
 from avrare.testing import faulty_systems as systems
 
@@ -75,7 +74,7 @@ def test_every_specification_passes_the_pre_flight_before_the_first_rollout(monk
 
     formulas = {"low": avrare.stl("always (x < 0.3)"), "high": avrare.stl("always (x < 0.9)")}
     task = avrare.Problem(systems.Walk(), formulas, steps=20)
-    monkeypatch.setattr(estimate_problem, "_estimator", lambda name, options: Choosy(McConfig()))
+    monkeypatch.setattr("avrare.estimation.estimate._estimator", lambda name, options: Choosy(McConfig()))
     with pytest.raises(avrare.UsageError, match="not that one"):
         avrare.estimate_all(task)
 

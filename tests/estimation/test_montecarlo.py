@@ -48,7 +48,7 @@ def test_scores_over_time_are_not_kept():
     from avrare.estimation.loop.loop import run
     from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
     from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.serial import SerialExecutor
+    from avrare.rollout.executors.work import SerialExecutor
 
     states = []
 

@@ -9,7 +9,7 @@ import pytest
 import avrare
 from avrare.cli.main import main
 from avrare.plugin.registry import default_registry
-from avrare.results import callbacks
+from avrare.results import run_folder
 
 TOY = Path(__file__).parents[1] / "analysis" / "check" / "toy"
 SCENARIO = """\
@@ -44,7 +44,7 @@ def scenario(monkeypatch, tmp_path):
     (tmp_path / "site" / "board_callbacks.py").write_text(CALLBACKS)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: board\nVersion: 1\n")
     points = "\n".join(f"{name} = board_callbacks:{name}" for name in ("said", "quiet", "broken"))
-    (info / "entry_points.txt").write_text(f"[{callbacks.GROUP}]\n{points}\n")
+    (info / "entry_points.txt").write_text(f"[{run_folder.GROUP}]\n{points}\n")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.syspath_prepend(str(TOY))
     default_registry.cache_clear()

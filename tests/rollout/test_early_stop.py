@@ -39,7 +39,7 @@ def test_a_row_continues_until_every_specification_is_decided():
     from avrare.estimation.monte_carlo.config import McConfig
     from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
     from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.serial import SerialExecutor
+    from avrare.rollout.executors.work import SerialExecutor
 
     results = run(
         avrare.Problem(system, formulas, steps=40), MonteCarlo(McConfig(rollouts=200, early_stop=True)),

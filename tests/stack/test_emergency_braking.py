@@ -8,8 +8,8 @@ import pytest
 from avrare.driving import Action, Prediction, Road, Scene, Vehicles
 from avrare.protocols import Controller
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.scenario.aeb import Aeb
 from avrare.scenario.load import load
+from avrare.scenario.timing import Aeb
 from avrare.stack.emergency_braking import EmergencyBraking
 
 DT, LENGTH, WIDTH = 0.1, 4.0, 2.0

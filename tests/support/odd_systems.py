@@ -16,7 +16,7 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare.rollout import engine
 from avrare.testing.faulty_systems import Counting, Fragile, Walk
-from avrare.worlds.determinism import STEPS, probe
+from avrare.worlds.capabilities import STEPS, probe
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 
 import avrare
 from avrare.testing.faulty_systems import Walk
-from avrare.worlds.determinism import Findings, probe
+from avrare.worlds.capabilities import Findings, probe
 
 GENERATOR = np.random.default_rng(1)
 

@@ -26,7 +26,7 @@ from avrare.base.errors import ExitCode, UsageError
 from avrare.base.number_format import format_interval, format_probability
 from avrare.base.records import Answer, Records
 from avrare.estimation.combine.specifications import Execution
-from avrare.estimation.estimate_scenario import check_scenarios
+from avrare.estimation.estimate import check_scenarios
 from avrare.estimation.result.result import Result, finite
 from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.run import Run

@@ -28,7 +28,7 @@ from avrare.base.errors import UsageError
 from avrare.estimation.choice.auto_config import AutoConfig
 from avrare.estimation.choice.auto_rules import GOAL
 from avrare.estimation.combine.specifications import Execution
-from avrare.estimation.estimate_scenario import estimate_scenario
+from avrare.estimation.estimate import estimate_scenario
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result
 from avrare.rollout.loaded_scenario import LoadedScenario

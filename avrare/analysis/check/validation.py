@@ -147,7 +147,7 @@ def _describe(scenario: Scenario, built: bool) -> tuple[str, ...]:
 def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
     """Build the stack, run a few steps, add to the warnings, and return the messages."""
     from avrare.analysis.check.refinement import compare_substeps
-    from avrare.estimation.estimate_scenario import check_scenario  # builds no part unless it is asked to
+    from avrare.estimation.estimate import check_scenario  # builds no part unless it is asked to
     from avrare.rollout.child_process import run_guarded
     from avrare.rollout.loaded_scenario import LoadedScenario
     from avrare.stack.trial import try_draws, try_stack

@@ -21,7 +21,7 @@ from avrare.base.errors import FIRST_ROLLOUTS, EveryRolloutBroke, UsageError, re
 from avrare.base.number_format import format_difference, format_signed_interval
 from avrare.base.records import Answer, Records
 from avrare.estimation.combine.specifications import Execution
-from avrare.estimation.estimate_scenario import estimate_scenario
+from avrare.estimation.estimate import estimate_scenario
 from avrare.estimation.loop.loop import Progress
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Info

@@ -16,7 +16,7 @@ from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
 from avrare.base.stored_files import read_json
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
-from avrare.estimation.estimate_scenario import check_scenarios, estimate_scenario
+from avrare.estimation.estimate import check_scenarios, estimate_scenario
 from avrare.estimation.loop.checkpoint import Checkpoint, differences
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result

@@ -26,10 +26,9 @@ from avrare.estimation.plan.plan import (
 )
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
-from avrare.rollout.chunk_size import spread
 from avrare.rollout.executors.work import Executor, Work, check_reproduces
 from avrare.rollout.problem import Problem
-from avrare.rollout.request import FROM_START, Request, Rollouts
+from avrare.rollout.request import FROM_START, Request, Rollouts, spread
 from avrare.rollout.tape_source import TapeDrawer
 
 

@@ -25,7 +25,7 @@ from avrare.estimation.result.note import Note
 from avrare.protocols import Floats
 from avrare.rollout.loaded_scenario import AnyEstimator
 from avrare.rollout.problem import Problem
-from avrare.rollout.trace import Trace, trace_tape
+from avrare.rollout.replay import Trace, trace_tape
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from avrare.driving.lanes import list_lanes, list_markings
 from avrare.estimation.result.result import Result
 from avrare.output.plots import hide_spines, make_figure, plain
 from avrare.rollout.loaded_scenario import LoadedScenario
-from avrare.rollout.replay import Frame, make_frames, replay_tapes
-from avrare.rollout.trace import Trace
+from avrare.rollout.replay import Frame, Trace, make_frames, replay_tapes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.estimation.estimate_problem import _config, _estimator
+from avrare.estimation.estimate import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import SerialExecutor
 
 STEPS, SIZE = 40, 4
 SIZES = {

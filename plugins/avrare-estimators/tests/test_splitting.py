@@ -231,7 +231,7 @@ def test_diagnostics_are_json_and_complete():
 def test_progress_shows_levels():
     from avrare.estimation.loop.loop import run
     from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.serial import SerialExecutor
+    from avrare.rollout.executors.work import SerialExecutor
     from avrare_estimators.ams.config import AmsConfig
     from avrare_estimators.ams.splitting import Splitting
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from avrare.cli.main import main
-from avrare.estimation import estimate_scenario
+from avrare.estimation import estimate
 from feedback_loop import feedback_loop
 
 LOOP = feedback_loop(2000)
@@ -47,7 +47,7 @@ def test_draws_that_cannot_be_reweighed_are_run_anew(run):
 
 def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatch):
     whole, members = run("whole", DRAWS), []
-    task = estimate_scenario.LoadedScenario
+    task = estimate.LoadedScenario
 
     def dies(definition):
         members.append(definition)
@@ -56,7 +56,7 @@ def test_an_interrupted_run_resumes_with_the_same_bits(run, tmp_path, monkeypatc
         return task(definition)
 
     with monkeypatch.context() as patched:
-        patched.setattr(estimate_scenario, "LoadedScenario", dies)
+        patched.setattr(estimate, "LoadedScenario", dies)
         with pytest.raises(AssertionError):
             run("killed", DRAWS)
     assert main(["run", "--out", str(tmp_path / "killed"), "--resume", "--no-pictures"]) == 0

@@ -57,7 +57,7 @@ GOOD = {
         "avrare.estimation.monte_carlo.config:McConfig",
         "avrare.estimation.monte_carlo.monte_carlo:build",
     ),
-    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.serial:build"),
+    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.work:build"),
 }
 
 

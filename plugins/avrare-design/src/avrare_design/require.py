@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from avrare.analysis.causes.resumption import keep_outcomes
 from avrare.base.errors import UsageError
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
-from avrare.estimation.estimate_scenario import check_scenario
+from avrare.estimation.estimate import check_scenario
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result

@@ -22,7 +22,7 @@ from avrare.base.records import Answer, Records
 from avrare.base.special_functions import normal_factor
 from avrare.estimation.combine.specifications import Execution, Watch, show_nothing
 from avrare.estimation.combine.witnesses import LEAST_POWER, MISS
-from avrare.estimation.estimate_scenario import estimate_scenario
+from avrare.estimation.estimate import estimate_scenario
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.result import Result, Results, finite
 from avrare.estimation.result.verdict import with_verdict
