@@ -82,7 +82,6 @@ def other_rectangles(others: Vehicles, scene: Scene) -> Rectangle:
     return Rectangle(others.x, others.y, others.heading, scene.lengths, scene.widths)
 
 
-
 def interpolate(before: Vehicles, after: Vehicles, share: Floats | float) -> Vehicles:
     """Return vehicles at a share of the way between two samples; accelerations are those after it."""
     turn = np.remainder(after.heading - before.heading + np.pi, 2.0 * np.pi) - np.pi

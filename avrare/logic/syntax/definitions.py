@@ -26,7 +26,6 @@ def get_subtree(tree: Tree[Token], index: int) -> Tree[Token]:
     return child
 
 
-
 @dataclass(frozen=True)
 class Definition:
     """Named formula or term.

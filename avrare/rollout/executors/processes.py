@@ -182,7 +182,6 @@ def _exit_with_parent() -> None:
         os._exit(1)
 
 
-
 def build(config: ExecutorConfig, scene: object | None = None) -> ProcessExecutor:
     """Build the executor."""
     return ProcessExecutor(config.workers)

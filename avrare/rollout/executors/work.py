@@ -149,7 +149,6 @@ def _describe(name: str, before: Any, after: Any) -> str:
     return f"{name} {np.ravel(before).tolist()} -> {np.ravel(after).tolist()}"
 
 
-
 def build_serial(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor:
     """Build the executor."""
     return SerialExecutor()
