@@ -81,7 +81,7 @@ class Provenance:
     def collect(scenario: Scenario, budget: Budget | None = None) -> Provenance:
         """Return the origin of the results that this process makes of a scenario."""
         commit, changed = describe_checkout(Path(scenario.path).resolve().parent)
-        paid = None if budget is None else f"{budget.kind}={budget.amount!r}"
+        paid = None if budget is None else f"{budget.kind}={budget.amount:.15g}"
         date = datetime.now(UTC).replace(microsecond=0)
         return Provenance(tuple(sys.argv), paid, platform.python_version(), commit or "", changed, date)
 

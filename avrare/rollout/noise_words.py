@@ -22,9 +22,7 @@ _USUAL_DRAW = 0.5
 _MAX_GAP_SHARE = 0.03
 """Share of a rollout's steps between two stretches that are joined."""
 _SMALL_SHARE = 0.25
-"""Share of the greatest error, or sum, of a channel below which another is left out."""
-_SMALL_SHARE_OF_NORM = 0.05
-"""Share of a tape's norm below which the sum of a stretch is only counted."""
+"""Share of the greatest error or sum of a channel, and of a tape's norm, below which others are left out."""
 _WINDOWS = 8
 _MIN_STANDARD_ERRORS = 4.0
 """Standard errors from which on the size of noise in a window is set apart from chance."""
@@ -117,7 +115,7 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
         for reading in rollout.misreadings.values()
         for error in words.find_errors(reading, bool(tape.any()))
     ]
-    least = _SMALL_SHARE_OF_NORM * float(np.linalg.norm(tape))
+    least = _SMALL_SHARE * float(np.linalg.norm(tape))
     for channel in words.list_raw_channels(rollout.misreadings if disturbances else ()):
         for drift in _find_drifts(tape[:, channel], 1e-300):
             each = words.describe_sum(channel, drift)

@@ -67,7 +67,7 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
         stored, stored["left"], read_causes(run, {"left": stored["left"].probability})
     ).savings
     assert len(savings.rows) == len(written)
-    assert all(text.endswith("; those that it makes were not looked for") for _, text in savings.rows)
+    assert all(text.endswith("; new ones were not looked for") for _, text in savings.rows)
 
 
 def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):

@@ -85,7 +85,7 @@ def test_a_run_that_was_read_is_written_again(tmp_path, monkeypatch):
     (tmp_path / "point.yaml").write_text(pushed_point(2.0))
     avrare.run("point.yaml", out="a", estimator="is", budget="rollouts=3000")
     first = Run.read("a")
-    assert first.reproduction == "avrare run a/scenario.yaml --budget rollouts=3000.0"
+    assert first.reproduction == "avrare run a/scenario.yaml --budget rollouts=3000"
     name = next(iter(first))
     assert first[name].origin.call == first.reproduction
     first.write("b/c")

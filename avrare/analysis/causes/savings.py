@@ -15,7 +15,7 @@ from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Bools
 
 _WORTH = 0.05
-"""Least share of the failures that is worth a sentence."""
+"""Least share of the failures that is a reason for a change."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,26 @@ class Saving:
     def describe(self) -> str:
         """Return in words what it does to the failures, as far as that is shown."""
         low, high = self.saved_interval
-        least, most = self.vanish_interval
-        vanish = f"{describe_share(self.vanish)} of them vanish ({100.0 * least:.0f} .. {100.0 * most:.0f} %)"
+        saves = _say_share(self.vanish, self.vanish_interval)
         if self.new_interval[1] >= 1.0:
-            return f"{vanish}; those that it makes were not looked for"
+            return f"{saves}; new ones were not looked for"
+        if low > 0.0:
+            return _say_share(self.saved, self.saved_interval)
         new = f"new ones {format_probability(self.new, 2)}" if self.new else "no new ones were seen"
         new += f", at most {format_probability(self.new_interval[1], 2)}"
-        times = f"failures {1.0 - self.saved:.2g} times as likely"
+        times = f"makes failures {1.0 - self.saved:.2g} times as likely"
         if high < 0.0:
-            return f"makes {times}, at least {1.0 - high:.2g} times: {vanish}; {new}"
-        if low > 0.0:
-            return f"saves {describe_share(self.saved)}, at least {describe_share(low)}"
-        if self.saved < 0.0:
-            return f"may make {times}: {vanish}; {new}"
-        return f"{f'at least {describe_share(least)} of them vanish' if least > _WORTH else vanish}; {new}"
+            return f"{times}, at least {1.0 - high:.2g} times: {saves}; {new}"
+        return f"perhaps {times}: {saves}; {new}" if self.saved < 0.0 else f"{saves}; {new}"
+
+
+def _say_share(share: float, interval: Interval) -> str:
+    least, most = interval
+    worth = least > _WORTH
+    bound = f"at least {describe_share(least)}" if worth else f"at most {describe_share(most)}"
+    if share == (1.0 if worth else 0.0):
+        return f"saves {bound} of them"
+    return f"saves {describe_share(share)} of them, {bound}"
 
 
 def measure_share(

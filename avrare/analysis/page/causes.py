@@ -31,6 +31,8 @@ _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
 _TRAIL = 3.0
 """Time whose paths are drawn [s]."""
+_CARD_KINDS = 2
+"""Kinds that the first card tells of."""
 _STYLES = 6
 """Colours of kinds; the seventh kind has that of the first."""
 
@@ -63,16 +65,16 @@ def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
     if kinds is None:
         sentences.append("What happens in these failures was not looked for.")
     elif kinds.kinds:
-        first = kinds.kinds[0]
-        often = "" if len(kinds.kinds) == 1 else f" in {describe_share(first.share)} of them"
-        severity = f" {_capitalise(first.severity)}." if first.severity else ""
-        sentences.append(f"Cause{often}: {first.cause or 'no noise that differs from chance'}.")
-        sentences.append(f"What happens: {first.text}.{severity}")
+        for kind in kinds.kinds[:_CARD_KINDS]:
+            often = "" if len(kinds.kinds) == 1 else f" in {describe_share(kind.share)} of them"
+            severity = f" {_capitalise(kind.severity)}." if kind.severity else ""
+            cause = kind.cause or "no noise that differs from chance"
+            sentences.append(f"Cause{often}: {cause}. What happens: {kind.text}.{severity}")
     if attribution is None:
         sentences.append("What would help against them was not looked for.")
     elif attribution.perfect:
         best = attribution.perfect[0]
-        sentences.append(f"What helps most: {best.perfect}: {best.text}.")
+        sentences.append(f"What helps most: {best.perfect} {best.text}.")
     return sentences
 
 
