@@ -69,6 +69,6 @@ def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:
     lines = [
         f"shrunk to {shrunk.ratio:.1%} of its norm ({shrunk.before:.3g} -> {shrunk.after:.3g}), "
         f"{shrunk.nonzero} of {shrunk.noise.size} numbers ({shrunk.rollouts} rollouts)",
-        f"the rest: {describe_tape(problem, shrunk.noise)}",
+        f"it needs only: {describe_tape(problem, shrunk.noise)}",
     ]
     return lines if shrunk.reason is None else [*lines, f"more than a tenth is left: {shrunk.reason}"]

@@ -1,7 +1,9 @@
 """Capabilities of systems, checked before an estimator that needs them runs.
 
-| capability | needed by | |---|---| | ``branches`` | splitting: a rollout continues from the state of another
-one | | ``noise`` | every method that draws the noise from another distribution, changes it or stores it |
+| capability | needed by |
+|---|---|
+| ``branches`` | splitting: a rollout continues from the state of another one |
+| ``noise`` | every method that draws the noise from another distribution, changes it or stores it |
 
 A probe tells whether a system is a function of its state and its noise alone, and its state a value. Three
 rows are run a few steps, and again: on the same noise, from a stored state, and one of them alone. The

@@ -66,8 +66,8 @@ def test_nothing_is_known_of_savings_without_fresh_tapes(run, tmp_path):
     savings = build_causes(
         stored, stored["left"], read_causes(run, {"left": stored["left"].probability})
     ).savings
-    assert len(savings.rows) == len(written)
-    assert all(text.endswith("; new ones were not looked for") for _, text in savings.rows)
+    assert len(savings) == len(written)
+    assert all(text.endswith("; new ones were not looked for") for _, text in savings)
 
 
 def test_a_variant_that_always_breaks_down_is_a_clear_error(run, capsys):

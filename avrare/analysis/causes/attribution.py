@@ -211,21 +211,11 @@ def _measure_share(
     stays, (low, high) = measure_share(sample, without.fails, without.broken, name)
     alone, (alone_low, alone_high) = measure_share(sample, only.fails, only.broken, f"only {group.name} kept")
     rest = max(1.0 - p, 1e-300)
-
-    def total(share: float) -> float:
-        return max(0.0, min(1.0, (1.0 - share) / rest))
-
-    def first(share: float) -> float:
-        return max(0.0, (share - p) / rest)
-
-    return GroupShare(
-        group.name,
-        group.sort,
-        total(stays),
-        (total(high), total(low)),
-        first(alone),
-        (first(alone_low), first(alone_high)),
-    )
+    total, total_low, total_high = np.clip((1.0 - np.array([stays, high, low])) / rest, 0.0, 1.0).tolist()
+    first, first_low, first_high = np.maximum(
+        (np.array([alone, alone_low, alone_high]) - p) / rest, 0.0
+    ).tolist()
+    return GroupShare(group.name, group.sort, total, (total_low, total_high), first, (first_low, first_high))
 
 
 def _list_perfect(
@@ -239,8 +229,9 @@ def _list_perfect(
     for group in groups:
         if group.sort not in ("time", "start") and group.mask[:, count_draws(problem) :].any():
             some, more = (make_perfect(problem, noise, group.mask) for noise in (tapes, fresh))
-            name = f"no {group.name.removeprefix('all ')}" if group.sort == "vehicle" else group.name
-            changes.append((name if group.sort == "vehicle" else f"perfect {name}", problem, some, more))
+            whole = group.sort == "vehicle"
+            name = f"no {group.name.removeprefix('all ')}" if whole else f"perfect {group.name}"
+            changes.append((name, problem, some, more))
     some, more = (clip_outliers(problem, noise, _OUTLIERS) for noise in (tapes, fresh))
     changes.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
     for name, other in variants.items():

@@ -93,7 +93,7 @@ class FalsificationResult(Answer):
         return [
             f"first failure after {self.first_rollouts} rollouts, norm {self.first_norm:.3g}",
             f"most likely failure found: norm {self.norm:.3g} ({cost}{more})",
-            f"description: {self.description}",
+            f"cause: {self.description}",
             f"beta = {self.norm:.3g}",
             CAUTION,
         ]

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from avrare.analysis.page.model import Car, Causes, Command, Kind, Kinds, Picture, Savings
+from avrare.analysis.page.model import Car, Causes, Command, Kind, Kinds, Picture
 from avrare.analysis.page.player import name_rollout
 from avrare.analysis.page.stored_rollouts import MonitoredRollout
 from avrare.base.chart import Chart, Points, make_linear_scale
@@ -20,12 +20,7 @@ from avrare.driving.values import to_plane
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.run import Run
-from avrare.results.stored_failures import (
-    StoredAttribution,
-    StoredCauses,
-    StoredKind,
-    StoredKinds,
-)
+from avrare.results.stored_failures import StoredCauses, StoredKind, StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
@@ -53,7 +48,7 @@ def build_causes(
     return Causes(
         "",
         None if kinds is None else _build_kinds(name, kinds, rollouts),
-        None if attribution is None else _build_savings(attribution),
+        () if attribution is None else tuple((saving.perfect, saving.text) for saving in attribution.perfect),
         _write_command(run, name, kinds is not None),
     )
 
@@ -115,13 +110,6 @@ def _build_kind(name: str, kind: StoredKind, rollout: MonitoredRollout | None) -
 
 def _capitalise(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
-
-
-def _build_savings(attribution: StoredAttribution) -> Savings:
-    return Savings(
-        "What each change would do to the failures, on the same noise tapes.",
-        tuple((saving.perfect, saving.text) for saving in attribution.perfect),
-    )
 
 
 def draw_moment(rollout: MonitoredRollout) -> Picture | None:

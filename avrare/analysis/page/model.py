@@ -142,20 +142,15 @@ class Kinds:
 
 
 @dataclass(frozen=True)
-class Savings:
-    """Changes by name, each with words for its effect on the failures."""
-
-    note: str
-    rows: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
 class Causes:
-    """Causes of failure; without an analysis its command alone. ``problem`` says why none can be read."""
+    """Causes of failure; without an analysis its command alone. ``problem`` says why none can be read.
+
+    ``savings`` are changes, each with words for its effect on the failures.
+    """
 
     problem: str = ""
     kinds: Kinds | None = None
-    savings: Savings | None = None
+    savings: tuple[tuple[str, str], ...] = ()
     command: Command | None = None
 
 

@@ -109,7 +109,7 @@ def test_shrinking_stores_what_is_left(avrare, stored):
     assert code == 0
     ratio = float(re.search(r"shrunk to ([\d.]+)% of its norm", out)[1])
     assert ratio < 60.0
-    assert "the rest: process noise of vy" in out
+    assert "it needs only: process noise of vy" in out
     [small] = [name for name in FailureDatabase(Path(".avrare/failures")).ids() if name != stored]
     assert f"stored as {small}; avrare replay {SCENARIO}" in out
     code, out, _ = avrare("replay", SCENARIO, *CHANGES, "--failure", small)
