@@ -21,6 +21,8 @@ _USUAL_DRAW = 0.5
 """Normal score above which a drawn option is described."""
 _MAX_GAP_SHARE = 0.03
 """Share of a rollout's steps between two stretches that are joined."""
+_EVEN_SHARE = 0.9
+"""Share of its peak above which the mean of an error is as good as even."""
 _SMALL_SHARE = 0.25
 """Share of the greatest error or sum of a channel, and of a tape's norm, below which others are left out."""
 _WINDOWS = 8
@@ -260,9 +262,12 @@ class _Words:
         limit = max(limit, _SMALL_SHARE * float(np.abs(errors).max(initial=0.0)))
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * errors > limit, self._gap):
-                peak = sign * float((sign * errors[first : last + 1]).max())
-                text = f"{_describe_error(reading, peak)} {format_span(first, last, self._dt)}"
-                yield Disturbance(reading.subject, text, first, abs(peak) / limit)
+                sizes = sign * errors[first : last + 1]
+                peak = float(sizes.max())
+                size = f"{'up to ' * bool(sizes.mean() < _EVEN_SHARE * peak)}{peak:.2g}"
+                text = (reading.above if sign > 0.0 else reading.below).format(size)
+                text = f"{text} {format_span(first, last, self._dt)}"
+                yield Disturbance(reading.subject, text, first, peak / limit)
 
     def describe_mean(
         self,
@@ -312,10 +317,6 @@ def _average(values: Floats, weights: Floats) -> Floats:
     """Return the weighted means (T,) of values (F, T); 0 where no value has a weight, neither NaN."""
     weights = np.where(np.isnan(values), np.nan, weights)
     return np.asarray(np.nansum(values * weights, axis=0) / np.maximum(np.nansum(weights, axis=0), 1e-300))
-
-
-def _describe_error(reading: Misreading, size: float) -> str:
-    return (reading.above if size > 0.0 else reading.below).format(f"{abs(size):.2g}")
 
 
 def _find_stretches(mask: Bools, gap: int) -> list[tuple[int, int]]:

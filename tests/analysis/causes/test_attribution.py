@@ -134,6 +134,12 @@ def test_draws_are_a_group_of_their_own_that_nothing_makes_perfect():
         assert (changed[..., 2] != tapes[..., 2]).any()
 
 
+def test_a_part_with_one_named_number_has_its_name():
+    problem = noisy_problem()
+    problem.system.noise_names = ("radar",)
+    assert [group.name for group in list_groups(problem, windows=0)][:1] == ["radar"]
+
+
 def saving(vanish, vanish_interval, new, new_interval, saved, saved_interval):
     return Saving("part", vanish, vanish_interval, new, new_interval, saved, saved_interval)
 

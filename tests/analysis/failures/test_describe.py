@@ -46,7 +46,7 @@ def test_errors_say_how_far_where_and_when(drive_past, tape):
     assert found[1].text.endswith("m too far right for 0.2 s from t = 0.5 s")
     tape[5:7, 2] *= -1.0
     assert "m too far left for 0.2 s from t = 0.5 s" in describe_tape(drive_past.problem("near"), tape)
-    lateral = float(find(drive_past.problem("near"), tape)[1].text.split()[0])
+    lateral = float(find(drive_past.problem("near"), tape)[1].text.removeprefix("up to ").split()[0])
     scene = drive_past.scene
     assert 0.1 < lateral < 10.0 * scene.widths[0]
 
@@ -120,7 +120,13 @@ def test_a_sample_is_told_in_the_same_words(radar):
     texts = {each.subject: each.text for each in found}
     assert texts["radar"] == "reads 3 m too long for 10.0 s from t = 0.5 s"
     assert texts["wind"] == "3 times as large as usual to both sides for 10.5 s from t = 0.0 s"
-    assert len(found) == 2  # neighbouring windows of one channel are one
+    assert len(found) == 2
+
+
+def test_an_error_that_grows_is_told_by_its_peak(radar):
+    tape = np.zeros((21, 2))
+    tape[[5, 9, 12, 15], 0] = 2.0, 2.0, 3.0, -7.0
+    assert describe_tape(radar, tape) == "radar reads up to 7 m too long for 5.0 s from t = 2.5 s"
 
 
 def test_the_smallest_of_many_disturbances_are_only_counted():
