@@ -293,7 +293,8 @@ class ActedTraffic:
                 continue
             if isinstance(action, Assignment):
                 variables = np.array(memory.variables)
-                variables[:, action.name] = np.where(rows, _assign(action, memory), variables[:, action.name])
+                value = _assign(action, memory, np.asarray(step * self.dt, np.float64))
+                variables[:, action.name] = np.where(rows, value, variables[:, action.name])
                 memory = replace(memory, variables=variables)
                 continue
             drive, every = self.motions.begin(number, rows, memory.table, memory.drive, every)
@@ -331,9 +332,10 @@ def _drop(memory: StoryMemory, actions: Sequence[int], rows: Bools) -> StoryMemo
     return replace(memory, drive=stopped)
 
 
-def _assign(action: Assignment, memory: StoryMemory) -> Floats:
+def _assign(action: Assignment, memory: StoryMemory, time: Floats) -> Floats:
     value, now = memory.table[:, action.value], memory.variables[:, action.name]
-    return {"set": value, "add": now + value, "multiply": now * value}[action.operation]
+    results = {"set": value, "add": now + value, "multiply": now * value, "start": value - time}
+    return results[action.operation]
 
 
 def _join(others: Vehicles, ego: Vehicles | None) -> Vehicles:

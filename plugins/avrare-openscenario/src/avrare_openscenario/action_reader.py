@@ -8,30 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from avrare.base.errors import did_you_mean
+from avrare_openscenario import story
 from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_lane, read_place
 from avrare_openscenario.route_reader import read_route, read_waypoint
-from avrare_openscenario.story import (
-    DIMENSIONS,
-    FORMS,
-    Action,
-    Assignment,
-    Gap,
-    LaneChange,
-    Place,
-    Removal,
-    Route,
-    SpeedChange,
-    SpeedProfile,
-    Synchronize,
-    TargetSpeed,
-    Teleport,
-    Trajectory,
-    Transition,
-)
+from avrare_openscenario.signals import UNSET, Controller
 from avrare_openscenario.xml_tree import Element
 
 _IDLE = {
@@ -60,7 +44,8 @@ class ActionReader:
         names: Names of the entities.
         kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         catalogs: Catalogs of trajectories and environments.
-        variables: Names of its variables, by index.
+        variables: Value of each variable at the start; traffic lights that are set are added.
+        controllers: Controllers of its traffic lights.
     """
 
     def __init__(
@@ -70,10 +55,11 @@ class ActionReader:
         names: Sequence[str],
         kinds: Sequence[str],
         catalogs: Catalogs,
-        variables: Sequence[str],
+        variables: dict[str, Number],
+        controllers: Sequence[Controller] = (),
     ) -> None:
         self.parameters, self.roads, self.names, self.kinds = parameters, roads, names, kinds
-        self.catalogs, self.variables = catalogs, variables
+        self.catalogs, self.variables, self.controllers = catalogs, variables, controllers
         self.selections: dict[str, tuple[int, ...]] = {}
 
     def read_selections(self, entities: Element) -> None:
@@ -84,7 +70,7 @@ class ActionReader:
             found = sum(types, self.find_entities(members))
             self.selections[self.parameters.text(selection, "name")] = tuple(dict.fromkeys(found))
 
-    def read_global(self, kind: Element) -> Action | None:
+    def read_global(self, kind: Element) -> story.Action | None:
         """Read a ``GlobalAction`` or ``UserDefinedAction``; None: it changes nothing."""
         if kind.tag == "UserDefinedAction":
             raise kind.error("a user-defined action is not read", "take it out")
@@ -94,21 +80,24 @@ class ActionReader:
             return None
         if action.tag in ("ParameterAction", "VariableAction"):
             return self._read_assignment(action)
+        if action.tag == "InfrastructureAction":
+            return self._read_light(action.child("TrafficSignalAction").choice())
         if action.tag == "EntityAction":
             actor, change = self.find_entity(action), action.choice()
             if change.tag == "AddEntityAction":
-                return Teleport(actor, self.read_place(change.child("Position")))
-            return Removal(actor)
-        raise action.unknown("EnvironmentAction, ParameterAction, VariableAction")
+                return story.Teleport(actor, self.read_place(change.child("Position")))
+            return story.Removal(actor)
+        known = "EnvironmentAction, EntityAction, InfrastructureAction, ParameterAction, VariableAction"
+        raise action.unknown(known)
 
-    def read_private(self, private: Element, actor: int) -> Action | None:
+    def read_private(self, private: Element, actor: int) -> story.Action | None:
         """Read a ``PrivateAction`` of a vehicle; None: it changes nothing."""
         domain = private.choice()
         if domain.tag in _IDLE:
             domain.pass_over(_IDLE[domain.tag])
             return None
         if domain.tag == "TeleportAction":
-            return Teleport(actor, self.read_place(domain.child("Position")))
+            return story.Teleport(actor, self.read_place(domain.child("Position")))
         if domain.tag == "SynchronizeAction":
             return self._read_synchronize(domain, actor)
         if domain.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -128,7 +117,7 @@ class ActionReader:
             case "AssignRouteAction":
                 return read_route(self, action, actor)
             case "AcquirePositionAction":
-                return Route(actor, (read_waypoint(self, action)[1],))
+                return story.Route(actor, (read_waypoint(self, action)[1],))
             case "FollowTrajectoryAction":
                 return self._read_trajectory(action, actor)
         raise action.unknown("actions of speed, distance, lanes, routes and trajectories")
@@ -141,7 +130,7 @@ class ActionReader:
             return None
         return self.parameters.number(element, name, low=0.0)
 
-    def read_place(self, position: Element) -> Place:
+    def read_place(self, position: Element) -> story.Place:
         """Read a ``Position``."""
         return read_place(self, position)
 
@@ -166,51 +155,95 @@ class ActionReader:
         kind = _TYPES[self.parameters.choose(element, name, tuple(_TYPES))]
         return tuple(index for index, other in enumerate(self.kinds) if other == kind)
 
-    def find_variable(self, element: Element, name: str) -> int:
-        """Return the index of a variable or parameter."""
+    def find_variable(self, element: Element) -> int:
+        """Return the index of the variable or parameter that an element names."""
+        kind = "variableRef" if element.get("variableRef") is not None else "parameterRef"
+        name = self.parameters.text(element, kind)
         if name not in self.variables:
-            raise element.error(f"there is no variable {name!r}")
+            raise element.error(f"there is no variable {name!r}", did_you_mean(name, self.variables))
         return list(self.variables).index(name)
 
-    def _read_assignment(self, action: Element) -> Assignment:
-        name = self.find_variable(action, action.get("variableRef") or action.attribute("parameterRef"))
+    def find_light(self, light: str) -> int:
+        """Return the index of the variable for what a traffic light shows."""
+        return self._find_slot(f"light {light}", UNSET)
+
+    def find_clock(self, controller: Controller) -> int:
+        """Return the index of the variable for how far a controller's cycle is ahead of the time."""
+        return self._find_slot(f"controller {controller.name}", -controller.delay)
+
+    def _find_slot(self, name: str, value: float) -> int:
+        if name not in self.variables:
+            self.variables[name] = self.parameters.constant(value)
+        return list(self.variables).index(name)
+
+    def find_controller(self, element: Element) -> Controller:
+        """Return the controller of traffic lights that an element names."""
+        name = self.parameters.text(element, "trafficSignalControllerRef")
+        names = [controller.name for controller in self.controllers]
+        if name not in names:
+            raise element.error(f"{name!r} is not among the TrafficSignals", did_you_mean(name, names))
+        return self.controllers[names.index(name)]
+
+    def _read_light(self, action: Element) -> story.Assignment:
+        if action.tag == "TrafficSignalStateAction":
+            light = self.find_light(self.parameters.text(action, "name"))
+            return story.Assignment(light, self.parameters.value(action, "state"), "set")
+        if action.tag != "TrafficSignalControllerAction":
+            raise action.unknown("TrafficSignalStateAction, TrafficSignalControllerAction")
+        action.skip_children("Phase")
+        controller = self.find_controller(action)
+        spans = controller.list_spans("", self.parameters.text(action, "phase"))
+        if not spans:
+            raise action.error(f"{controller.name!r} has no such phase")
+        return story.Assignment(self.find_clock(controller), self.parameters.constant(spans[0][0]), "start")
+
+    def _read_assignment(self, action: Element) -> story.Assignment:
+        name = self.find_variable(action)
         change = action.choice()
         if change.tag == "SetAction":
-            return Assignment(name, self.parameters.value(change, "value"), "set")
+            return story.Assignment(name, self.parameters.value(change, "value"), "set")
         rule = change.child("Rule").choice()
         if rule.tag == "AddValue":
-            return Assignment(name, self._number(rule, "value"), "add")
+            return story.Assignment(name, self._number(rule, "value"), "add")
         if rule.tag != "MultiplyByValue":
             raise rule.unknown("AddValue, MultiplyByValue")
-        return Assignment(name, self._number(rule, "value"), "multiply")
+        return story.Assignment(name, self._number(rule, "value"), "multiply")
 
-    def _read_transition(self, element: Element) -> Transition:
-        form = self.parameters.choose(element, "dynamicsShape", FORMS)
-        dimension = self.parameters.choose(element, "dynamicsDimension", DIMENSIONS)
-        check_following(element)
+    def _read_transition(self, element: Element) -> story.Transition:
+        form = self.parameters.choose(element, "dynamicsShape", story.FORMS)
+        dimension = self.parameters.choose(element, "dynamicsDimension", story.DIMENSIONS)
+        self._read_following(element)
         low = 0.0 if dimension != "rate" else None  # of a rate, the size counts
         value = self.parameters.number(element, "value", 0.0 if form == "step" else None, low)
-        return Transition(form, dimension, value)
+        return story.Transition(form, dimension, value)
 
-    def read_speed_change(self, action: Element, actor: int) -> SpeedChange:
+    def _read_following(self, element: Element) -> None:
+        # A note where a file asks for limits of the vehicle, which are left out.
+        mode = self.parameters.choose(element, "followingMode", ("position", "follow"), "position")
+        if mode == "follow":
+            element.note("followed exactly: limits of the vehicle are left out")
+
+    def read_speed_change(self, action: Element, actor: int) -> story.SpeedChange:
         """Read a ``SpeedAction``."""
         transition = self._read_transition(action.child("SpeedActionDynamics"))
         target = action.child("SpeedActionTarget").choice()
         continuous = target.tag == "RelativeTargetSpeed" and self.parameters.boolean(target, "continuous")
-        return SpeedChange(actor, transition, self.read_speed(target), continuous)
+        return story.SpeedChange(actor, transition, self.read_speed(target), continuous)
 
-    def read_speed(self, target: Element) -> TargetSpeed:
+    def read_speed(self, target: Element) -> story.TargetSpeed:
         """Read an absolute speed, or one relative to that of another vehicle."""
         value = self._number(target, "value")
         if target.tag in ("AbsoluteTargetSpeed", "AbsoluteSpeed"):
-            return TargetSpeed(value)
+            return story.TargetSpeed(value)
         if target.tag != "RelativeTargetSpeed":
             raise target.unknown("AbsoluteTargetSpeed, RelativeTargetSpeed")
         kind = self.parameters.choose(target, "speedTargetValueType", ("delta", "factor"))
-        return TargetSpeed(value, self.find_entity(target), kind == "factor")
+        return story.TargetSpeed(value, self.find_entity(target), kind == "factor")
 
-    def _read_profile(self, action: Element, actor: int) -> SpeedProfile:
-        follows, limits = action.get("followingMode") == "follow", action.find("DynamicConstraints")
+    def _read_profile(self, action: Element, actor: int) -> story.SpeedProfile:
+        modes = ("position", "follow")
+        follows = self.parameters.choose(action, "followingMode", modes, "position") == "follow"
+        limits = action.find("DynamicConstraints")
         entries, endless = action.list("SpeedProfileEntry"), self.parameters.constant(_ENDLESS)
         if action.get("entityRef") is not None:
             raise action.error("speeds relative to another entity are not read")
@@ -229,9 +262,9 @@ class ActionReader:
             raise entries[0].error("has no time", "give it one, or the action DynamicConstraints")
         durations = tuple(self.parameters.number(entry, "time", 0.0, low=0.0) for entry in entries)
         speeds = tuple(self._number(entry, "speed") for entry in entries)
-        return SpeedProfile(actor, durations, speeds, tuple(most))
+        return story.SpeedProfile(actor, durations, speeds, tuple(most))
 
-    def _read_gap(self, action: Element, actor: int) -> Gap:
+    def _read_gap(self, action: Element, actor: int) -> story.Gap:
         across = action.tag == "LateralDistanceAction"
         timed = action.get("timeGap") is not None
         value = self._number(action, "timeGap" if timed else "distance", 0.0)
@@ -243,7 +276,7 @@ class ActionReader:
         if limits is not None:
             for name in ("maxAccelerationRate", "maxDecelerationRate", "maxDeceleration"):
                 limits.get(name)
-        return Gap(
+        return story.Gap(
             actor,
             self.find_entity(action),
             value,
@@ -256,43 +289,44 @@ class ActionReader:
             self._limit(limits, "maxSpeed"),
         )
 
-    def _read_lane_change(self, action: Element, actor: int) -> LaneChange:
+    def _read_lane_change(self, action: Element, actor: int) -> story.LaneChange:
         transition = self._read_transition(action.child("LaneChangeActionDynamics"))
         offset = self._number(action, "targetLaneOffset", 0.0)
         target = action.child("LaneChangeTarget").choice()
         if target.tag == "AbsoluteTargetLane":
             lane = find_lane(self, target, "value")
-            return LaneChange(actor, transition, lane, offset)
+            return story.LaneChange(actor, transition, lane, offset)
         if target.tag != "RelativeTargetLane":
             raise target.unknown("AbsoluteTargetLane, RelativeTargetLane")
         other = self.find_entity(target)
-        return LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
+        return story.LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
 
-    def _read_lane_offset(self, action: Element, actor: int) -> LaneChange:
+    def _read_lane_offset(self, action: Element, actor: int) -> story.LaneChange:
         self.parameters.boolean(action, "continuous")  # an offset is kept until another action in any case
         dynamics = action.child("LaneOffsetActionDynamics")
-        form = self.parameters.choose(dynamics, "dynamicsShape", FORMS)
+        form = self.parameters.choose(dynamics, "dynamicsShape", story.FORMS)
         highest = self._limit(dynamics, "maxLateralAcc")
-        transition = Transition("step", "time", self.parameters.constant(0.0))
+        transition = story.Transition("step", "time", self.parameters.constant(0.0))
         if form != "step" and highest is not None:
-            transition = Transition(form, "curvature", highest)
+            transition = story.Transition(form, "curvature", highest)
         target = action.child("LaneOffsetTarget").choice()
         offset = self._number(target, "value")
         if target.tag == "AbsoluteTargetLaneOffset":
-            return LaneChange(actor, transition, 0, offset, actor)
+            return story.LaneChange(actor, transition, 0, offset, actor)
         if target.tag != "RelativeTargetLaneOffset":
             raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
-        return LaneChange(actor, transition, 0, offset, self.find_entity(target), exact=True)
+        return story.LaneChange(actor, transition, 0, offset, self.find_entity(target), exact=True)
 
-    def _read_trajectory(self, action: Element, actor: int) -> Trajectory:
+    def _read_trajectory(self, action: Element, actor: int) -> story.Trajectory:
         holder = action.find("TrajectoryRef") or action
         if mode := action.find("TrajectoryFollowingMode"):
-            check_following(mode, "followingMode")
+            self._read_following(mode)
         reference = action.find("TimeReference")
         timing = reference.choice() if reference is not None and reference.children else None
         absolute, scale, offset = False, 1.0, 0.0
         if timing is not None and timing.tag == "Timing":
-            absolute = timing.attribute("domainAbsoluteRelative") == "absolute"
+            domain = self.parameters.choose(timing, "domainAbsoluteRelative", ("absolute", "relative"))
+            absolute = domain == "absolute"
             scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
         found = self.read_curve(holder, actor, timing is not None and timing.tag == "Timing", scale, offset)
         name = "initialDistanceOffset"
@@ -301,7 +335,7 @@ class ActionReader:
 
     def read_curve(
         self, holder: Element, actor: int, timed: bool, scale: float = 1.0, offset: float = 0.0
-    ) -> Trajectory:
+    ) -> story.Trajectory:
         """Read the trajectory in an element, or in the catalog that it refers to."""
         trajectory = self.catalogs.find(holder, "Trajectory")
         trajectory.get("name")
@@ -323,7 +357,7 @@ class ActionReader:
 
     def _read_polyline(
         self, form: Element, actor: int, timed: bool, scale: float, offset: float
-    ) -> Trajectory:
+    ) -> story.Trajectory:
         vertices = form.list("Vertex")
         if len(vertices) < 2:
             raise form.error("should have at least two vertices")
@@ -331,9 +365,11 @@ class ActionReader:
         written = [vertex.get("time") for vertex in vertices]
         timed = timed and None not in written
         times = [self._number(vertex, "time") for vertex in vertices] if timed else []
-        return Trajectory(actor, places, tuple(self.parameters.scaled(one, scale, offset) for one in times))
+        return story.Trajectory(
+            actor, places, tuple(self.parameters.scaled(one, scale, offset) for one in times)
+        )
 
-    def _read_clothoids(self, form: Element, actor: int) -> Trajectory:
+    def _read_clothoids(self, form: Element, actor: int) -> story.Trajectory:
         fixed = self.parameters.fixed
         pieces: list[tuple[float, float, float]] = []
         if form.tag == "Clothoid":
@@ -362,11 +398,13 @@ class ActionReader:
             raise form.error("a length should be above 0")
         shape = sample_clothoids(pieces)
         if start is not None:
-            return Trajectory(actor, (self.read_place(start),), shape=shape)
+            return story.Trajectory(actor, (self.read_place(start),), shape=shape)
         nothing = self.parameters.constant(0.0)  # it begins where the vehicle is
-        return Trajectory(actor, (Place("ahead", nothing, nothing, nothing, other=actor),), shape=shape)
+        return story.Trajectory(
+            actor, (story.Place("ahead", nothing, nothing, nothing, other=actor),), shape=shape
+        )
 
-    def _read_nurbs(self, form: Element, actor: int) -> Trajectory:
+    def _read_nurbs(self, form: Element, actor: int) -> story.Trajectory:
         points = form.list("ControlPoint")
         places = tuple(self.read_place(point.child("Position")) for point in points)
         weights = []
@@ -377,24 +415,24 @@ class ActionReader:
         order = self.parameters.whole(form, "order")
         if not 2 <= order <= len(points) or len(knots) != len(points) + order or np.any(np.diff(knots) < 0):
             raise form.error("should have at least `order` points, and as many ascending knots as both")
-        return Trajectory(actor, places, shares=sample_nurbs(order, weights, knots))
+        return story.Trajectory(actor, places, shares=sample_nurbs(order, weights, knots))
 
-    def _read_synchronize(self, action: Element, actor: int) -> Synchronize:
+    def _read_synchronize(self, action: Element, actor: int) -> story.Synchronize:
         final = action.find("FinalSpeed")
         speed, steady, steady_timed = None, None, False
         if final is not None:
             kind = final.choice()
             if kind.tag == "RelativeSpeedToMaster":
-                factor = self.parameters.text(kind, "speedTargetValueType") == "factor"
+                factor = self.parameters.choose(kind, "speedTargetValueType", ("delta", "factor"))
                 master = self.find_entity(action, "masterEntityRef")
-                speed = TargetSpeed(self._number(kind, "value"), master, factor)
+                speed = story.TargetSpeed(self._number(kind, "value"), master, factor == "factor")
             else:
                 speed = self.read_speed(kind)
             for tag, timed in (("TargetDistanceSteadyState", False), ("TargetTimeSteadyState", True)):
                 if (element := kind.find(tag)) is not None:
                     name = next(iter(element.attributes), "distance")
                     steady, steady_timed = self._number(element, name), timed
-        return Synchronize(
+        return story.Synchronize(
             actor,
             self.find_entity(action, "masterEntityRef"),
             self.read_place(action.child("TargetPosition")),
@@ -405,12 +443,3 @@ class ActionReader:
             self._number(action, "targetTolerance", 1.0),
             self._number(action, "targetToleranceMaster", 1.0),
         )
-
-
-def check_following(element: Element, name: str = "followingMode") -> None:
-    """Note where a file asks for limits of the vehicle, which are left out."""
-    mode = element.get(name)
-    if mode not in (None, "position", "follow"):
-        raise element.error(f"{name} should be position or follow, found {mode!r}")
-    if mode == "follow":
-        element.note("followed exactly: limits of the vehicle are left out")

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import glob
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from avrare.base.errors import did_you_mean
-from avrare_openscenario.parameters import Parameters
+from avrare_openscenario.parameters import REFERENCE, Parameters
 from avrare_openscenario.xml_tree import Element, read_xml
 
-_REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
 _SUFFIX = ".xosc"
 _MOST = 100_000
 """Most elements that entries put into a scenario."""
@@ -174,14 +172,14 @@ def _values(entry: Element, reference: Element) -> dict[str, str]:
 
 
 def _put_in(element: Element, text: str, values: Mapping[str, str]) -> str:
-    names = _REFERENCE.findall(text)
+    names = REFERENCE.findall(text)
     for name in names:
         if name not in values:
             hint = did_you_mean(name, values)
             raise element.error(f"no parameter {name!r} is declared in this entry", hint)
     if names == [text[1:]]:
         return values[names[0]]
-    return _REFERENCE.sub(lambda found: f"({_bare(values[found[1]])})", text)
+    return REFERENCE.sub(lambda found: f"({_bare(values[found[1]])})", text)
 
 
 def _bare(value: str) -> str:

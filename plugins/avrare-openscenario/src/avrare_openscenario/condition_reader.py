@@ -6,12 +6,15 @@ from dataclasses import replace
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.parameters import Number
+from avrare_openscenario.signals import Controller
 from avrare_openscenario.story import EDGES, RULES, Condition, Direction, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
 _LONGEST_DELAY = 100_000
 """Longest delay of a condition [steps]."""
 _MANY_LANES = 1_000
+_DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
+_SYSTEMS = ("entity", "lane", "road", "trajectory", "world")
 
 
 class ConditionReader:
@@ -49,16 +52,30 @@ class ConditionReader:
             case "StoryboardElementStateCondition":  # resolved when all elements are read
                 return Condition("state", "equalTo", self.parameters.constant(0.0))
             case "ParameterCondition" | "VariableCondition":
-                name = one.attribute(f"{one.tag.removesuffix('Condition').lower()}Ref")
-                variable, value = self.actions.find_variable(one, name), self.parameters.value(one, "value")
-                return Condition(
-                    "variable", self.parameters.choose(one, "rule", RULES), value, variable=variable
-                )
+                variable = self.actions.find_variable(one)
+                rule, value = self.parameters.choose(one, "rule", RULES), self.parameters.value(one, "value")
+                return Condition("variable", rule, value, variable=variable)
+            case "TrafficSignalCondition":
+                light, every = self.parameters.text(one, "name"), self.actions.controllers
+                owners = (owner for owner in every if any(light in shown for *_, shown in owner.phases))
+                return self._read_light(one, "state", light, next(owners, None))
+            case "TrafficSignalControllerCondition":
+                return self._read_light(one, "phase", "", self.actions.find_controller(one))
             case "UserDefinedValueCondition":
                 one.pass_over("is never met: nothing outside the file sets values")
                 return Condition("time", "lessThan", self.parameters.constant(-1.0))
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
-        raise one.unknown(f"{known}, VariableCondition")
+        raise one.unknown(f"{known}, VariableCondition, TrafficSignalCondition")
+
+    def _read_light(self, one: Element, name: str, light: str, owner: Controller | None) -> Condition:
+        # Whether a light shows a state, as an action or the phase of its controller has it.
+        variable, value = self.actions.find_light(light), self.parameters.value(one, name)
+        if owner is None:
+            return Condition("variable", "equalTo", value, variable=variable)
+        spans, cycle = owner.list_spans(light, self.parameters.text(one, name)), owner.phases[-1][1]
+        times = (cycle, *(time for span in spans for time in span))
+        reach, clock = tuple(map(self.parameters.constant, times)), self.actions.find_clock(owner)
+        return Condition("light", "equalTo", value, variable=variable, other=clock, reach=reach)
 
     def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
         return self.parameters.choose(one, "rule", RULES), self.parameters.number(one, "value")
@@ -66,9 +83,9 @@ class ConditionReader:
     def _read_by_entity(self, condition: Element) -> Condition:
         triggering = condition.child("TriggeringEntities")
         entities = self.actions.find_entities(triggering)
-        amount = triggering.attribute("triggeringEntitiesRule")
-        if amount not in ("any", "all") or not entities:
-            raise triggering.error("should name entities, any or all of them")
+        amount = self.parameters.choose(triggering, "triggeringEntitiesRule", ("any", "all"))
+        if not entities:
+            raise triggering.error("names no entities")
         found = self._read_entity_condition(condition.child("EntityCondition").choice())
         return replace(found, entities=entities, every=amount == "all")
 
@@ -121,8 +138,7 @@ class ConditionReader:
 
     def _read_angle(self, one: Element) -> Condition:
         # Whether a heading is within a tolerance of an angle.
-        if one.attribute("angleType") != "heading":
-            raise one.error("roads are flat: only the angleType heading is read")
+        self.parameters.choose(one, "angleType", ("heading",))  # roads are flat
         relative = one.tag == "RelativeAngleCondition"
         frames = ("entity", "lane") if relative else ("world", "road", "lane")
         frame = self.parameters.choose(one, "coordinateSystem", frames, frames[0])
@@ -191,15 +207,10 @@ class ConditionReader:
 
     def _read_distance(self, one: Element) -> tuple[Direction, bool, bool]:
         # Direction of a distance, whether it is along the road, and whether between the boxes.
-        kind = one.get("relativeDistanceType")
-        if kind is None:
-            along = self.parameters.boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
-            kind = "longitudinal" if along else "euclidianDistance"
-        one.get("alongRoute")
-        if kind not in ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance"):
-            raise one.error(f"relativeDistanceType {kind!r} is not read")
-        if one.get("coordinateSystem") not in (None, "entity", "lane", "road"):
-            raise one.error("coordinateSystem should be entity, lane or road")
+        along = self.parameters.boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
+        default = "longitudinal" if along else "euclidianDistance"
+        kind = self.parameters.choose(one, "relativeDistanceType", _DISTANCES, default)
+        self.parameters.choose(one, "coordinateSystem", _SYSTEMS, "entity")
         one.get("routingAlgorithm")
         one.attribute("freespace")
         side: Direction = "lateral" if kind == "lateral" else ""

@@ -13,6 +13,7 @@ from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.driving.values import to_plane
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.network import RoadMap
+from avrare_openscenario.signals import UNSET
 from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, pick, place_point
 from avrare_openscenario.story import Condition
 from avrare_openscenario.trajectories import list_places
@@ -78,6 +79,8 @@ def holds(
         return _state_holds(condition, acts, begun, over)
     if condition.kind == "variable":
         return compare(condition.rule, traffic.variables[:, condition.variable], value)
+    if condition.kind == "light":
+        return _shows(condition, traffic, table)
     found = np.stack(
         [
             compare(condition.rule, _measure(condition, entity, traffic, maps, table), value)
@@ -99,6 +102,16 @@ def compare(rule: str, left: Floats, right: Floats) -> Bools:
         "notEqualTo": np.abs(left - right) > slack,
     }
     return np.asarray(verdicts[rule])
+
+
+def _shows(condition: Condition, traffic: Traffic, table: Floats) -> Bools:
+    # Whether a traffic light shows a state, as an action set it or in the phase of its controller.
+    state = traffic.variables[:, condition.variable]
+    cycle, *times = (table[:, number] for number in condition.reach)
+    clock = np.mod(traffic.time + traffic.variables[:, condition.other] + _TOLERANCE, cycle)
+    spans = zip(times[::2], times[1::2], strict=True)
+    inside = np.any([(begin <= clock) & (clock < end) for begin, end in spans], axis=0)
+    return np.asarray(np.where(state == UNSET, inside, state == table[:, condition.value]))
 
 
 def _state_holds(condition: Condition, acts: Bools, begun: NDArray[np.int64], over: Bools) -> Bools:

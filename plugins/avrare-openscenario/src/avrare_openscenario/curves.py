@@ -44,10 +44,10 @@ def sample_nurbs(
     return tuple(map(tuple, (shares / shares.sum(axis=1, keepdims=True)).tolist()))
 
 
-def polynomial(coefficients: Sequence[float], u: Floats) -> Floats:
+def polynomial(coefficients: Sequence[float | Floats], u: Floats) -> Floats:
     """Return a + b u + c u^2 + d u^3."""
     a, b, c, d = coefficients
-    return a + u * (b + u * (c + u * d))
+    return np.asarray(a + u * (b + u * (c + u * d)))
 
 
 def go_on(pieces: Sequence[Floats], points: Floats, most: int = 6, apart: float = 0.0) -> Floats:

@@ -77,7 +77,7 @@ def _list_connections(
                 continue
             signs = _list_signs(road)
             for way in junction.list("connection"):
-                connecting = way.attributes.get("connectingRoad", "")
+                connecting = way.attributes.get("connectingRoad") or way.attributes.get("linkedRoad", "")
                 other = network.find(connecting)
                 if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
                     continue
@@ -241,9 +241,10 @@ def _chains(roads: Sequence[Element]) -> list[list[Element]]:
 
 def _joins(road: Element, after: Element) -> bool:
     # Whether a road goes on smoothly in another one with the same lanes.
-    last, first = (
-        block.child("planView").list("geometry")[index] for block, index in ((road, -1), (after, 0))
-    )
+    before, following = (block.child("planView").list("geometry") for block in (road, after))
+    if not (before and following):
+        return False
+    last, first = before[-1], following[0]
     try:
         end = CurvedLine((_read_piece(last),), *(last.number(name) for name in ("x", "y", "hdg")))
         apart, turned = _measure_joint(end, *(first.number(name) for name in ("x", "y", "hdg")))

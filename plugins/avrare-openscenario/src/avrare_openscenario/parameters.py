@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import functools
 import math
-import operator
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,37 +21,35 @@ from avrare_openscenario.xml_tree import Element
 Choice = TypeVar("Choice", bound=str)
 Number: TypeAlias = int
 """Number of a file, as its column in the table of all of them."""
-_REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
+REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
+"""Parameter in a text."""
 _LONGEST = 2000
 """Longest expression [characters]."""
-_OPERATORS: dict[type, Callable[..., Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
+_OPERATORS: dict[type, np.ufunc] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
     ast.Div: np.divide,
     ast.Mod: np.mod,
-    ast.USub: operator.neg,
+    ast.USub: np.negative,
     ast.Not: np.logical_not,
-    ast.UAdd: operator.pos,
+    ast.UAdd: np.positive,
+    ast.And: np.logical_and,
+    ast.Or: np.logical_or,
 }
-_FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "round": (1, np.round),
-    "floor": (1, np.floor),
-    "ceil": (1, np.ceil),
-    "sqrt": (1, np.sqrt),
-    "pow": (2, np.power),
-    "abs": (1, np.abs),
-    "sign": (1, np.sign),
-    "min": (2, np.minimum),
-    "max": (2, np.maximum),
-    "sin": (1, np.sin),
-    "cos": (1, np.cos),
-    "tan": (1, np.tan),
-    "asin": (1, np.arcsin),
-    "acos": (1, np.arccos),
-    "atan": (1, np.arctan),
+_FUNCTIONS: dict[str, np.ufunc] = {
+    "round": np.rint,
+    "pow": np.power,
+    "abs": np.absolute,
+    "min": np.minimum,
+    "max": np.maximum,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+} | {
+    function.__name__: function for function in (np.floor, np.ceil, np.sqrt, np.sign, np.sin, np.cos, np.tan)
 }
-"""Functions of an expression, with the number of their arguments."""
+"""Functions of an expression."""
 _TEXTS = 1e9
 """Number that stands for the first text among values of variables."""
 _CONSTANTS = {"pi": math.pi, "true": 1.0, "false": 0.0}
@@ -133,7 +130,7 @@ class Parameters:
     def _declare(self, element: Element, name: str) -> float | str:
         # Value of a declaration, which may refer to those before it.
         written = element.attribute("value")
-        reference = _REFERENCE.fullmatch(written)
+        reference = REFERENCE.fullmatch(written)
         if reference is not None and not _is_number(str(self._value(element, "value", reference[1]))):
             return self.text(element, "value")
         if "$" not in written:
@@ -142,7 +139,7 @@ class Parameters:
         if isinstance(tree, float):
             return tree
         self._derived[name] = tree
-        return float(self._evaluate(tree, self._numbers()))
+        return self._compute(element, "value", tree)
 
     def _read_constraints(self, element: Element) -> None:
         # One group of constraints must hold as a whole.
@@ -169,20 +166,17 @@ class Parameters:
         return rule, written
 
     def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
-        found = known[constraint.name]
-        groups = [
-            [
-                _RULES[rule](found, bound if isinstance(bound, str) else self._evaluate(bound, known))
-                for rule, bound in group
-            ]
-            for group in constraint.groups
-        ]
-        return functools.reduce(np.logical_or, [functools.reduce(np.logical_and, group) for group in groups])
+        value, fits = known[constraint.name], np.False_
+        for group in constraint.groups:
+            bounds = [bound if isinstance(bound, str) else self._evaluate(bound, known) for _, bound in group]
+            meets = [_RULES[rule](value, bound) for (rule, _), bound in zip(group, bounds, strict=True)]
+            fits = np.logical_or(fits, functools.reduce(np.logical_and, meets, np.True_))
+        return fits
 
     def text(self, element: Element, name: str) -> str:
         """Return an attribute, or the text of the parameter that it refers to."""
         written = element.attribute(name)
-        reference = _REFERENCE.fullmatch(written)
+        reference = REFERENCE.fullmatch(written)
         if reference is None:
             return written
         self.decisive.add(reference[1])
@@ -217,15 +211,11 @@ class Parameters:
         self, element: Element, name: str, default: float | None = None, low: float | None = None
     ) -> Number:
         """Return an attribute as a number that may depend on parameters, and is never below ``low``."""
-        written = element.get(name)
-        if written is None and default is not None:
+        if default is not None and element.get(name) is None:
             return self.constant(default)
         tree = self._parse(element, name, element.attribute(name))
         self._trees.append(tree)
-        with np.errstate(all="ignore"):
-            value = self._evaluate(tree, self._numbers())
-        if not np.isfinite(value):
-            raise element.error(f"{name}: {written} is no finite number")
+        value = self._compute(element, name, tree)
         if low is not None:
             if value < low:
                 raise element.error(f"{name} should be at least {low:g}, found {value:g}")
@@ -241,7 +231,7 @@ class Parameters:
         """Return an attribute as a number, which stands for a text where it is one."""
         written = element.attribute(name)
         if "$" in written or _is_number(written) or written in _CONSTANTS:
-            reference = _REFERENCE.fullmatch(written)
+            reference = REFERENCE.fullmatch(written)
             text = None if reference is None else str(self._value(element, name, reference[1]))
             if text is None or _is_number(text):
                 return self.number(element, name)
@@ -268,12 +258,8 @@ class Parameters:
     def fixed(self, element: Element, name: str) -> float:
         """Return an attribute as a number that decides what a file means."""
         tree = self._parse(element, name, element.attribute(name))
-        self.decisive.update(_REFERENCE.findall(element.attribute(name)))
-        with np.errstate(all="ignore"):
-            value = float(self._evaluate(tree, self._numbers()))
-        if not math.isfinite(value):
-            raise element.error(f"{name}: {element.attribute(name)} is no finite number")
-        return value
+        self.decisive.update(REFERENCE.findall(element.attribute(name)))
+        return self._compute(element, name, tree)
 
     def whole(self, element: Element, name: str) -> int:
         """Return an attribute that must be a whole number, and decides what a file means."""
@@ -314,7 +300,7 @@ class Parameters:
     def _parse(self, element: Element, name: str, written: str) -> ast.expr | float:
         with suppress(ValueError):
             return float(written)
-        for parameter in _REFERENCE.findall(written):
+        for parameter in REFERENCE.findall(written):
             value = self._value(element, name, parameter)
             if not isinstance(value, float | int) and not _is_number(value):
                 raise element.error(f"{name}: the parameter {parameter!r} is no number: {value!r}")
@@ -323,34 +309,44 @@ class Parameters:
         try:
             if len(inner) > _LONGEST or "__" in inner:
                 raise ValueError
-            names = {name: self._names.get(name, name) for name in _REFERENCE.findall(inner)}
-            tree = ast.parse(_REFERENCE.sub(lambda found: names[found[1]], inner), mode="eval").body
-            _check(tree, frozenset(names.values()))
+            names = {name: self._names.get(name, name) for name in REFERENCE.findall(inner)}
+            tree = ast.parse(REFERENCE.sub(lambda found: names[found[1]], inner), mode="eval").body
+            with np.errstate(all="ignore"):
+                self._evaluate(tree, dict.fromkeys(names.values(), 1.0))
         except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
             text = f"{name}: {written[:80]!r} is neither a number nor an expression"
             raise element.error(text, "such as $speed or ${2 * $speed + 1}") from None
         return tree
 
+    def _compute(self, element: Element, name: str, tree: ast.expr | float) -> float:
+        # Value of an attribute, before parameters are drawn.
+        with np.errstate(all="ignore"):
+            value = float(self._evaluate(tree, self._numbers()))
+        if not math.isfinite(value):
+            raise element.error(f"{name}: {element.attribute(name)} is no finite number")
+        return value
+
     def _evaluate(self, tree: ast.expr | float, known: Mapping[str, object]) -> Any:
         match tree:
             case float() | int():
                 return tree
-            case ast.Constant():
-                return float(tree.value)  # type: ignore[arg-type]
-            case ast.Name():
-                return _CONSTANTS[tree.id] if tree.id in _CONSTANTS else known[tree.id]
-            case ast.BoolOp(values=terms):
-                joined = np.logical_and if isinstance(tree.op, ast.And) else np.logical_or
-                return functools.reduce(joined, (self._evaluate(term, known) for term in terms))
-            case ast.BinOp():
-                return _OPERATORS[type(tree.op)](
-                    self._evaluate(tree.left, known), self._evaluate(tree.right, known)
+            case ast.Constant(value=int() | float() as value):
+                return float(value)
+            case ast.Name(id=name) if name in _CONSTANTS or name in known:
+                return _CONSTANTS.get(name, known.get(name))
+            case ast.BoolOp(op=sign, values=terms):
+                return functools.reduce(
+                    _OPERATORS[type(sign)], [self._evaluate(term, known) for term in terms]
                 )
-            case ast.UnaryOp():
-                return _OPERATORS[type(tree.op)](self._evaluate(tree.operand, known))
-            case ast.Call(func=ast.Name(id=name)):
-                return _FUNCTIONS[name][1](*(self._evaluate(one, known) for one in tree.args))
-        raise AssertionError(tree)
+            case ast.BinOp(op=sign) if type(sign) in _OPERATORS:
+                terms = [self._evaluate(term, known) for term in (tree.left, tree.right)]
+                return _OPERATORS[type(sign)](*terms)
+            case ast.UnaryOp(op=sign) if type(sign) in _OPERATORS:
+                return _OPERATORS[type(sign)](self._evaluate(tree.operand, known))
+            case ast.Call(func=ast.Name(id=name), args=terms, keywords=[]) if name in _FUNCTIONS:
+                if len(terms) == _FUNCTIONS[name].nin:
+                    return _FUNCTIONS[name](*(self._evaluate(term, known) for term in terms))
+        raise ValueError
 
 
 def _is_number(text: str) -> bool:
@@ -358,26 +354,3 @@ def _is_number(text: str) -> bool:
         return math.isfinite(float(text))
     except ValueError:
         return False
-
-
-def _check(tree: ast.expr, names: frozenset[str]) -> None:
-    match tree:
-        case ast.Constant(value=int() | float() as value):
-            float(value)  # an integer may be too large
-        case ast.Name() if tree.id in names or tree.id in _CONSTANTS:
-            return
-        case ast.BoolOp():
-            for term in tree.values:
-                _check(term, names)
-        case ast.BinOp() if type(tree.op) in _OPERATORS:
-            _check(tree.left, names)
-            _check(tree.right, names)
-        case ast.UnaryOp() if type(tree.op) in _OPERATORS:
-            _check(tree.operand, names)
-        case ast.Call(func=ast.Name(id=name), keywords=[]) if name in _FUNCTIONS:
-            if len(tree.args) != _FUNCTIONS[name][0]:
-                raise ValueError
-            for one in tree.args:
-                _check(one, names)
-        case _:
-            raise ValueError

@@ -9,6 +9,7 @@ import numpy as np
 
 from avrare.driving.values import Lane
 from avrare.protocols import Floats
+from avrare_openscenario.curves import polynomial
 from avrare_openscenario.xml_tree import Element
 
 KINDS = {
@@ -31,6 +32,8 @@ KINDS = {
 """Types of lanes that are lanes of the road; others only take their width."""
 _IDLE = ("speed", "material", "access", "height", "rule", "visibility")
 """Elements of a lane that change nothing."""
+_PLAIN = ("level", "type", "direction", "advisory", "dynamicLaneDirection", "dynamicLaneType", "roadWorks")
+"""Attributes of a lane that change nothing."""
 _LONGEST = 1e6
 """Longest road [m]."""
 _STEP = 1.0
@@ -98,6 +101,8 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
             pieces = strips.setdefault(name, [])
             pieces.append([stations, right, left])
             kinds.setdefault(name, (section.lanes[name].kind, section.lanes[name].broad))
+    if not all(np.isfinite(part).all() for pieces in strips.values() for piece in pieces for part in piece):
+        raise block.error("its lanes have no finite widths")
     return [LaneStrip(name, kinds[name][0], _join(strips[name]), kinds[name][1]) for name in sorted(strips)]
 
 
@@ -157,7 +162,7 @@ def _read_section(section: Element) -> _Section:
 
 
 def _is_broad(lane: Element) -> bool:
-    for name in ("level", "type", "direction", "advisory", "dynamicLaneDirection"):
+    for name in _PLAIN:
         lane.get(name)
     weights = {mark.attributes.get("weight") for mark in lane.list("roadMark")}
     lane.skip_children("roadMark", "link", *_IDLE)
@@ -176,5 +181,5 @@ def _evaluate(records: Sequence[Polynomial], s: Floats) -> Floats:
     table = np.array(records)
     index = np.clip(np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 0, None)
     begin, a, b, c, d = table[index].T
-    u = s - begin
-    return np.asarray(a + u * (b + u * (c + u * d)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return polynomial((a, b, c, d), s - begin)

@@ -33,7 +33,8 @@ def read_route_place(reader: ActionReader, position: Element) -> Place:
     """Read a ``RoutePosition``: a way along the lane of the first waypoint."""
     (first, roads), *others = _read_waypoints(reader, position.child("RouteRef"))
     where = position.child("InRoutePosition").choice()
-    if where.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
+    lane_known = where.tag in ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
+    if not lane_known and where.tag not in ("FromRoadCoordinates", "PositionInRoadCoordinates"):
         raise where.unknown("FromLaneCoordinates, FromRoadCoordinates")
     if first.lane is None:
         raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
@@ -42,7 +43,7 @@ def read_route_place(reader: ActionReader, position: Element) -> Place:
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
     station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
     heading, absolute = read_orientation(position, reader.parameters)
-    if where.tag == "FromLaneCoordinates":
+    if lane_known:
         lane = reader.parameters.whole(where, "laneId")
         if lane not in line.lanes:
             raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")

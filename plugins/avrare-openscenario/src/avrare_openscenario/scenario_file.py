@@ -18,6 +18,7 @@ from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.signals import read_controllers
 from avrare_openscenario.starts import Starts, nearest_lane, place_all, speed_all
 from avrare_openscenario.story import (
     Action,
@@ -135,6 +136,7 @@ def read_scenario(
     top.skip_children("MonitorDeclarations")
     named = top.child("RoadNetwork")
     named.skip_children("SceneGraphFile", "UsedArea")
+    controllers = read_controllers(named.find("TrafficSignals"), parameters)
     logic = named.find("LogicFile")
     if logic is None and road is None:
         if ego is not None:
@@ -148,7 +150,7 @@ def read_scenario(
         if allowed is not None:
             allowed(file, "RoadNetwork: LogicFile")
         if not os.path.isfile(file):
-            raise (logic or named).error(f"there is no road file {file}")
+            raise (logic or named).error(f"there is no road file {file}", "name it with the option `road`")
         roads = read_lanelet_map(file, logic or named) if is_lanelet_map(file) else read_opendrive(file)
     entities = top.child("Entities")
     bodies = _read_bodies(entities, parameters, entries, ego)
@@ -157,11 +159,11 @@ def read_scenario(
     kinds = [body.kind for body in bodies]
     driven = None if ego is None else len(names) - 1
     variables = _read_variables(top, parameters)
-    reader = ActionReader(parameters, roads, names, kinds, entries, tuple(variables))
+    reader = ActionReader(parameters, roads, names, kinds, entries, variables, controllers)
     reader.read_selections(entities)
     starts = _read_starts(board.child("Init"), reader, board.list_names("Actors", "entityRef"))
     storyboard = StoryReader(reader, dt, driven, ignore_ego)
-    story = storyboard.read(board, starts, tuple(variables.values()))
+    story = storyboard.read(board, starts)
     top.refuse_unread()
     entries.refuse_unread()
     notes = (*top.notes(), *entries.notes(), *roads.notes)

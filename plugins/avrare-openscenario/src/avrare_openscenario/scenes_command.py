@@ -7,7 +7,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -19,7 +19,7 @@ from avrare_openscenario.acted_traffic import ActedTraffic
 from avrare_openscenario.picture import draw_scene
 from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
 from avrare_openscenario.trace import write_trace
-from avrare_openscenario.xml_tree import Element, read_xml
+from avrare_openscenario.xml_tree import read_xml
 
 _PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)
 _FEATURE = re.compile(
@@ -108,7 +108,7 @@ def judge_scene(path: str) -> Finding:
     features: tuple[str, ...] = ()
     try:
         top = read_xml(path, "OpenSCENARIO")
-        features = tuple(sorted({tag for tag in _list_tags(top) if _FEATURE.fullmatch(tag)}))
+        features = tuple(sorted({one.tag for one in top.walk() if _FEATURE.fullmatch(one.tag)}))
         file = read_acted(path, _STEP)
         notes = (*file.notes, *list_spent_edges(file))
     except UsageError as error:
@@ -161,12 +161,6 @@ def _has_storyboard(file: Path) -> bool:
         return re.search(rb"<Storyboard[\s>]", file.read_bytes()) is not None
     except OSError:
         return True  # the reader says what is wrong
-
-
-def _list_tags(element: Element) -> Iterator[str]:
-    yield element.tag
-    for child in element.children:
-        yield from _list_tags(child)
 
 
 def _shorten(notes: Sequence[str]) -> list[str]:

@@ -245,12 +245,12 @@ class Assignment:
     Attributes:
         name: Index of the variable.
         value: What it is set to, or is added, or the factor.
-        operation: Which of these.
+        operation: Which of these; ``start``: what it is now, from which on it grows with the time.
     """
 
     name: int
     value: Number
-    operation: Literal["set", "add", "multiply"]
+    operation: Literal["set", "add", "multiply", "start"]
 
 
 @dataclass(frozen=True)
@@ -282,14 +282,14 @@ class Condition:
     Attributes:
         kind: ``time``, ``travelled``, ``speed``, ``relative_speed``, ``standstill``, ``distance``,
             ``headway``, ``collision_time``, ``reach``, ``acceleration``, ``collision``, ``road_end``,
-            ``off_road``, ``clearance``, ``angle``, ``variable`` or ``state``.
+            ``off_road``, ``clearance``, ``angle``, ``variable``, ``light`` or ``state``.
         rule: Comparison with ``value``.
         value: What is compared with.
         edge: Change of the comparison that counts.
         delay: Steps after which it counts.
         entities: Vehicles that it is asked of.
         every: Whether all of them must meet it, or any.
-        other: Vehicle that it is about besides.
+        other: Vehicle that it is about besides, or variable with the clock of a ``light``.
         along: Whether a distance, or an angle, is one along the road; else in the plane.
         free: Whether it is between the boxes.
         place: Place that is to be reached, or that a distance is to.
@@ -300,7 +300,8 @@ class Condition:
         direction: Part of a speed or acceleration that counts; empty: its size.
         variable: Index of the variable that is compared.
         against: Vehicles that a ``collision`` is with, or that a ``clearance`` is from.
-        reach: Ways ahead and behind of a ``clearance`` [m]; the ``angle`` that is asked for [rad].
+        reach: Ways ahead and behind of a ``clearance`` [m]; the ``angle`` that is asked for [rad]; the cycle
+            of a ``light``, and the begin and end of each of its phases [s].
         lanes: Ranges of lanes to the left of the own one, of a ``clearance``; empty: all.
     """
 

@@ -10,12 +10,12 @@ from typing import Literal
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.condition_reader import ConditionReader
-from avrare_openscenario.parameters import Number
 from avrare_openscenario.starts import Starts
 from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
 from avrare_openscenario.xml_tree import Element
 
 _COUNT_MAX = 1_000_000_000
+_STATES = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
 _PRIORITIES = ("override", "overwrite", "parallel", "skip")
 _EGO_DRIVEN = (
     "the ego is driven by the controller under test, not by the storyboard",
@@ -60,8 +60,8 @@ class StoryReader:
         self._path: list[str] = []
         self._waiting: list[tuple[int, Element]] = []
 
-    def read(self, board: Element, starts: Starts, variables: tuple[Number, ...]) -> Storyboard:
-        """Read the element ``Storyboard`` after its ``Init``; variables are those at the start."""
+    def read(self, board: Element, starts: Starts) -> Storyboard:
+        """Read the element ``Storyboard`` after its ``Init``."""
         board.skip_children("StopTrigger")  # the scenario's ``steps`` end a rollout
         actions = [
             action for action in starts.actions if isinstance(action, Assignment) or action.actor != self.ego
@@ -89,7 +89,7 @@ class StoryReader:
             tuple(self.events),
             tuple(self.actions),
             tuple(self.conditions),
-            variables,
+            tuple(self.reading.variables.values()),
             tuple(self.groups),
         )
 
@@ -216,12 +216,9 @@ class StoryReader:
         return tuple(groups)
 
     def _resolve_state(self, index: int, one: Element) -> None:
-        kind, state = one.attribute("storyboardElementType"), one.attribute("state")
-        name = one.attribute("storyboardElementRef")
+        kind, name = (self.parameters.text(one, f"storyboardElement{part}") for part in ("Type", "Ref"))
+        state = self.parameters.choose(one, "state", _STATES)
         parts = tuple(re.split("::|/", name))
-        known = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
-        if state not in known:
-            raise one.error(f"the state {state!r} is not read", f"known here: {', '.join(known)}")
         found = [each for each in self.elements if (each.kind, each.path[-len(parts) :]) == (kind, parts)]
         if not found:
             raise one.error(f"there is no {kind} {name!r}")

@@ -105,7 +105,7 @@ class Element:
 
     def skip(self) -> None:
         """Count the element and all within it as understood: it changes nothing."""
-        for one in self._walk():
+        for one in self.walk():
             one._known = True
             one._asked.update(one.attributes)
 
@@ -117,12 +117,12 @@ class Element:
 
     def skip_everywhere(self, *tags: str) -> None:
         """Skip the elements with these names at any depth."""
-        for element in self._walk():
+        for element in self.walk():
             element.skip_children(*tags)
 
     def list_names(self, within: str, attribute: str) -> set[str]:
         """Return what the children of all elements with a name have as an attribute."""
-        children = (child for one in self._walk() if one.tag == within for child in one.children)
+        children = (child for one in self.walk() if one.tag == within for child in one.children)
         return {name for child in children if (name := child.attributes.get(attribute)) is not None}
 
     def pass_over(self, note: str) -> None:
@@ -136,14 +136,14 @@ class Element:
 
     def notes(self) -> tuple[str, ...]:
         """Return the notes on it and all within it, each with its place."""
-        return tuple(f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self._walk() if one._note)
+        return tuple(f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self.walk() if one._note)
 
     def refuse_unread(self) -> None:
         """Raise an error at the first element or attribute in it that was not asked for.
 
         Elements without attributes and children say nothing.
         """
-        for one in self._walk():
+        for one in self.walk():
             for child in one.children:
                 if not child._known and (child.children or child.attributes):
                     raise child.error(
@@ -152,10 +152,11 @@ class Element:
             if unread := sorted(set(one.attributes) - one._asked):
                 raise one.error(f"the attribute {unread[0]} is not read", "see docs/openscenario.md")
 
-    def _walk(self) -> Iterator[Element]:
+    def walk(self) -> Iterator[Element]:
+        """Return the element and all within it."""
         yield self
         for child in self.children:
-            yield from child._walk()
+            yield from child.walk()
 
 
 def read_xml(path: str, root: str) -> Element:
@@ -207,9 +208,9 @@ class _Builder:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if len(self.open) >= _DEEPEST:
             raise UsageError(f"{self._here()}: more than {_DEEPEST} elements within each other")
-        own = {name: text for name, text in attributes.items() if not name.startswith(("xmlns", "xsi:"))}
+        own = {name: text for name, text in attributes.items() if ":" not in name and name != "xmlns"}
         place = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
-        element = Element(tag, self.path, *place, own)
+        element = Element(tag.rpartition(":")[2], self.path, *place, own)
         if self.open:
             self.open[-1].children.append(element)
         else:
