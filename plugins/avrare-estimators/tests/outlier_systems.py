@@ -6,6 +6,7 @@ import numpy as np
 from scipy.stats import norm
 
 import avrare
+from avrare.testing.faulty_systems import Mortal
 
 STEPS = 8
 
@@ -52,8 +53,8 @@ def peak(level, steps=STEPS):
     return -np.expm1(steps * np.log1p(-2.0 * norm.sf(level)))
 
 
-def outliers(formula, steps=STEPS, chunk=4096):
-    return avrare.Problem(Outliers(), avrare.stl(formula), steps, chunk=chunk)
+def outliers(formula, steps=STEPS, chunk=4096, lives=np.inf):
+    return avrare.Problem(Mortal(Outliers(), lives), avrare.stl(formula), steps, chunk=chunk)
 
 
 def wide(channel, step, scale=2.5):

@@ -49,13 +49,9 @@ def test_lipschitz_with_a_true_bound(id):
 def test_a_false_bound_is_detected(second_pass):
     options = {"runs": 3, "second_pass": second_pass, **SMALL}
     assert "heuristic_kernel" not in estimate("a_beta_-2", kernel=LIPSCHITZ, **options).health
-    too_low = {"name": "lipschitz", "bound": 0.7}
-    found = re.match(
-        r"(\d+) of (\d+) pairs .* by up to (1|0\.9\d+) per unit",
-        estimate("a_beta_-2", kernel=too_low, **options).health["heuristic_kernel"],
-    )
-    assert found is not None
-    assert 0.05 < int(found[1]) / int(found[2]) < 0.9
+    text = estimate("a_beta_-2", kernel=LIPSCHITZ | {"bound": 0.7}, **options).health["heuristic_kernel"]
+    steep, pairs = re.match(r"(\d+) of (\d+) pairs .* by up to (?:1|0\.9\d+) per unit", text).groups()
+    assert 0.05 < int(steep) / int(pairs) < 0.9
 
 
 @pytest.mark.parametrize("kernel", ["lipschitz_growing", "bayesian"])
@@ -128,10 +124,7 @@ def test_breakdowns_near_failure_show_in_the_upper_end():
     [
         ({"kernel": "lipschitz"}, "'kernel.bound' of estimator 'ess': required, but missing"),
         ({"kernel": {"name": "pcn", "bound": 1.0}}, "unknown option 'kernel.bound'"),
-        (
-            {"kernel": "metropolis"},
-            "'kernel.name' of .* should be one of pcn, shrink, .* found the string 'metropolis'",
-        ),
+        ({"kernel": "metropolis"}, "'kernel.name' of .* should be one of pcn, shrink, .* found the string"),
         ({"kernel": {"bound": 1.0}}, "'kernel.name' of estimator 'ess': required, but missing"),
         ({"kernel": 3}, "should be a mapping"),
         ({"level_probability": 0.7}, "level_probability"),

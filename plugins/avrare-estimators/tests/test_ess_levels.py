@@ -1,11 +1,6 @@
 import numpy as np
 
-from avrare_estimators.common.chains.levels import (
-    choose_seeds,
-    effective_samples,
-    next_levels,
-    r_hat,
-)
+from avrare_estimators.common.chains.levels import choose_seeds, effective_samples, next_levels, r_hat
 
 
 def _next(values, survivors):

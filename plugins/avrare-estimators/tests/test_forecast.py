@@ -1,26 +1,12 @@
 """Forecasts of cost: there from the first chunk on, kept by estimates, and told again after every stage."""
 
-import numpy as np
-
 import avrare
-
-
-class Walk:
-    noise_size = 1
-
-    def initial(self, noise):
-        return {"x": np.zeros(len(noise))}
-
-    def step(self, state, noise):
-        return {"x": state["x"] + noise[:, 0]}
-
-    def signals(self, state):
-        return state
+from avrare.testing.faulty_systems import Walk
 
 
 def followed(estimator, limit=7.0, **options):
     """Estimate on a walk of 6 steps; return the result and the state after every chunk."""
-    problem = avrare.Problem(Walk(), avrare.stl(f"always (x < {limit})"), steps=6, chunk=50)
+    problem = avrare.Problem(Walk(scale=1.0), avrare.stl(f"always (x < {limit})"), steps=6, chunk=50)
     seen = []
     result = avrare.estimate(problem, estimator, seed=1, progress=seen.append, **options)
     return result, seen

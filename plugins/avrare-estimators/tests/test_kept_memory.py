@@ -10,10 +10,11 @@ from avrare.estimation.estimate import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
-from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.estimation.plan.settings import Settings
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.testing.faulty_systems import Walk
 
-STEPS, SIZE = 40, 4
+STEPS = 40
 SIZES = {
     "mc": {"rollouts": 3000},
     "ams": {"particles": 300, "discard": 100, "runs": 3},
@@ -23,19 +24,10 @@ SIZES = {
 }
 
 
-class Wide:
+class Wide(Walk):
     """A random walk whose noise has numbers that do nothing."""
 
-    noise_size = SIZE
-
-    def initial(self, noise):
-        return {"x": 0.1 * noise[:, 0]}
-
-    def step(self, state, noise):
-        return {"x": state["x"] + 0.1 * noise[:, 0]}
-
-    def signals(self, state):
-        return {"x": state["x"]}
+    noise_size = 4
 
 
 def problem(limit=1.0, chunk=200, steps=STEPS):
@@ -103,9 +95,8 @@ def test_the_value_that_is_named_is_enough():
 )
 def test_what_the_machine_cannot_hold_is_refused_at_once(monkeypatch, name, options):
     monkeypatch.setattr(memory, "usable_memory", lambda: 4.0 * 2**30)
-    with pytest.raises(
-        avrare.UsageError, match=r"needs about [\d.,]+ GiB of memory, and this process may use 4.0 GiB"
-    ):
+    words = r"needs about [\d.,]+ GiB of memory, and this process may use 4.0 GiB"
+    with pytest.raises(avrare.UsageError, match=words):
         avrare.estimate(problem(steps=2000), name, **options)
 
 

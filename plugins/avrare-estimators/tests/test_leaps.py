@@ -6,23 +6,9 @@ import pytest
 import avrare
 from avrare.testing.problems import reference_problem
 from avrare_estimators.ams.leaps import Leaps
+from plain_systems import Largest
 
-STEPS = 10
-
-
-class Outlier:
-    """A system whose signal is the largest number so far: every step begins anew."""
-
-    noise_size = 1
-
-    def initial(self, noise):
-        return np.zeros(len(noise))
-
-    def step(self, state, noise):
-        return np.maximum(state, noise[:, 0])
-
-    def signals(self, state):
-        return {"x": state}
+OUTLIER = avrare.Problem(Largest(), avrare.stl("always (x < 4)"), 10)  # every step begins anew
 
 
 def rising(leaps, others):
@@ -61,8 +47,7 @@ def tells_of_leaps(result):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_splitting_warns_of_what_it_cannot_climb_to(seed):
-    problem = avrare.Problem(Outlier(), avrare.stl("always (x < 4)"), STEPS)
-    result = avrare.estimate(problem, "ams", seed=seed, runs=20, particles=100, discard=10)
+    result = avrare.estimate(OUTLIER, "ams", seed=seed, runs=20, particles=100, discard=10)
     assert tells_of_leaps(result)
     assert result.interval[1] >= result.fresh.interval(0.95)[1]
 
@@ -76,9 +61,7 @@ def test_what_can_be_climbed_to_is_not_warned_of(name):
 
 
 def test_warnings_do_not_depend_on_batches_of_runs():
-    problem = avrare.Problem(Outlier(), avrare.stl("always (x < 4)"), STEPS)
-    options = {"runs": 40, "particles": 200, "discard": 20, "grow": False}
-    whole = avrare.estimate(problem, "ams", seed=1, **options)
-    parts = avrare.estimate(problem, "ams", seed=1, memory=1, **options)
+    options = {"seed": 1, "runs": 40, "particles": 200, "discard": 20, "grow": False}
+    whole, parts = (avrare.estimate(OUTLIER, "ams", memory=memory, **options) for memory in (None, 1))
     assert "leaps" in whole.health
     assert parts.health == whole.health

@@ -1,9 +1,12 @@
-"""Particles discarded at a level, and the steps at which their successors branch."""
+"""Particles discarded at a level, the steps at which successors branch, and what is kept of particles."""
 
 import numpy as np
 import pytest
 
+from avrare.protocols import Verdict
+from avrare.rollout.request import Carry
 from avrare_estimators.ams.levels import choose_parents, first_above, next_level
+from avrare_estimators.ams.population import Population
 
 
 def level(score, violated, discard):
@@ -49,3 +52,26 @@ def test_parents_are_uniform_among_the_eligible_of_their_run():
     counts = np.bincount(parents, minlength=12).reshape(3, 4)
     assert counts.tolist() == [[3000, 0, 3000, 0], [0, 0, 0, 6000], [1500] * 4]
     assert choose_parents(eligible, np.array([2]), np.array([np.nextafter(1.0, 0.0)])).tolist() == [11]
+
+
+def carry(x, score):
+    """Return a carry whose monitor state is ``score``; the same array as its verdict's score, or another."""
+    return Carry({"x": x}, (x,), (Verdict(-score, score > 9.0, score),))
+
+
+@pytest.mark.parametrize("first_shared", [True, False])
+@pytest.mark.parametrize("then_shared", [True, False])
+def test_carries_are_stored_correctly_when_leaves_share_an_array(first_shared, then_shared):
+    def given(values, shared):
+        x = np.asarray(values, dtype=np.float64)
+        return carry(x, x if shared else 10.0 * x)
+
+    population = Population.empty(5, 5, 3)
+    population.store_carry(2, np.arange(5), given([0, 1, 2, 3, 4], first_shared))
+    population.store_carry(2, np.array([3, 1]), given([30, 10], then_shared))
+    slots = np.array([1, 2, 3])
+    ((step, kept),) = population.branch(slots, np.array([2, 2, 2]))
+    assert step == 2
+    assert kept.system["x"].tolist() == kept.monitors[0].tolist() == [10, 2, 30]
+    old, new = (1 if first_shared else 10), (1 if then_shared else 10)
+    assert kept.verdicts[0].score.tolist() == [10 * new, 2 * old, 30 * new]

@@ -1,6 +1,5 @@
 """Pilots that raise the size of runs, and looks at which an estimate stops at a relative error."""
 
-import json
 import math
 from dataclasses import replace
 from functools import partial
@@ -17,6 +16,7 @@ from avrare_estimators.common import health
 from avrare_estimators.common.looks import Looks, Pilot
 from avrare_estimators.ess.config import EssConfig
 from benchmarks.studies.run_intervals import interval_of_runs
+from estimates import estimate_through_kills, plain
 
 SHORT = walk(0.9, 10)
 SMALL = {"ams": {"particles": 20, "discard": 4}, "ess": {"chains": 6, "level_probability": 0.2}}
@@ -24,13 +24,8 @@ SIZE = {"ams": "particles", "ess": "chains"}
 
 
 def problem(limit=0.9, lives=None, chunk=64):
-    system = systems.Walk()
-    return avrare.Problem(
-        systems.Mortal(system, lives) if lives else system,
-        avrare.stl(f"always (x < {limit})"),
-        20,
-        chunk=chunk,
-    )
+    system = systems.Mortal(systems.Walk(), lives) if lives else systems.Walk()
+    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), 20, chunk=chunk)
 
 
 def estimate(name, limit=0.9, **options):
@@ -40,12 +35,6 @@ def estimate(name, limit=0.9, **options):
 def relative_error(values, done):
     values = values[:done]
     return values.std(ddof=1) / values.mean() / math.sqrt(len(values))
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.failures.noise.tobytes(), result.robustness.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -121,9 +110,8 @@ def test_few_roots_are_fewer_than_fifteen_in_all_runs_together(roots):
 @pytest.mark.parametrize("extinct", [2, 3])
 def test_runs_of_which_most_died_out_have_few_roots(extinct):
     values = [1e-3] * (5 - extinct) + [0.0] * extinct
-    assert ("few_roots" in health.check_runs(values, [100 * bool(value) for value in values])) == (
-        extinct == 3
-    )
+    found = health.check_runs(values, [100 * bool(value) for value in values])
+    assert ("few_roots" in found) == (extinct == 3)
 
 
 @pytest.mark.parametrize(
@@ -172,8 +160,7 @@ def test_a_stopped_estimate_has_the_runs_of_one_of_fixed_size(name, goal):
     fixed = estimate(name, runs=runs)
     np.testing.assert_array_equal(stopped.run_probabilities, fixed.run_probabilities)
     assert (stopped.rollouts, stopped.simulated_steps) == (fixed.rollouts, fixed.simulated_steps)
-    assert stopped.diagnostics["levels"] == fixed.diagnostics["levels"]
-    assert stopped.diagnostics["roots"] == fixed.diagnostics["roots"]
+    assert all(stopped.diagnostics[name] == fixed.diagnostics[name] for name in ("levels", "roots"))
     np.testing.assert_array_equal(stopped.failures.noise, fixed.failures.noise)
     np.testing.assert_array_equal(stopped.worst.noise, fixed.worst.noise)
     share = Looks(tuple(stopped.diagnostics["looks"]), goal).share(runs)
@@ -207,13 +194,9 @@ def test_a_pilot_raises_the_size_and_does_not_count(name):
     np.testing.assert_array_equal(grown.run_probabilities, fixed.run_probabilities)
     assert grown.interval == fixed.interval
     if name == "ams":
-        assert grown.rollouts > fixed.rollouts
-        total = told["full_rollouts"] + told["branched_rollouts"]
-        assert total == fixed.rollouts
-    assert (
-        f"{told[size]} {size} in place of {SMALL[name][size]}"
-        in {note.kind: note.text for note in grown.notes}["pilot"]
-    )
+        assert grown.rollouts > fixed.rollouts == told["full_rollouts"] + told["branched_rollouts"]
+    words = f"{told[size]} {size} in place of {SMALL[name][size]}"
+    assert words in {note.kind: note.text for note in grown.notes}["pilot"]
 
 
 def test_a_hopeless_problem_costs_little_more_than_planned():
@@ -259,14 +242,10 @@ def test_same_bits_for_workers_and_after_each_kill(tmp_path, name):
     whole = avrare.estimate(problem(), name, **options)
     assert len(whole.run_probabilities) == 20
     assert plain(avrare.estimate(problem(), name, workers=2, **options)) == plain(whole)
-    deaths = 0
-    for _ in range(300):
-        try:
-            result = avrare.estimate(problem(lives=800), name, checkpoint=tmp_path / "kept", **options)
-            break
-        except systems.Killed:
-            deaths += 1
-    assert deaths > 1
+    result, kills = estimate_through_kills(
+        lambda _: avrare.estimate(problem(lives=800), name, checkpoint=tmp_path / "kept", **options)
+    )
+    assert kills > 1
     assert plain(result) == plain(whole)
 
 

@@ -1,28 +1,30 @@
 """Sequential Monte Carlo with learned potentials: unbiased, covering, with the same bits, and honest."""
 
-import json
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from interruptions import estimate_through_interruptions
 
 import avrare
 from avrare.base.errors import UsageError
 from avrare.estimation.result import intervals
 from avrare.testing import faulty_systems
 from avrare_estimators.common.lessons.dictionary import dictionary_bytes
+from avrare_estimators.smc import network as network_module
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
+from avrare_estimators.smc.network import Examples, fit
 from avrare_estimators.smc.particles import Particles
-from avrare_estimators.smc.potentials import Potentials
+from avrare_estimators.smc.potentials import Paths, Potentials, learn
 from avrare_estimators.smc.summary import Counted
+from estimates import estimate_through_kills, plain
 
 SMALL = {"particles": 100, "runs": 5, "pilot": 400, "stages": 5, "times": 6}
 
 
-def problem(limit=1.6, steps=20, **options):
-    system = faulty_systems.Walk()
-    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), steps, **options)
+def problem(limit=1.6, lives=np.inf, **options):
+    system = faulty_systems.Mortal(faulty_systems.Walk(), lives)
+    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), 20, **options)
 
 
 def scrambled(probability):
@@ -31,13 +33,6 @@ def scrambled(probability):
 
 def estimate(task=None, seed=0, **options):
     return avrare.estimate(task or problem(), "smc", seed=seed, **{**SMALL, **options})
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    content.get("diagnostics", {}).pop("origin", None)
-    return content, result.failures.noise.tobytes(), result.robustness.tobytes(), result.artifacts
 
 
 @pytest.fixture
@@ -75,13 +70,11 @@ def test_the_same_bits_for_any_workers_and_memory(batches):
 @pytest.mark.parametrize("proposal", ["learned", "none"])
 def test_killed_again_and_again(tmp_path, proposal):
     whole = plain(estimate(problem(chunk=100), proposal=proposal))
-    result, interruptions = estimate_through_interruptions(
-        lambda: problem(chunk=100),
-        lambda tried: estimate(tried, proposal=proposal, checkpoint=tmp_path / "kept"),
-        first=100,
-        further=40,
+    options = {"proposal": proposal, "checkpoint": tmp_path / "kept"}
+    result, kills = estimate_through_kills(
+        lambda kills: estimate(problem(chunk=100, lives=100 + 40 * kills), **options)
     )
-    assert interruptions > 2
+    assert kills > 2
     assert plain(result) == whole
 
 
@@ -217,3 +210,52 @@ def test_without_structure_it_is_monte_carlo():
         assert result.interval[0] <= result.probability <= result.interval[1]
         exact = intervals.clopper_pearson(round(200 * result.probability), 200, 0.95)
         assert result.interval == exact
+
+
+def test_the_network_learns_a_known_committor():
+    """Learn, from x at one of two steps, the chance that x plus fresh noise exceeds a bound."""
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((6000, 2)).cumsum(axis=1)
+    end = x[:, 1] + rng.standard_normal(6000)
+    features = np.stack([x, x], axis=2)
+    examples = Examples(features, end[:, None] > 2.5, np.ones(6000), np.arange(6000) % 5 == 0)
+    network = fit(examples, (1,))
+    at = np.array([[-1.0, -1.0], [1.0, 1.0], [2.5, 2.5]])
+    found = network.probabilities(1, at)[:, 0]
+    assert abs(found[2] - 0.5) < 0.12
+    assert abs(found[1] - 0.067) < 0.04
+    assert found[0] < 0.01
+    assert abs(network.probabilities(0, at)[1, 0] - 0.144) < 0.05
+    again = fit(examples, (1,))
+    assert all(map(np.array_equal, network.layers, again.layers))
+    # A row's bits do not depend on its company.
+    assert np.array_equal(network.probabilities(1, at)[1:2], network.probabilities(1, at[1:2]))
+
+
+def test_rows_are_evaluated_in_blocks(monkeypatch):
+    """Give the bits of a single block, in memory that does not grow with the rows but for the answer."""
+    rng = np.random.default_rng(5)
+    features = rng.standard_normal((2 * network_module._BLOCK, 2, 2))
+    examples = Examples(features, features[:, 1, :1] > 1.0, np.ones(len(features)), features[:, 0, 0] > 1.0)
+    monkeypatch.setattr(network_module, "_MOST_STEPS", 300)
+    network, rows = fit(examples, (1,)), features.reshape(-1, 2)
+    tracemalloc.start()
+    found = network.probabilities(1, rows)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < found.nbytes + 1500 * network_module._BLOCK
+    monkeypatch.setattr(network_module, "_BLOCK", len(rows))
+    assert np.array_equal(found, network.probabilities(1, rows))
+
+
+def test_features_that_tell_nothing_give_no_gain():
+    rng = np.random.default_rng(4)
+    features = rng.standard_normal((3000, 3, 2))
+    violated = rng.random(3000) < 0.05
+    score = np.where(violated, 1.0, rng.random(3000))
+    paths = Paths(features, score, violated, np.ones(3000), np.arange(3000))
+    # The last feature is the score so far, below all levels.
+    paths.features[:, :, -1] = -9.0
+    found = learn([paths], (2,))
+    assert found is not None
+    assert found.useful == []

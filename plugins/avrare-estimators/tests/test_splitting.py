@@ -19,9 +19,8 @@ RARE_WALK = reference_problem("d_rw_L3.8")
 
 
 def walk(limit=1.5, system=None, steps=40, score=None, **keywords):
-    return avrare.Problem(
-        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps, score, **keywords
-    )
+    system = system or systems.Walk()
+    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), steps, score, **keywords)
 
 
 def estimate(problem, seed=0, particles=40, discard=8, runs=4, **keywords):
@@ -214,30 +213,15 @@ def test_infinite_scores():
 def test_diagnostics_are_json_and_complete():
     result = estimate(walk())
     entry = json.loads(result.to_json())["diagnostics"]
-    assert set(entry) == {
-        "stages",
-        "levels",
-        "discarded",
-        "extinct_runs",
-        "roots",
-        "genealogical_variance",
-        "full_rollouts",
-        "branched_rollouts",
-    }
+    lists = {"stages", "levels", "discarded", "roots", "genealogical_variance"}
+    assert set(entry) == lists | {"extinct_runs", "full_rollouts", "branched_rollouts"}
     assert all(len(entry[name]) == 4 for name in entry if isinstance(entry[name], list))
     assert all(1 <= roots <= 40 for roots in entry["roots"])
 
 
 def test_progress_shows_levels():
-    from avrare.estimation.loop.loop import run
-    from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.work import SerialExecutor
-    from avrare_estimators.ams.config import AmsConfig
-    from avrare_estimators.ams.splitting import Splitting
-
     seen = []
-    estimator = Splitting(AmsConfig(particles=40, discard=8, runs=2))
-    (result,) = run(walk(chunk=16), estimator, SerialExecutor(), Settings(), seen.append)
+    result = estimate(walk(chunk=16), runs=2, progress=seen.append)
     rollouts = [info.rollouts for info in seen]
     assert rollouts == sorted(rollouts)
     assert rollouts[-1] == result.rollouts
@@ -257,11 +241,7 @@ def test_equal_runs_give_neither_certainty_nor_a_warning():
 
 
 def test_the_published_variant_discards_one_more_and_counts_robustness_zero():
-    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1.5)"), steps=40)
-    kept, published = (
-        avrare.estimate(problem, "ams", particles=40, discard=4, runs=4, variant=variant)
-        for variant in ("unbiased", "published")
-    )
+    kept, published = (estimate(walk(), discard=4, variant=variant) for variant in ("unbiased", "published"))
     least = [min(k for run in r.diagnostics["discarded"] for k in run) for r in (kept, published)]
     assert least == [4, 5]
     assert (kept.relation, published.relation) == ("violated", "robustness <= 0")
@@ -275,25 +255,22 @@ def test_the_published_variant_discards_one_more_and_counts_robustness_zero():
 @pytest.mark.slow
 def test_the_published_variant_is_unbiased_where_robustness_only_falls():
     walk, truth = reference_problem("d_rw_L2.5").problem(), reference_problem("d_rw_L2.5").probability
-    values = avrare.estimate(
-        walk, "ams", particles=50, discard=5, runs=200, variant="published"
-    ).run_probabilities
+    values = estimate(walk, particles=50, discard=5, runs=200, variant="published").run_probabilities
     assert abs(values.mean() - truth) < 4 * values.std(ddof=1) / np.sqrt(len(values)) < truth
 
 
 @pytest.mark.slow
 def test_the_published_variant_loses_failures_where_robustness_recovers():
     reference = reference_problem("g_eventually_c0.5")
-    values = avrare.estimate(
-        reference.problem(score="robustness"), "ams", particles=100, discard=10, runs=20, variant="published"
-    ).run_probabilities
+    task, options = reference.problem(score="robustness"), {"runs": 20, "variant": "published"}
+    values = estimate(task, particles=100, discard=10, **options).run_probabilities
     assert values.mean() < 0.2 * reference.probability
 
 
 @pytest.mark.slow
 def test_ties_give_a_note():
-    result = avrare.estimate(count_down(4, 9, "1/5").problem(), "ams", particles=50, discard=2, runs=10)
+    result = estimate(count_down(4, 9, "1/5").problem(), particles=50, discard=2, runs=10)
     assert "ties" in [note.kind for note in result.notes]
     assert "ties" not in result.health
-    smooth = avrare.estimate(reference_problem("d_rw_L2.5").problem(), "ams", particles=100, discard=10)
+    smooth = estimate(reference_problem("d_rw_L2.5").problem(), particles=100, discard=10, runs=10)
     assert "ties" not in [note.kind for note in smooth.notes]

@@ -1,20 +1,20 @@
 """Proposals learnt on the noise tape: what they find, what they say, and the same bits."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
-from interruptions import estimate_through_interruptions
 from outlier_systems import STEPS, Outliers, outliers, peak, wide
 from scipy.stats import beta
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.stack.part_checks import find_noise_names
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.lessons.dictionary import entries_of_channel, fit
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.config import IsConfig
+from estimates import estimate_through_kills, plain
 
 
 def test_chance_of_entries_is_that_of_target_rows():
@@ -39,9 +39,8 @@ def test_fit_finds_the_channel_and_the_step():
 
 
 def test_fit_pairs_outliers_of_two_channels():
-    rng = np.random.default_rng(3)
+    rng, rows = np.random.default_rng(3), np.arange(120)
     tapes = rng.standard_normal((120, 21, 6))
-    rows = np.arange(120)
     first, second = rng.integers(3, 7, 120), rng.integers(10, 14, 120)
     for channel, step in ((1, first), (4, second)):
         tapes[rows, step, channel] = 3.5 * np.sign(tapes[rows, step, channel])
@@ -145,34 +144,16 @@ def test_options_that_do_not_fit():
         avrare.estimate(problem, "is", proposal={"name": "gaussian"}, stages=3)
 
 
-def test_noise_names_are_checked():
-    system = Outliers()
-    assert find_noise_names(system) == ("gust", "glare", "rattle")
-    system.noise_names = ("gust",)
-    with pytest.raises(UsageError, match="1 noise_names, but noise_size is 3"):
-        find_noise_names(system)
-    system.noise_names = None
-    assert find_noise_names(system)[2] == "noise 2"
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.failures.noise.tobytes(), result.artifacts
-
-
 @pytest.mark.slow
 def test_same_bits_for_workers_chunks_and_after_a_stop(one_outlier, tmp_path):
     assert plain(estimate(outliers("always (first < 4)", chunk=97))) == plain(one_outlier)
     assert plain(estimate(outliers("always (first < 4)"), workers=2)) == plain(one_outlier)
     whole = plain(estimate(outliers("always (first < 4)", chunk=500)))
-    result, interruptions = estimate_through_interruptions(
-        lambda: outliers("always (first < 4)", chunk=500),
-        lambda tried: estimate(tried, checkpoint=tmp_path / "kept"),
-        first=60,
-        further=60,
+    mortal = partial(outliers, "always (first < 4)", chunk=500)
+    result, kills = estimate_through_kills(
+        lambda kills: estimate(mortal(lives=60 + 60 * kills), checkpoint=tmp_path / "kept")
     )
-    assert interruptions > 0
+    assert kills > 0
     assert plain(result) == whole
 
 

@@ -1,6 +1,5 @@
 """``mfmc``: a cheap twin saves rollouts, and the estimate stays that of the stack itself."""
 
-import json
 from dataclasses import replace
 from statistics import NormalDist
 
@@ -15,7 +14,8 @@ from avrare.estimation.result import intervals
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
-from avrare_estimators.two_fidelities.two_phase import plan_design, scale_rates
+from avrare_estimators.two_fidelities.two_phase import plan_design, scaled
+from estimates import estimate_through_kills, plain
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 
@@ -46,12 +46,6 @@ def problem(p, cosine, cost=0.01, *, stack=None, twin=None, chunk=None, levels=N
     }
     own = avrare.Problem(stack or Turned(), below, steps=1, chunk=chunk)
     return own.with_twin(avrare.Problem(twin or Turned(cosine), below, steps=1, chunk=chunk), cost)
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.failures.noise.tobytes(), result.failures.weights.tobytes()
 
 
 def test_equal_weights_give_the_exact_interval():
@@ -111,16 +105,13 @@ def test_a_killed_estimate_resumes_with_the_same_bits(tmp_path):
     counted = Mortal(Turned(0.999), np.inf)
     pair = problem(2e-2, 0.999, 1 / 32, twin=counted, chunk=2000)
     whole = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4)
-    deaths = 0
-    while True:
-        mortal = Mortal(Turned(0.999), counted.lived - 6)
-        pair = problem(2e-2, 0.999, 1 / 32, twin=mortal, chunk=2000)
-        try:
-            result = avrare.estimate(pair, "mfmc", rollouts=4000, seed=4, checkpoint=tmp_path / "kept")
-            break
-        except Killed:
-            deaths += 1
-    assert deaths > 0
+
+    def attempt(_):
+        pair = problem(2e-2, 0.999, 1 / 32, twin=Mortal(Turned(0.999), counted.lived - 6), chunk=2000)
+        return avrare.estimate(pair, "mfmc", rollouts=4000, seed=4, checkpoint=tmp_path / "kept")
+
+    result, kills = estimate_through_kills(attempt)
+    assert kills > 0
     assert plain(result) == plain(whole)
 
 

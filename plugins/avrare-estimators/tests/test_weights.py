@@ -12,7 +12,6 @@ from avrare_estimators.common.weights import (
     resample,
     stratified_variance,
 )
-from avrare_estimators.importance.config import IsConfig
 
 LOGS = np.array([-800.0, -3.0, 0.0, 2.5, 800.0, np.inf, -np.inf])
 
@@ -79,11 +78,3 @@ def test_mixture_density_integrates_to_one():
         values = np.exp(sign * law.log_ratio(tapes))
         assert abs(values.mean() - 1) < 4 * values.std() / 200
         assert values.std() > 0.1
-
-
-@pytest.mark.parametrize(
-    "wrong", [3, "x", {}, {"gaussian": 1}, {"name": "gaussian", "sigma": 1}, {"name": "normal"}, object()]
-)
-def test_invalid_proposals_are_refused(wrong):
-    with pytest.raises(ValueError, match=r"proposal"):
-        IsConfig(proposal=wrong)

@@ -1,34 +1,25 @@
 """Searches that no score leads: tail atoms beside a learned proposal, and annealing of the noise's scale."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
 import avrare
 from avrare.protocols import Floats
+from avrare.rollout.noise import NoiseSource
+from avrare_estimators.common.samples.cross_check import GROUPS
+from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
+from avrare_estimators.common.samples.sources import Stratum
 from avrare_estimators.common.tapes.tail_atoms import SHARE, tail_atoms, with_tail_atoms
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
+from plain_systems import Static, Still
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
 
 
-class Static:
-    """System of one signal, a function of its numbers."""
-
-    def __init__(self, noise_size, signal):
-        self.noise_size, self.signal = noise_size, signal
-
-    def initial(self, noise: Floats):
-        return {"x": self.signal(noise)}
-
-    def step(self, state, noise):
-        return state
-
-    def signals(self, state):
-        return state
-
-
-class Stuck:
+class Stuck(Still):
     """Drive that gets stuck by a rare fault of one step, which no signal shows beforehand."""
 
     noise_size, steps, rate = 2, 30, 2e-6
@@ -39,9 +30,6 @@ class Stuck:
     def step(self, state, noise):
         stuck = state["stuck"] | (noise[:, 1] > norm.isf(self.rate))
         return {"x": state["x"] + np.where(stuck, 0.0, 1.0 + 0.1 * noise[:, 0]), "stuck": stuck}
-
-    def signals(self, state):
-        return {"x": state["x"]}
 
 
 def modes(visible=4.2, hidden=3e-5):
@@ -112,3 +100,50 @@ def test_annealing_vouches_for_a_mode_that_no_score_shows():
     assert len(checks) >= 4
     assert np.mean(checks) == pytest.approx(truth, rel=0.25)
     assert np.mean([result.probability for result in results]) == pytest.approx(truth, rel=0.15)
+
+
+def begin(run=0):
+    plan = SimpleNamespace(steps=5, noise=NoiseSource(3, 1))
+    source = SimpleNamespace(target_request=lambda tapes: tapes)
+    target = Stratum(plan, run, 0, 10, from_target=True)
+    return ScaleAnnealing.begin(
+        [SimpleNamespace(strata=(target,), violated=np.array([True]), source=source)], 12_000
+    )
+
+
+def tell(annealing, failed):
+    return annealing.tell(SimpleNamespace(violated=failed[:, None], error=np.zeros(len(failed), dtype=bool)))
+
+
+def fail_largest(annealing, share):
+    """Return the next state where this share of the tapes fails, those with the largest sum."""
+    sums = annealing.pending.sum(axis=(1, 2))
+    return tell(annealing, sums > np.quantile(sums, 1.0 - share))
+
+
+def test_rollouts_that_choose_the_scale_do_not_count():
+    seeking = begin()
+    larger = fail_largest(seeking, 0.01)
+    assert (larger.scale, larger.counts) == (1.6, False)
+    chosen = fail_largest(larger, 0.05)
+    assert (chosen.scale, chosen.walkers) == (1.6, None)
+    assert chosen.counts
+    assert not chosen.probabilities.any()
+    assert not np.isin(chosen.pending, larger.pending).any()
+    walking = fail_largest(chosen, 0.04)
+    assert walking.scale < 1.6
+    assert np.isin(walking.walkers, chosen.pending).all()
+
+
+def test_runs_choose_their_walkers_by_numbers_of_their_own(monkeypatch):
+    def draw(annealing, rows):
+        return np.linspace(0.0, 1.0, rows * 6).reshape(rows, 6, 1)
+
+    def walkers(run):
+        chosen = fail_largest(begin(run), 1.0)
+        return fail_largest(chosen, 1.0).walkers
+
+    monkeypatch.setattr(ScaleAnnealing, "_normals", draw)  # both runs meet the same failures
+    first, second = walkers(0), walkers(1)
+    assert len(first) % GROUPS == 0
+    assert (first != second).any()

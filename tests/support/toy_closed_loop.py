@@ -135,24 +135,6 @@ MISS = 0.5
 """Distance that a missed detection costs [m]."""
 
 
-@dataclass(frozen=True)
-class Coin:
-    """x grows by the size of each step's number; a row breaks down where one exceeds ``breaks``."""
-
-    breaks: float = math.inf
-    noise_size = 2
-
-    def initial(self, noise):
-        return {"x": np.zeros(len(noise))}
-
-    def step(self, state, noise):
-        x = state["x"] + noise[:, 0]
-        return {"x": np.where(noise[:, 1] > self.breaks, np.nan, x)}
-
-    def signals(self, state):
-        return dict(state)
-
-
 def scene():
     one = np.ones(1)
     return Scene(1.0, Road((0.0,), 3.5), 4.5, 1.8, ("parked",), 4.5 * one, 1.8 * one, np.zeros(1, bool))
