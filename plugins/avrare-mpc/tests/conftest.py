@@ -37,10 +37,7 @@ CUT_IN = TrajectoryPlan.model_validate(
         "v_goal_weight": 20.0,
         "turn_rate_max": 1.1,
         "speed_max": 45.8,
-        "schedule": [
-            {"from_step": 0, "to_step": 4, "lane": 1},
-            {"from_step": 5, "to_step": 79, "lane": 2},
-        ],
+        "schedule": [{"from_step": 0, "to_step": 4, "lane": 1}, {"from_step": 5, "to_step": 79, "lane": 2}],
     }
 )
 MERGING = TrajectoryPlan.model_validate(
@@ -52,10 +49,7 @@ MERGING = TrajectoryPlan.model_validate(
         "acceleration_weight": 1.0,
         "turn_rate_max": 0.4,
         "y_min": -2.263,
-        "schedule": [
-            {"from_step": 0, "to_step": 10, "lane": 0},
-            {"from_step": 13, "to_step": 79, "lane": 1},
-        ],
+        "schedule": [{"from_step": 0, "to_step": 10, "lane": 0}, {"from_step": 13, "to_step": 79, "lane": 1}],
     }
 )
 
@@ -87,17 +81,36 @@ class LaneChange:
     def predict(self, step, noise):
         """Predict constant velocity along the road; noise (N, 3, 3) in metres and m/s."""
         time = np.arange(HORIZON + 1) * DT
-        x = self.x[:, step] + noise[:, :, 0]
-        y = self.y[:, step] + noise[:, :, 1]
-        speed = self.speed[:, step] + noise[:, :, 2]
+        x, y, speed = (part[:, step] + noise[..., k] for k, part in enumerate((self.x, self.y, self.speed)))
         return Prediction(x=x[..., None] + speed[..., None] * time, y=np.repeat(y[..., None], HORIZON + 1, 2))
 
-    def drive(self, controller, noise, samples=40) -> Drive:
+    def follower(self, backend, **options):
+        """Return a controller that follows its plan."""
+        config = {"backend": backend, "search": "follow", "stops": False, **options}
+        return build(MpcConfig.model_validate(config), SCENE)
+
+    def noise(self, n, samples, seed):
+        """Return observation noise of a drive (N, samples - 1, 3, 3)."""
+        normals = np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
+        return np.array([0.3, 0.15, 0.3]) * normals
+
+    def first_situations(self, n, x, horizon=HORIZON):
+        """Return states of the ego near ``x`` and noisy predictions, as at the first step."""
+        rng = np.random.default_rng(3)
+        state = np.array([x, 1.75, 21.6, 0.0]) + [1.0, 0.3, 1.0, 0.02] * rng.standard_normal((n, 4))
+        seen = self.predict(0, 0.2 * rng.standard_normal((n, 3, 3)))
+        return ego_at(state), Prediction(seen.x[..., : horizon + 1], seen.y[..., : horizon + 1])
+
+    def blind(self, prediction):
+        """Return a prediction without a value along the road."""
+        return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
+
+    def drive(self, controller, noise) -> Drive:
         """Drive the closed loop on the controller's own model, observation noise (N, samples - 1, 3, 3)."""
         n = len(noise)
         memory = controller.start(n)
         states, actions, inputs = [np.tile([17.149, 1.75, 21.6, 0.0], (n, 1))], [], []
-        for step in range(samples - 1):
+        for step in range(noise.shape[1]):
             given = (memory, ego_at(states[-1]), self.predict(step, noise[:, step]))
             inputs.append(given)
             action, memory = controller.act(*given)
@@ -121,7 +134,7 @@ def lane_change():
 @pytest.fixture(scope="session")
 def quiet(lane_change):
     """Return a controller and its drive without noise."""
-    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), SCENE)
+    controller = lane_change.follower("casadi")
     return controller, lane_change.drive(controller, np.zeros((1, 39, 3, 3)))
 
 
@@ -163,13 +176,6 @@ def ego_at(state):
 
 
 def roll(state, action):
-    x, y, speed, heading = state.T
-    return np.stack(
-        [
-            x + DT * speed * np.cos(heading),
-            y + DT * speed * np.sin(heading),
-            speed + DT * action.acceleration,
-            heading + DT * action.yaw_rate,
-        ],
-        axis=1,
-    )
+    _, _, speed, heading = state.T
+    change = speed * np.cos(heading), speed * np.sin(heading), action.acceleration, action.yaw_rate
+    return state + DT * np.stack(change, axis=1)

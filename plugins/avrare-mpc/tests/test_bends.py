@@ -10,7 +10,6 @@ from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import MpcController
 
 ARC = CurvedLine((Piece(400.0, 0.005, 0.005),))
-NONE = np.zeros(0)
 
 
 def ego(y=2.0, x=50.0, n=1):
@@ -19,9 +18,8 @@ def ego(y=2.0, x=50.0, n=1):
 
 def test_lengths_are_those_of_the_offset_curve():
     x = np.array([[[50.0, 90.0, 30.0]]])
-    np.testing.assert_allclose(
-        beside_ego(ARC, ego(), x)[0, 0], [50.0, 50.0 + 40.0 * 0.99, 50.0 - 20.0 * 0.99]
-    )
+    expected = [50.0, 50.0 + 40.0 * 0.99, 50.0 - 20.0 * 0.99]
+    np.testing.assert_allclose(beside_ego(ARC, ego(), x)[0, 0], expected)
     forth = ARC.advance(np.array([50.0]), np.array([2.0]), np.array([40.0 * 0.99]))
     assert forth[0] == pytest.approx(90.0)
 

@@ -11,10 +11,6 @@ from avrare_mpc.controller import build
 from avrare_mpc.plan import initial_guesses
 
 
-def noise_of(n, samples, seed=5):
-    return np.array([0.3, 0.15, 0.3]) * np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
-
-
 def test_the_noise_free_rollout_changes_lane_between_the_others(lane_change, quiet):
     controller, drive = quiet
     states = drive.states[0]
@@ -39,13 +35,8 @@ def test_action_is_the_first_input_and_the_plan_starts_here(quiet):
 @pytest.mark.parametrize("backend", ["casadi", "riccati"])
 def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
     scene, config = lane_change.scene, MpcConfig(backend=backend, search="follow", stops=False)
-    without = dataclasses.replace(
-        scene,
-        names=scene.names[1:],
-        lengths=scene.lengths[1:],
-        widths=scene.widths[1:],
-        moving=scene.moving[1:],
-    )
+    fields = ("names", "lengths", "widths", "moving")
+    without = dataclasses.replace(scene, **{name: getattr(scene, name)[1:] for name in fields})
     ego = Vehicles(*(np.array([value]) for value in (17.149, 1.75, 0.0, 21.6, 0.0)))
     seen = lane_change.predict(0, np.zeros((1, 3, 3)))
     unknown = Prediction(seen.x.copy(), seen.y.copy())
@@ -63,16 +54,15 @@ def test_a_vehicle_at_infinity_does_not_exist(lane_change, backend):
 
 
 def test_a_prediction_that_is_not_a_number_is_a_failed_search(lane_change):
-    controller = build(MpcConfig(backend="riccati", search="follow", stops=False), lane_change.scene)
-    ego = Vehicles(*(np.array([value]) for value in (17.149, 1.75, 0.0, 21.6, 0.0)))
-    seen = lane_change.predict(0, np.zeros((1, 3, 3)))
+    controller = lane_change.follower("riccati")
+    ego, seen = lane_change.first_situations(1, 17.0)
     seen.x[:, 0] = np.nan
     assert controller.act(controller.start(1), ego, seen)[1].fallbacks.tolist() == [1]
 
 
 def test_noisy_rollouts_are_finite_and_inside_the_bounds(lane_change):
-    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
-    drive = lane_change.drive(controller, noise_of(3, 25), samples=25)
+    controller = lane_change.follower("casadi")
+    drive = lane_change.drive(controller, lane_change.noise(3, 25, seed=5))
     assert np.isfinite(drive.states).all()
     assert np.abs(drive.actions[..., 0]).max() <= 11.5 + 1e-6
     assert np.abs(drive.actions[..., 1]).max() <= 0.5 + 1e-6
@@ -90,19 +80,15 @@ def test_a_plant_outside_the_lateral_bounds_comes_back(lane_change, quiet):
     assert later.plan_states[0, -1, 1] <= 5.763 + 1e-3
 
 
-def blind(prediction):
-    return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
-
-
-def test_failures_follow_the_old_plan_then_brake(quiet):
-    controller, drive = quiet
-    memory, ego, prediction = drive.inputs[10]
-    plan = memory.plan_inputs[0]
+@pytest.mark.parametrize("backend", ["casadi", "riccati"])
+def test_failures_follow_the_old_plan_then_brake(lane_change, quiet, backend):
+    controller, (memory, ego, prediction) = lane_change.follower(backend), quiet[1].inputs[10]
+    plan, blind = memory.plan_inputs[0], lane_change.blind(prediction)
     for step in range(1, controller.horizon):
-        action, memory = controller.act(memory, ego, blind(prediction))
+        action, memory = controller.act(memory, ego, blind)
         assert (action.acceleration[0], action.yaw_rate[0]) == tuple(plan[step])
         assert memory.solved[0]
-    action, memory = controller.act(memory, ego, blind(prediction))
+    action, memory = controller.act(memory, ego, blind)
     assert (action.acceleration[0], action.yaw_rate[0]) == (-11.5, 0.0)
     assert not memory.solved[0]
     assert controller.counts(memory)["fallback_solves"].tolist() == [20]
@@ -112,11 +98,11 @@ def test_failures_follow_the_old_plan_then_brake(quiet):
 
 
 @pytest.mark.parametrize(("speed", "braking"), [(21.6, -11.5), (0.5, -5.0), (0.0, 0.0), (np.nan, -11.5)])
-def test_a_failure_without_a_plan_brakes_to_a_stop(quiet, speed, braking):
+def test_a_failure_without_a_plan_brakes_to_a_stop(lane_change, quiet, speed, braking):
     controller, drive = quiet
     _, ego, prediction = drive.inputs[0]
     ego = dataclasses.replace(ego, speed=np.array([speed]))
-    action, memory = controller.act(controller.start(1), ego, blind(prediction))
+    action, memory = controller.act(controller.start(1), ego, lane_change.blind(prediction))
     assert action.acceleration[0] == braking
     assert action.yaw_rate[0] == 0.0
     assert memory.fallbacks[0] == 1
@@ -162,10 +148,9 @@ def test_predictions_must_be_there_and_long_enough(quiet):
         controller.act(memory, ego, Prediction(x=prediction.x[..., :20], y=prediction.y[..., :20]))
 
 
-def test_solvers_are_silent(quiet, capfd):
+def test_solvers_are_silent(lane_change, quiet, capfd):
     controller, drive = quiet
     memory, ego, prediction = drive.inputs[3]
     controller.act(memory, dataclasses.replace(ego, speed=np.array([300.0])), prediction)
-    controller.act(memory, ego, blind(prediction))
-    captured = capfd.readouterr()
-    assert (captured.out, captured.err) == ("", "")
+    controller.act(memory, ego, lane_change.blind(prediction))
+    assert capfd.readouterr() == ("", "")

@@ -9,13 +9,9 @@ from avrare_mpc.riccati import functions, jit, lanes
 from avrare_mpc.riccati.lanes import WIDTH
 
 RNG = np.random.default_rng(0)
-ANGLES = np.concatenate(
-    [RNG.uniform(-2, 2, 240), [0.0, -0.0, 0.78, np.pi / 2, -np.pi / 2, 3e4, -7.0, 1e-300]]
-)
+ANGLES = np.r_[RNG.uniform(-2, 2, 240), 0.0, -0.0, 0.78, np.pi / 2, -np.pi / 2, 3e4, -7.0, 1e-300]
 SCALED = np.concatenate([RNG.uniform(-37, 37, 240), [0.0, -0.0, 37.0, -37.0, 1e-9, -1e-9, 0.3, -700.0]])
-POSITIVE = np.concatenate(
-    [np.exp(RNG.uniform(-600, 600, 240)), [1.0, 2.0, 0.5, 1e-300, 1e300, 3.0, 1.5, 0.7]]
-)
+POSITIVE = np.r_[np.exp(RNG.uniform(-600, 600, 240)), 1.0, 2.0, 0.5, 1e-300, 1e300, 3.0, 1.5, 0.7]
 
 
 def rows(values):

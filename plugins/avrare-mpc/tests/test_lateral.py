@@ -5,30 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from avrare.driving import Prediction, Road, Vehicles
+from avrare.driving import Road
 from avrare_mpc.config import MpcConfig, TrajectoryPlan
-from avrare_mpc.controller import build
 from avrare_mpc.riccati.lanes import WIDTH
 from avrare_mpc.riccati.solver import programme
 from avrare_mpc.trajectory import plan_trajectory
 
 LIMIT = 4.0
-BACKENDS = [
-    "casadi",
-    "riccati",
-]
-
-
-def bounded(**options):
-    return MpcConfig(lateral_acceleration_max=LIMIT, search="follow", stops=False, **options)
-
-
-def first_situations(lane_change, n=6):
-    rng = np.random.default_rng(3)
-    state = np.array([10.0, 1.75, 21.6, 0.0]) + [1.0, 0.3, 1.0, 0.02] * rng.standard_normal((n, 4))
-    prediction = lane_change.predict(0, 0.2 * rng.standard_normal((n, 3, 3)))
-    x, y, speed, heading = state.T
-    return Vehicles(x=x, y=y, heading=heading, speed=speed, acceleration=np.zeros(n)), prediction
+BACKENDS = ["casadi", "riccati"]
 
 
 def planned(memory):
@@ -37,11 +21,10 @@ def planned(memory):
 
 @pytest.mark.slow
 def test_both_backends_find_the_same_plan_at_the_bound(lane_change):
-    given = first_situations(lane_change)
-    found = []
-    for backend in ("casadi", "riccati"):
-        controller = build(bounded(backend=backend), lane_change.scene)
-        found.append(controller.act(controller.start(len(given[0].x)), *given)[1])
+    given, found = lane_change.first_situations(6, 10.0), []
+    for backend in BACKENDS:
+        controller = lane_change.follower(backend, lateral_acceleration_max=LIMIT)
+        found.append(controller.act(controller.start(6), *given)[1])
     expected, ours = found
     assert ours.solved.all()
     for memory in found:
@@ -55,11 +38,9 @@ def test_both_backends_find_the_same_plan_at_the_bound(lane_change):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_driven_lateral_acceleration_keeps_the_bound(lane_change, backend):
-    noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(2).standard_normal((1, 11, 3, 3))
-    free = lane_change.drive(
-        build(MpcConfig(backend=backend, search="follow", stops=False), lane_change.scene), noise, samples=12
-    )
-    drive = lane_change.drive(build(bounded(backend=backend), lane_change.scene), noise, samples=12)
+    noise = lane_change.noise(1, 12, seed=2)
+    free = lane_change.drive(lane_change.follower(backend), noise)
+    drive = lane_change.drive(lane_change.follower(backend, lateral_acceleration_max=LIMIT), noise)
     driven = [np.abs(each.states[:, :-1, 2] * each.actions[..., 1]).max(axis=1) for each in (free, drive)]
     assert (driven[0] > 8.0).all()
     assert (driven[1] > 0.99 * LIMIT).all()
@@ -69,11 +50,11 @@ def test_the_driven_lateral_acceleration_keeps_the_bound(lane_change, backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_an_old_plan_is_followed_within_the_bound_at_another_speed(lane_change, backend):
-    controller = build(bounded(backend=backend), lane_change.scene)
-    ego, prediction = first_situations(lane_change, n=1)
+    controller = lane_change.follower(backend, lateral_acceleration_max=LIMIT)
+    ego, prediction = lane_change.first_situations(1, 10.0)
     _, memory = controller.act(controller.start(1), ego, prediction)
     step = 3 + int(np.abs(planned(memory))[0, 3:].argmax())
-    unseen = Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
+    unseen = lane_change.blind(prediction)
     for _ in range(step):  # at the end the plan's turn rate at that step
         faster = dataclasses.replace(ego, speed=ego.speed + 10.0)
         action, memory = controller.act(memory, faster, unseen)
@@ -86,7 +67,8 @@ def test_an_old_plan_is_followed_within_the_bound_at_another_speed(lane_change, 
 
 @pytest.mark.parametrize("speed", [20.0, 0.0, -20.0, 0.5])
 def test_a_trial_stays_strictly_inside_whatever_its_direction(lane_change, plain, speed):
-    rng, p = np.random.default_rng(1), programme(bounded(horizon=8), lane_change.scene)
+    rng, config = np.random.default_rng(1), MpcConfig(horizon=8, lateral_acceleration_max=LIMIT)
+    p = programme(config, lane_change.scene)
     _, path, trial, work = plain.values.new_memory(8, 3)
     path.states[:4] = np.reshape([0.0, 1.75, speed, 0.0], (4, 1))
     path.inputs[:] = np.reshape([1.0, 0.1] * rng.uniform(-1.0, 1.0, (8, 2)), (16, 1))

@@ -7,30 +7,22 @@ import numpy as np
 import pytest
 
 from avrare.base.batch import concatenate, take
-from avrare.driving import Prediction, Vehicles
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.controller import build
 from avrare_mpc.plan import shift, start_of
 from avrare_mpc.riccati import jit
 from avrare_mpc.riccati.solver import RiccatiSolver
 
-CASADI, RICCATI = ({"backend": name, "search": "follow", "stops": False} for name in ("casadi", "riccati"))
-
-
-def noise_of(n, samples, seed=5):
-    return np.array([0.3, 0.15, 0.3]) * np.random.default_rng(seed).standard_normal((n, samples - 1, 3, 3))
-
 
 @pytest.fixture(scope="module")
 def fast(lane_change):
-    return build(MpcConfig(**RICCATI), lane_change.scene)
+    return lane_change.follower("riccati")
 
 
 @pytest.fixture(scope="module")
 def situations(lane_change):
     """Return inputs of ``act`` from noisy drives of the casadi backend, one row each, and its actions."""
-    controller = build(MpcConfig(backend="casadi", search="follow", stops=False), lane_change.scene)
-    drive = lane_change.drive(controller, noise_of(4, 13), samples=13)
+    controller = lane_change.follower("casadi")
+    drive = lane_change.drive(controller, lane_change.noise(4, 13, seed=5))
     given = tuple(concatenate([step[i] for step in drive.inputs]) for i in range(3))
     return given, controller.act(*given)
 
@@ -86,23 +78,6 @@ def test_the_noise_free_rollout_changes_lane_like_that_of_casadi(lane_change, fa
     assert fast.counts(ours.memory) == controller.counts(drive.memory)
 
 
-def blind(prediction):
-    return Prediction(x=np.full_like(prediction.x, np.nan), y=prediction.y)
-
-
-def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
-    memory, ego, prediction = quiet[1].inputs[10]
-    plan = memory.plan_inputs[0]
-    for step in range(1, fast.horizon):
-        action, memory = fast.act(memory, ego, blind(prediction))
-        assert (action.acceleration[0], action.yaw_rate[0]) == tuple(plan[step])
-    action, memory = fast.act(memory, ego, blind(prediction))
-    assert (action.acceleration[0], action.yaw_rate[0]) == (-11.5, 0.0)
-    assert fast.counts(memory)["fallback_solves"].tolist() == [20]
-    _, memory = fast.act(memory, ego, prediction)
-    assert memory.solved[0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
@@ -119,10 +94,8 @@ def test_failures_are_counted_and_the_old_plan_is_followed(fast, quiet):
 )
 def test_every_option_has_the_same_meaning(lane_change, options):
     """Compare first plans, where both backends keep the cheapest of several searches."""
-    slow, quick = (
-        build(MpcConfig.model_validate({**options, **more}), lane_change.scene) for more in (CASADI, RICCATI)
-    )
-    ego, prediction = first_situations(lane_change, slow.horizon)
+    slow, quick = (lane_change.follower(backend, **options) for backend in ("casadi", "riccati"))
+    ego, prediction = lane_change.first_situations(8, 17.0, slow.horizon)
     action, expected = slow.act(slow.start(len(ego.x)), ego, prediction)
     found, later = quick.act(quick.start(len(ego.x)), ego, prediction)
     assert later.solved.all()
@@ -132,25 +105,11 @@ def test_every_option_has_the_same_meaning(lane_change, options):
     np.testing.assert_allclose(found.acceleration[same], action.acceleration[same], atol=1e-4)
 
 
-def vehicles(state):
-    x, y, speed, heading = state.T
-    return Vehicles(x=x, y=y, heading=heading, speed=speed, acceleration=np.zeros(len(state)))
-
-
-def first_situations(lane_change, horizon):
-    rng, n = np.random.default_rng(3), 8
-    state = np.array([17.0, 1.75, 21.6, 0.0]) + [1.0, 0.3, 1.0, 0.02] * rng.standard_normal((n, 4))
-    prediction = lane_change.predict(0, 0.2 * rng.standard_normal((n, 3, 3)))
-    return vehicles(state), Prediction(prediction.x[..., : horizon + 1], prediction.y[..., : horizon + 1])
-
-
 def test_bounds_of_speed_and_heading_hold(lane_change):
-    config = MpcConfig.model_validate({"speed_max": 22.0, "heading_max": 0.06, **RICCATI})
-    controller = build(config, lane_change.scene)
-    ego, prediction = first_situations(lane_change, 20)
-    ego = dataclasses.replace(
-        ego, speed=np.minimum(ego.speed, 22.0), heading=np.clip(ego.heading, -0.06, 0.06)
-    )
+    controller = lane_change.follower("riccati", speed_max=22.0, heading_max=0.06)
+    ego, prediction = lane_change.first_situations(8, 17.0)
+    speed, heading = np.minimum(ego.speed, 22.0), np.clip(ego.heading, -0.06, 0.06)
+    ego = dataclasses.replace(ego, speed=speed, heading=heading)
     _, memory = controller.act(controller.start(len(ego.x)), ego, prediction)
     assert memory.solved.all()
     assert memory.plan_states[:, :, 2].max() == pytest.approx(22.0, abs=1e-5)
@@ -160,7 +119,7 @@ def test_bounds_of_speed_and_heading_hold(lane_change):
 def test_without_numba_it_warns_and_works(lane_change, plain, quiet):
     memory, ego, prediction = quiet[1].inputs[5]
     with pytest.warns(UserWarning, match="numba is not installed"):
-        search = plain.solver.RiccatiSearch(MpcConfig(**RICCATI), lane_change.scene)
+        search = plain.solver.RiccatiSearch(MpcConfig(backend="riccati"), lane_change.scene)
     assert not plain.jit.COMPILED
     start = start_of(ego)
     old = memory.plan_states, memory.plan_inputs
@@ -179,7 +138,7 @@ def test_where_no_cache_can_be_written_kernels_are_compiled_without(monkeypatch)
         return lambda function: function
 
     monkeypatch.setattr(jit.numba, "njit", njit)
-    assert jit.entry(noise_of) is noise_of
+    assert jit.entry(start_of) is start_of
     assert asked == [True, False]
 
 

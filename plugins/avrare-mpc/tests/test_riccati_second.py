@@ -5,7 +5,6 @@ import pytest
 
 from avrare.base.batch import concatenate
 from avrare_mpc.config import MpcConfig
-from avrare_mpc.controller import build
 from avrare_mpc.plan import shift, start_of
 from avrare_mpc.riccati import solver as module
 from avrare_mpc.riccati.batch import solve_all
@@ -19,12 +18,7 @@ FIELDS = ("states", "inputs", "cost", "feasible", "retried", "iterations")
 @pytest.fixture(scope="module")
 def programmes(lane_change):
     """Return arguments of ``solve``: every later step of noisy drives."""
-    noise = np.array([0.3, 0.15, 0.3]) * np.random.default_rng(8).standard_normal((24, 30, 3, 3))
-    drive = lane_change.drive(
-        build(MpcConfig(backend="riccati", search="follow", stops=False), lane_change.scene),
-        noise,
-        samples=31,
-    )
+    drive = lane_change.drive(lane_change.follower("riccati"), lane_change.noise(24, 31, seed=8))
     memory, ego, prediction = (concatenate([step[i] for step in drive.inputs[1:]]) for i in range(3))
     start = start_of(ego)
     guesses = shift(memory.plan_states, memory.plan_inputs, lane_change.scene.dt)[1]

@@ -38,10 +38,8 @@ BACKENDS = [pytest.param("casadi", marks=pytest.mark.slow), "riccati"]
 def drive(tmp_path, backend, x, speed, steps, left=None, stops="true"):
     """Return the speeds and the gaps of a drive up to cars at ``x``, seen perfectly."""
     path = tmp_path / "scene.yaml"
-    text = SCENE.format(
-        backend=backend, x=x, left=x if left is None else left, speed=speed, steps=steps, stops=stops
-    )
-    path.write_text(text, encoding="utf-8")
+    numbers = {"x": x, "left": x if left is None else left, "speed": speed, "steps": steps, "stops": stops}
+    path.write_text(SCENE.format(backend=backend, **numbers), encoding="utf-8")
     problem = LoadedScenario(load(str(path))).problem(("no_collision",))
     nominal = problem.nominal(keep_carries=True)
     assert not nominal.error.any()
