@@ -34,9 +34,7 @@ FRONT = ENTRY - 0.5 * LENGTH
 def simulate(tmp_path):
     def simulate(cars, **more):
         path = tmp_path / "scene.xml"
-        behind = drives(
-            SOUTH, "right", 5.0
-        )  # a scene needs another car; this one has no priority over the ego
+        behind = drives(SOUTH, "right", 5.0)  # a scene needs another car: it has no priority over the ego
         path.write_text(crossroads([*cars, behind], **more), encoding="utf-8")
         body = {"length": LENGTH, "width": 1.8, "wheelbase": 2.7}
         way = route(cars[0])

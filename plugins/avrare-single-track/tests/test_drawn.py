@@ -58,6 +58,20 @@ def roll(sim, world, steps, acceleration=0.0):
     return world
 
 
+def check_places(drawn, chosen, car, names, steps, tolerance):
+    """Compare the places of a car with those of its own script, for each row of its numbers."""
+    rows = len(chosen[f"vehicles.{car}.x"])
+    mixture = drawn.drawn_traffic.mix(chosen, rows)
+    for row in range(rows):
+        numbers = {name: chosen[f"vehicles.{car}.{name}"][row] for name in names}
+        script = with_numbers(drawn.config.vehicles[car], numbers)
+        exact = ScriptedTraffic((script,), drawn.scene.road, drawn.dt)
+        for step in steps:
+            found, wanted = drawn.drawn_traffic.at(np.full(rows, step), mixture), exact.at(np.array([step]))
+            for name in ("x", "y", "heading", "speed"):
+                assert abs(getattr(found, name)[row, car] - getattr(wanted, name)[0, 0]) < tolerance, name
+
+
 def test_every_particle_has_its_own_start(drawn):
     chosen = values(5)
     world = drawn.reset_drawn(np.zeros((5, 0)), chosen)
@@ -77,18 +91,7 @@ def test_vehicles_at_constant_velocity_are_exact(drawn):
 
 def test_planned_vehicles_are_near_their_own_plans(drawn):
     chosen = values(4, seed=2)
-    mixture = drawn.drawn_traffic.mix(chosen, 4)
-    vehicle = drawn.config.vehicles[1]
-    for row in range(4):
-        own = {name: chosen[f"vehicles.1.{name}"][row] for name in ("x", "speed", "drive.v_goal")}
-        exact = ScriptedTraffic((with_numbers(vehicle, own),), drawn.scene.road, drawn.dt)
-        for step in (0, 3, 11, 20):
-            found = drawn.drawn_traffic.at(np.full(4, step), mixture)
-            wanted = exact.at(np.array([step]))
-            for name in ("x", "y", "heading", "speed"):
-                assert getattr(found, name)[row, 1] == pytest.approx(getattr(wanted, name)[0, 0], abs=0.03), (
-                    name
-                )
+    check_places(drawn, chosen, 1, ("x", "speed", "drive.v_goal"), (0, 3, 11, 20), 0.03)
 
 
 def test_friction_is_each_particle_s_own(drawn):
@@ -98,11 +101,9 @@ def test_friction_is_each_particle_s_own(drawn):
 
 
 def test_too_many_numbers_of_one_script_are_refused():
-    laws = {
-        f"vehicles.1.{name}": LAWS["ego.speed"] for name in ("y", "speed", "drive.v_goal", "drive.y_goal")
-    }
+    names = ("y", "speed", "drive.v_goal", "drive.y_goal")
     with pytest.raises(UsageError, match="at most 3 can be"):
-        simulator().drawing(laws)
+        simulator().drawing({f"vehicles.1.{name}": LAWS["ego.speed"] for name in names})
 
 
 BENT = {"line": [{"length": 80.0}, {"length": 200.0, "curvature": 0.01}]}
@@ -115,18 +116,6 @@ def test_vehicles_at_constant_velocity_are_exact_in_bends():
         for name, mean in (("x", 0.0), ("y", 5.25), ("speed", 15.0))
     }
     drawn = simulator(road=BENT, vehicles=[vehicle]).drawing(laws)
-    starts = {
-        "x": np.array([40.0, 0.0, -7.0]),
-        "y": np.array([5.25, 4.0, 6.0]),
-        "speed": np.array([15.0, 12, 18]),
-    }
-    mixture = drawn.drawn_traffic.mix({f"vehicles.0.{name}": value for name, value in starts.items()}, 3)
-    for row in range(3):
-        own = with_numbers(drawn.config.vehicles[0], {name: value[row] for name, value in starts.items()})
-        exact = ScriptedTraffic((own,), drawn.scene.road, drawn.dt)
-        for step in (0, 40, 100):
-            found, wanted = drawn.drawn_traffic.at(np.full(3, step), mixture), exact.at(np.array([step]))
-            for name in ("x", "y", "heading", "speed"):
-                assert getattr(found, name)[row, 0] == pytest.approx(getattr(wanted, name)[0, 0], abs=1e-8), (
-                    name
-                )
+    starts = {"x": [40.0, 0.0, -7.0], "y": [5.25, 4.0, 6.0], "speed": [15.0, 12.0, 18.0]}
+    chosen = {f"vehicles.0.{name}": np.array(values) for name, values in starts.items()}
+    check_places(drawn, chosen, 0, tuple(starts), (0, 40, 100), 1e-8)

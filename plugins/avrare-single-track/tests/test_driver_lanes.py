@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from avrare_single_track.config import SingleTrackConfig
 from avrare_single_track.simulator import build
@@ -86,21 +85,6 @@ def test_a_driver_brakes_for_one_that_comes_towards_it_in_its_lane():
     ghost = {"name": "wrong", "x": 120.0, "y": -1.75, "speed": 10.0, "heading": np.pi}
     worlds = drive(along(car("one", 0.0, y=-1.75), ghost, road=road), 20)
     assert worlds[-1].others.acceleration[0, 0] < -2.0
-
-
-@pytest.mark.parametrize(
-    ("road", "words"),
-    [
-        ({"lane_spans": [{"lane": 0}]}, "give begin, end or both"),
-        ({"lane_spans": [{"lane": 0, "begin": 5.0, "end": 5.0}]}, "must begin before it ends"),
-        ({"lane_spans": [{"lane": 7, "end": 5.0}]}, "lane_spans must name lanes"),
-        ({"lane_spans": [{"lane": 0, "end": 5.0}, {"lane": 0, "begin": 9.0}]}, "names a lane twice"),
-        ({"opposing": [0, 2]}, "side by side"),
-    ],
-)
-def test_roads_that_cannot_be(road, words):
-    with pytest.raises(ValidationError, match=words):
-        along(road=road)
 
 
 def test_one_that_has_passed_does_not_keep_a_driver_from_the_opposing_lane():

@@ -9,13 +9,14 @@ from pydantic import ValidationError
 from avrare import Problem, stl
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
-from avrare.driving import Action, Lane, Road
+from avrare.driving import Lane, Road
 from avrare.driving.lanes import ENDLESS
 from avrare.stack.closed_loop import ClosedLoop
 from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_single_track.driver_model import idm
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene, continue_lanes, has_constant_lanes
+from drivers import drive
 from intersection_scenes import EAST, EGO, SOUTH, crossroads, drives
 from lanelet_scenes import KINDS
 
@@ -112,13 +113,8 @@ def test_a_start_that_is_not_exact_is_refused(write):
             RecordedScene(RecordedConfig(file=path))
 
 
-def roll(sim, steps, noise=None):
-    noise = np.zeros((steps + 1, 1, sim.noise_size)) if noise is None else noise
-    n = noise.shape[1]
-    world = sim.reset(noise[0])
-    for row in noise[1:]:
-        world = sim.step(world, Action(np.zeros(n), np.zeros(n)), row)
-    return world
+def roll(sim, steps):
+    return drive(sim, steps)[-1]
 
 
 def test_cars_that_were_handed_over_react_from_where_they_were(write):
@@ -131,10 +127,8 @@ def test_cars_that_were_handed_over_react_from_where_they_were(write):
     assert handed.noise_names == ("acceleration of v2",)
     noise = np.zeros((1, 1))
     for name in ("x", "y", "speed"):
-        one, other = (
-            getattr(sim.reset(noise[:, : sim.noise_size]).others, name) for sim in (replayed, handed)
-        )
-        np.testing.assert_array_equal(one, other)
+        starts = (sim.reset(noise[:, : sim.noise_size]).others for sim in (replayed, handed))
+        np.testing.assert_array_equal(*(getattr(others, name) for others in starts))
     before, after = roll(replayed, 10), roll(handed, 10)
     assert before.others.speed[0, 0] == pytest.approx(25.0)
     gap = 7.0 - 0.5 * (handed.scene.ego_length + handed.scene.lengths[0])
@@ -148,11 +142,8 @@ def test_cars_that_were_handed_over_react_from_where_they_were(write):
 def test_cars_that_cannot_be_handed_over(write):
     with pytest.raises(UsageError, match="lanes of constant widths"):
         RecordedScene(RecordedConfig(file=write("widening"), drivers={}))
-    text = write("bend").read_text(encoding="utf-8")
-    late = re.sub(
-        r'(<dynamicObstacle id="3">.*?)<time><exact>0</exact>', r"\1<time><exact>1</exact>", text, flags=re.S
-    )
-    path = write("bend")
+    path, begin = write("bend"), r'(<dynamicObstacle id="3">.*?<time><exact>)0'
+    late = re.sub(begin, r"\g<1>1", path.read_text(encoding="utf-8"), flags=re.DOTALL)
     path.write_text(late, encoding="utf-8")
     with pytest.raises(UsageError, match="obstacle 3 is not there at the start") as caught:
         RecordedScene(RecordedConfig(file=path, without=(1,), drivers={"vehicles": (3,)}))

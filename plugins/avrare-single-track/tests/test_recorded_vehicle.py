@@ -7,7 +7,6 @@ import pytest
 from pydantic import ValidationError
 
 from avrare.base.errors import AvrareError, UsageError
-from avrare.driving import Action
 from avrare.scenario.fingerprint import fingerprint
 from avrare.scenario.load import load
 from avrare.scenario.safe_mode import safe_mode
@@ -15,6 +14,7 @@ from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_recordings.formats.drives import open_drives
 from avrare_single_track.file_config import RecordedConfig
 from avrare_single_track.recorded import RecordedScene
+from drivers import drive
 from drone_files import highd_rows, write_highd, write_ind
 from lanelet_scenes import KINDS
 
@@ -32,12 +32,9 @@ def highd(tmp_path):
 
 def roll(sim, steps):
     """Return the world after some steps, the ego going straight on."""
-    zero = np.zeros(1)
-    world = sim.reset(np.zeros((1, sim.noise_size)))
-    for _ in range(steps):
-        world = sim.step(world, Action(zero, zero), np.zeros((1, sim.noise_size)))
-        assert not sim.faults(world).any()
-    return world
+    worlds = drive(sim, steps)
+    assert not any(sim.faults(world).any() for world in worlds)
+    return worlds[-1]
 
 
 def test_the_ego_stands_for_a_vehicle_of_highd(highd):
@@ -126,10 +123,8 @@ def test_safe_mode_reads_no_linked_file_beside_a_recording(highd, tmp_path, monk
         'specifications: {clear: {stl: "always (gap > 2.0)"}}\n'
     )
     load(path)
-    with (
-        safe_mode(),
-        pytest.raises(AvrareError, match=r"01_recordingMeta\.csv'? is a link to a file outside"),
-    ):
+    words = r"01_recordingMeta\.csv'? is a link to a file outside"
+    with safe_mode(), pytest.raises(AvrareError, match=words):
         load(path)
     (folder / "01_recordingMeta.csv").unlink()
     (folder / "01_recordingMeta.csv").write_text((tmp_path / "01_recordingMeta.csv").read_text())

@@ -1,4 +1,4 @@
-"""The simulator as a whole: reset, step, signals, faults."""
+"""The simulator as a whole: options, reset, step, signals, faults."""
 
 import copy
 
@@ -24,16 +24,10 @@ VEHICLES = [
 ]
 
 
-def simulator(vehicles=VEHICLES):
-    ego = {"x": 0.0, "y": 1.75, "speed": 20.0}
-    road = {"access_ramp": [0]}
-    options = {"ego": ego, "road": road, "vehicles": vehicles, "after_impact": "go_on"}
-    return build(SingleTrackConfig.model_validate(options))
-
-
 @pytest.fixture(scope="module")
 def sim():
-    return simulator()
+    options = {"road": {"access_ramp": [0]}, "vehicles": VEHICLES, "after_impact": "go_on"}
+    return build(SingleTrackConfig.model_validate({"ego": EGO, **options}))
 
 
 def start(sim, n):
@@ -61,11 +55,8 @@ def test_signals(sim):
     signals = sim.signals(world)
     fields = ("x", "y", "heading", "speed", "acceleration")
     levels = {f"{name}_acceleration" for name in ("longitudinal", "lateral", "combined")}
-    levels |= {"jerk", "time_to_collision"}
-    assert {f"ego_{name}" for name in fields} | {f"others_{name}" for name in fields} | levels | {
-        "distance",
-        "gap",
-    } == (signals.keys())
+    levels |= {"jerk", "time_to_collision", "distance", "gap"}
+    assert levels | {f"{who}_{name}" for who in ("ego", "others") for name in fields} == signals.keys()
     for name, values in signals.items():
         assert values.shape == ((4, 3) if name.startswith("others") or name == "distance" else (4,)), name
         assert values.dtype == np.float64
@@ -100,3 +91,43 @@ def test_an_action_without_a_value_is_a_fault_of_its_row(sim, broken):
 def test_without_a_controller_is_a_usage_error(sim):
     with pytest.raises(UsageError, match="needs a controller"):
         sim.step(start(sim, 1), None, np.zeros((1, 0)))
+
+
+EGO = {"x": 0.0, "y": 1.75, "speed": 20.0}
+LEAD = {"name": "lead", "x": 0, "y": 0, "speed": 9.0}
+BRAKE = {"from_step": 9, "to_step": 3, "acceleration": -2.0}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"ego": {**EGO, "speed": 50.0}}, "speed must not be above speed_max"),
+        ({"ego": {**EGO, "speed": -1.0}}, "greater than or equal to 0"),
+        ({"ego": {**EGO, "x": float("nan")}}, "finite"),
+        ({"ego": {**EGO, "speed_max": float("inf")}}, "finite"),
+        ({"ego": {**EGO, "colour": "red"}}, "Extra inputs"),
+        ({"road": {"lane_centres": [1.75, -1.75]}}, "must ascend"),
+        ({"road": {"lane_centres": [0.0, 3.0]}}, "lanes overlap"),
+        ({"road": {"lane_centres": []}}, "at least 1"),
+        ({"road": {"access_ramp": [3]}}, "access_ramp must name lanes 0..2"),
+        ({"vehicles": [{"name": "a", "x": 0, "y": 0}] * 2}, "a name of its own"),
+        ({"vehicles": [{"name": "ego", "x": 0, "y": 0}]}, "'ego' is a reserved name in formulas"),
+        ({"vehicles": [{"name": "others", "x": 0, "y": 0}]}, "'others' is a reserved name in formulas"),
+        ({"vehicles": [{**LEAD, "drive": {"lanes": [1, 3]}}]}, "'lead' drives on lane 3, the lanes are 0..2"),
+        ({"vehicles": [{**LEAD, "driver": {"lanes": [-1, 2]}}]}, "greater than or equal to 0"),
+        ({"vehicles": [{**LEAD, "driver": {"lanes": [2, 0]}}]}, "first lane must not be above the last one"),
+        ({"vehicles": [{**LEAD, "driver": {"brake": [BRAKE]}}]}, "from_step must not be above to_step"),
+        ({"ego": {**EGO, "width": 0.0}}, "greater than 0"),
+        ({"road": {"lane_spans": [{"lane": 0}]}}, "give begin, end or both"),
+        ({"road": {"lane_spans": [{"lane": 0, "begin": 5.0, "end": 5.0}]}}, "must begin before it ends"),
+        ({"road": {"lane_spans": [{"lane": 7, "end": 5.0}]}}, "lane_spans must name lanes"),
+        (
+            {"road": {"lane_spans": [{"lane": 0, "end": 5.0}, {"lane": 0, "begin": 9.0}]}},
+            "a lane twice",
+        ),
+        ({"road": {"opposing": [0, 2]}}, "side by side"),
+    ],
+)
+def test_wrong_options_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        SingleTrackConfig.model_validate({"ego": EGO, **wrong})

@@ -18,10 +18,7 @@ DT = 0.1
 RECORDED_GOALS = {
     "cut_in": {"v_goal": 25.352},
     "merge": {
-        "schedule": [
-            {"from_step": 0, "to_step": 10, "lane": 0},
-            {"from_step": 13, "to_step": 79, "lane": 1},
-        ],
+        "schedule": [{"from_step": 0, "to_step": 10, "lane": 0}, {"from_step": 13, "to_step": 79, "lane": 1}]
     },
 }
 SHORT = TrajectoryPlan(lanes=(1,), steps=6, v_goal=20.0)
@@ -68,11 +65,9 @@ def test_constant_velocity_and_parked():
     time = DT * steps(50)
     np.testing.assert_allclose(found.x[:, 0], 1.0 + 10.0 * time * np.cos(0.1), atol=1e-12)
     np.testing.assert_allclose(found.y[:, 0], 2.0 + 10.0 * time * np.sin(0.1), atol=1e-12)
-    assert (found.x[:, 1] == 5.0).all()
-    assert (found.y[:, 1] == -1.0).all()
-    assert (found.speed == [10.0, 0.0]).all()
-    assert (found.heading == [0.1, 0.0]).all()
-    assert (found.acceleration == 0.0).all()
+    for name, values in {"speed": [10.0, 0.0], "heading": [0.1, 0.0], "acceleration": [0.0, 0.0]}.items():
+        assert (getattr(found, name) == values).all(), name
+    assert (np.stack([found.x[:, 1], found.y[:, 1]], axis=1) == [5.0, -1.0]).all()
 
 
 def test_constant_velocity_after_the_plan():
