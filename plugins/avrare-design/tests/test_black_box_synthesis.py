@@ -32,8 +32,8 @@ def path(tmp_path):
     return file
 
 
-def numbers_of(path, *paths, overrides=()):
-    return ScenarioNumbers.of(ParametricScenario(path, overrides), paths or (GAIN,))
+def numbers_of(path, *paths):
+    return ScenarioNumbers.of(ParametricScenario(path, ()), paths or (GAIN,))
 
 
 def measure(loaded, number):
@@ -43,24 +43,15 @@ def measure(loaded, number):
 
 
 def exact_probability(loaded):
-    [result] = run(
-        loaded.problem("near"),
-        LinearLevels(LinearEssConfig(chains=100, runs=10)),
-        SerialExecutor(),
-        Settings(99),
-    )
+    estimator = LinearLevels(LinearEssConfig(chains=100, runs=10))
+    [result] = run(loaded.problem("near"), estimator, SerialExecutor(), Settings(99))
     return result.probability
 
 
 def test_numbers_have_names_sizes_and_settings(path):
     numbers = numbers_of(path, GAIN, "simulator.initial.mean", "simulator.dt")
-    assert numbers.names == (
-        f"{GAIN}.0.0.0",
-        f"{GAIN}.0.0.1",
-        "simulator.initial.mean.0",
-        "simulator.initial.mean.1",
-        "simulator.dt",
-    )
+    means = ("simulator.initial.mean.0", "simulator.initial.mean.1")
+    assert numbers.names == (f"{GAIN}.0.0.0", f"{GAIN}.0.0.1", *means, "simulator.dt")
     assert numbers.scale[[0, 1, 2, 3]].tolist() == [0.3, 0.4, 1.0, 1.0]
     moved = numbers.at(numbers.start + np.array([0.0, 0.1, 1e-5, 0.0, 0.05])).definition.resolved["simulator"]
     assert moved["feedback"]["gain"] == [[[0.3, 0.5]]]
@@ -149,13 +140,11 @@ def test_a_difference_that_the_scenario_refuses_ends_the_descent_where_it_is(pat
 
 def test_directions_span_the_gradient(path):
     numbers = numbers_of(path)
-    whole, part = (
-        next(iter(descend(numbers, Search("near", 2, directions=k), measure, TapeRunner()))) for k in (0, 2)
-    )
+    searches = (Search("near", 2, directions=k) for k in (0, 2, 1))
+    whole, part, one = (next(iter(descend(numbers, search, measure, TapeRunner()))) for search in searches)
     error = np.linalg.norm([one.error for one in (*whole.derivatives, *part.derivatives)])
     assert np.abs(part.gradient - whole.gradient).max() < 3.0 * error
     assert len(part.derivatives) == 2
-    one = next(iter(descend(numbers, Search("near", 2, directions=1), measure, TapeRunner())))
     assert len(one.derivatives) == 1
     assert one.slope < whole.slope + 3.0 * error
 
@@ -163,9 +152,8 @@ def test_directions_span_the_gradient(path):
 def test_a_target_ends_it_and_maximising_climbs(path):
     numbers = numbers_of(path)
     assert len(list(descend(numbers, Search("near", 5, target=0.5), measure, TapeRunner()))) == 1
-    down, up = (
-        list(descend(numbers, Search("near", 2, maximise=m), measure, TapeRunner())) for m in (False, True)
-    )
+    searches = (Search("near", 2, maximise=maximise) for maximise in (False, True))
+    down, up = (list(descend(numbers, search, measure, TapeRunner())) for search in searches)
     assert down[1].measured.probability < down[0].measured.probability < up[1].measured.probability
     assert [one.best for one in up] == [True, True]
 
@@ -187,13 +175,8 @@ def test_the_command_proves_that_p_fell(path, tmp_path, capsys):
 @pytest.mark.slow
 def test_estimates_prove_it_where_the_start_is_rare(path, capsys):
     arguments = ["synthesise", str(path), "--specification", "near", "--parameter", GAIN, "--steps", "2"]
-    rare = [
-        "--set",
-        'specifications.near.stl="always (x < 2.4)"',
-        "--set",
-        "estimator={plugin: ess, chains: 20}",
-    ]
-    code = main([*arguments, *rare])
+    rare = ('specifications.near.stl="always (x < 2.4)"', "estimator={plugin: ess, chains: 20}")
+    code = main([*arguments, "--set", rare[0], "--set", rare[1]])
     text = capsys.readouterr().out
     assert "fresh estimates, at 95.0% together:" in text
     assert (code == 0) == ("it fell: the intervals do not meet" in text)

@@ -20,18 +20,16 @@ from noisy_loop import Sensor, exact, noisy_problem
 SCENARIO = "scenarios/lane_change.yaml"
 
 
-def by_score(rollouts, seed=1, sd=1.0, start=None):
-    problem = noisy_problem(sd, start=start)
+def by_score(rollouts, seed=1, build=Sensor):
+    problem = noisy_problem(1.0)
     sample = sample_failures(problem, rollouts, seed, 0.95, TapeRunner())
-    return derive_by_score(problem, sample, "perception.sd", sd, Sensor)
+    return derive_by_score(problem, sample, "perception.sd", 1.0, build)
 
 
-def by_pairs(rollouts, seed=1, step=0.1):
-    span = (1.0 - step, 1.0 + step)
-    pair = (noisy_problem(gain=span[0]), noisy_problem(gain=span[1]))
-    return derive_by_pairs(
-        pair, span, "controller.gain", 1.0, rollouts=rollouts, seed=seed, confidence=0.95, runner=TapeRunner()
-    )
+def by_pairs(rollouts, seed=1, pair=None):
+    pair = pair or (noisy_problem(gain=0.9), noisy_problem(gain=1.1))
+    options = {"rollouts": rollouts, "seed": seed, "confidence": 0.95, "runner": TapeRunner()}
+    return derive_by_pairs(pair, (0.9, 1.1), "controller.gain", 1.0, **options)
 
 
 def test_the_score_function_gives_the_derivative():
@@ -76,31 +74,24 @@ def test_pairs_give_the_quotient():
 @pytest.mark.parametrize(("limit", "kept"), [(1.0, "below"), (0.0, "above")])
 def test_the_score_at_the_end_of_a_range_is_one_sided(limit, kept):
     # At sd = 1, one side is not permitted; the step of a thousandth has no noise and hardly a bias.
-    problem = noisy_problem(1.0)
-    sample = sample_failures(problem, 5000, 1, 0.95, TapeRunner())
-
     def build(value):
         if value > limit if kept == "below" else value < 1.0:
             raise UsageError(f"{value} is not permitted")
         return Sensor(value)
 
-    found = derive_by_score(problem, sample, "perception.sd", 1.0, build)
-    whole = derive_by_score(problem, sample, "perception.sd", 1.0, Sensor)
+    found, whole = by_score(5000, build=build), by_score(5000)
     assert found.derivative == pytest.approx(whole.derivative, rel=5e-3)
     assert found.derivative != whole.derivative
 
 
 def test_a_score_without_any_permitted_side_is_refused():
-    problem = noisy_problem(1.0)
-    sample = sample_failures(problem, 2000, 1, 0.95, TapeRunner())
-
     def build(value):
         if value != 1.0:
             raise UsageError("only 1 is permitted")
         return Sensor(value)
 
     with pytest.raises(UsageError, match="no value beside it is permitted"):
-        derive_by_score(problem, sample, "perception.sd", 1.0, build)
+        by_score(2000, build=build)
 
 
 def test_pairs_that_break_down_are_no_passes():
@@ -111,9 +102,7 @@ def test_pairs_that_break_down_are_no_passes():
 
     formula = avrare.stl("always[1, 1] (x > -0.1)")
     pair = tuple(avrare.Problem(system, formula, steps=1) for system in (Walk(), Breaking()))
-    found = derive_by_pairs(
-        pair, (0.9, 1.1), "x", 1.0, rollouts=400, seed=1, confidence=0.95, runner=TapeRunner()
-    )  # fmt: skip
+    found = by_pairs(400, pair=pair)
     low, high = found.interval
     assert found.derivative == 0.0
     # Half of all tapes might have failed at one value alone.
@@ -121,17 +110,7 @@ def test_pairs_that_break_down_are_no_passes():
 
 
 def test_a_parameter_without_effect_has_an_interval_around_zero():
-    pair = (noisy_problem(), noisy_problem())
-    found = derive_by_pairs(
-        pair,
-        (0.9, 1.1),
-        "controller.colour",
-        1.0,
-        rollouts=2000,
-        seed=1,
-        confidence=0.95,
-        runner=TapeRunner(),
-    )
+    found = by_pairs(2000, pair=(noisy_problem(), noisy_problem()))
     assert found.derivative == 0.0
     assert found.interval[0] < 0.0 < found.interval[1]
 
@@ -166,9 +145,8 @@ def test_weighted_failures_give_the_derivative_too():
 @pytest.fixture(scope="module")
 def lane_change():
     settings = ["steps=30", "controller.horizon=8", "specifications.near={stl: 'always (ego_y < 1.76)'}"]
-    return avrare.sensitivity(
-        SCENARIO, ["perception.miss_scale", "tracker.gate"], "near", overrides=settings, rollouts=16
-    )
+    parameters = ["perception.miss_scale", "tracker.gate"]
+    return avrare.sensitivity(SCENARIO, parameters, "near", overrides=settings, rollouts=16)
 
 
 def test_a_scenario_takes_the_method_that_fits(lane_change):
@@ -185,16 +163,10 @@ def test_a_number_that_decides_what_can_happen_at_all_is_compared_in_pairs():
     assert [row.method for row in found.rows] == ["paired"]
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        (["perception.mis_scale"], "'perception.mis_scale' is not a number"),
-        (["perception.model"], "'perception.model' is not a number"),
-    ],
-)
-def test_what_is_no_number_is_refused(parameters, message):
-    with pytest.raises(UsageError, match=message):
-        avrare.sensitivity(SCENARIO, parameters, "no_collision", rollouts=10)
+@pytest.mark.parametrize("parameter", ["perception.mis_scale", "perception.model"])
+def test_what_is_no_number_is_refused(parameter):
+    with pytest.raises(UsageError, match=f"'{parameter}' is not a number"):
+        avrare.sensitivity(SCENARIO, [parameter], "no_collision", rollouts=10)
 
 
 TANK = """\
@@ -257,14 +229,5 @@ def test_a_change_without_failures_is_not_known():
     assert row.line().startswith("controller.gain = 1: not known, p at most 0.71 at both values")
     *_, hint = Sensitivities("rule", 1e-4, (0.0, 1e-3), (row,), 6, 0).lines()
     assert "some 500,000 rollouts tell, or avrare compare --estimators auto" in hint
-    assert not any(
-        "hint" in line for line in Sensitivities("rule", 0.1, (0, 1), (by_pairs(4000),), 6, 0).lines()
-    )
-
-
-def test_a_whole_number_may_be_any_where_the_schema_permits_it(tmp_path):
-    file = tmp_path / "acc.yaml"
-    write_python_scenario(file)
-    scenario = ParametricScenario(file)
-    assert isinstance(scenario.value("steps"), int)
-    assert isinstance(scenario.value("simulator.options.radar"), float)
+    known = Sensitivities("rule", 0.1, (0, 1), (by_pairs(4000),), 6, 0)
+    assert not any("hint" in line for line in known.lines())
