@@ -39,8 +39,7 @@ def test_stretches_give_what_the_whole_gives(rule, monkeypatch):
     monkeypatch.setattr(long_recordings, "LARGE", 1)
     monkeypatch.setattr(long_recordings, "_STRETCH", 7 * 49)
     parts = monitor_recording(rule, specification, recording)
-    np.testing.assert_array_equal(whole.body, parts.body)
-    np.testing.assert_array_equal(whole.prefix, parts.prefix)
+    np.testing.assert_array_equal([whole.body, whole.prefix], [parts.body, parts.prefix])
     assert whole.first == parts.first
     assert (whole.worst.sample, whole.worst.vehicles) == (parts.worst.sample, parts.worst.vehicles)
     body, truth, first, worst = describe_body(specification, recording)
@@ -53,10 +52,8 @@ def write(path, gaps):
     """Write two cars in one lane: ``a`` so far behind ``b`` at each step, both at 20 m/s."""
     lines = ["time,vehicle,x,y,heading,speed,length,width"]
     for t, gap in enumerate(gaps):
-        lines += [
-            f"{0.1 * t:.1f},a,{2.0 * t},1.75,0,20,4,2",
-            f"{0.1 * t:.1f},b,{2.0 * t + 4 + gap},1.75,0,20,4,2",
-        ]
+        places = {"a": 2.0 * t, "b": 2.0 * t + 4 + gap}
+        lines += [f"{0.1 * t:.1f},{name},{x},1.75,0,20,4,2" for name, x in places.items()]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -99,24 +96,14 @@ def test_a_folder_on_the_command_line(folder, capsys):
 
 
 def test_every_vehicle_of_one_file(folder, capsys):
-    command = [
-        "monitor",
-        str(folder / "one.csv"),
-        "--rule",
-        "R_G1,R_I3",
-        "--ego",
-        "all",
-        "--lanes",
-        "1.75,5.25",
-    ]
-    assert main(command) == 1
+    words = ["--rule", "R_G1,R_I3", "--ego", "all", "--lanes", "1.75,5.25"]
+    assert main(["monitor", str(folder / "one.csv"), *words]) == 1
     assert "R_I3" in capsys.readouterr().out
 
 
 def test_what_does_not_go_together(folder, capsys):
-    assert (
-        main(["monitor", str(folder / "one.csv"), "--rule", "R_G1", "--lanes", "1.75", "--workers", "2"]) == 4
-    )
+    command = ["monitor", str(folder / "one.csv")]
+    assert main([*command, "--rule", "R_G1", "--lanes", "1.75", "--workers", "2"]) == 4
     assert "--workers" in capsys.readouterr().err
-    assert main(["monitor", str(folder / "one.csv"), "--stl", "always (x > 0)", "--ego", "all"]) == 4
+    assert main([*command, "--stl", "always (x > 0)", "--ego", "all"]) == 4
     assert "--rule" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Rules of intersections on CommonRoad files; verdicts by hand (``intersection_scenes``)."""
+"""Rules of intersections on CommonRoad files, verdicts by hand (``intersection_scenes``), and priority."""
 
 import math
 import re
@@ -10,9 +10,9 @@ import pytest
 from avrare.base.errors import UsageError
 from avrare.driving.values import GREEN, YELLOW
 from avrare.driving.values import RED as RED_LIGHT
-from avrare.stack.builder import build_rule
 from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_recordings.roads.crossings import show_lights
+from avrare_recordings.roads.ways import Way, prefer
 from intersection_scenes import (
     EAST,
     EGO,
@@ -26,6 +26,7 @@ from intersection_scenes import (
     drives,
     stops,
 )
+from judged_recordings import judge
 
 FRONT = ENTRY - 0.5 * LENGTH  # a centre whose front is at the end of the incoming lanelet
 
@@ -38,14 +39,6 @@ def recording(tmp_path):
         return open_commonroad(str(path)).recording("1")
 
     return read
-
-
-def judge(name, recording):
-    rule = build_rule(name, [], recording.scene)
-    state = rule.start(1)
-    for t in range(recording.samples):
-        state, verdict = rule.update(state, {key: x[t : t + 1] for key, x in recording.signals.items()})
-    return bool(verdict.violated[0]), float(verdict.robustness[0])
 
 
 @pytest.mark.parametrize("title", RIGHT_OF_WAY)
@@ -72,10 +65,7 @@ def test_the_conflict_area(recording):
     (area,) = (one for one in straight if one.reason == "right")
     assert (area.line_begin, area.line_end) == (pytest.approx(4.5, abs=0.2), pytest.approx(8.0, abs=0.2))
     begins = float(road.line.to_road(np.array([1.75]), np.array([0.0]))[0][0])
-    assert (area.begin, area.end) == (
-        pytest.approx(begins, abs=0.2),
-        pytest.approx(begins + 3.5, abs=0.3),
-    )
+    assert (area.begin, area.end) == (pytest.approx(begins, abs=0.2), pytest.approx(begins + 3.5, abs=0.3))
     assert area.half_width == pytest.approx(1.75)
 
 
@@ -105,7 +95,7 @@ def damaged(tmp_path, pattern, by):
         (
             "<cycle>.*?</cycle>",
             "",
-            r"scene\.xml: not a CommonRoad scenario: an element or attribute .* is missing",
+            r"scene\.xml: not a CommonRoad scenario: an element or attribute .* is",
         ),
     ],
 )
@@ -137,16 +127,13 @@ def test_a_light_without_an_intersection_is_one_for_the_way_ahead(tmp_path, dire
 
 def test_of_several_lights_the_strictest_counts():
     states = {1: ["green", "redYellow", "yellow", "inactive"], 2: ["green", "green", "red", "yellow"]}
-    lights = {
-        name: SimpleNamespace(
-            active=True,
-            direction=SimpleNamespace(value="all"),
-            get_state_at_time_step=lambda step, name=name: SimpleNamespace(value=states[name][step]),
-        )
-        for name in states
-    }
+
+    def light(name):
+        every, show = SimpleNamespace(value="all"), lambda step: SimpleNamespace(value=states[name][step])
+        return SimpleNamespace(active=True, direction=every, get_state_at_time_step=show)
+
     lanelet = SimpleNamespace(lanelet_id=7, traffic_lights={1, 2}, traffic_signs=())
-    network = SimpleNamespace(lanelets=[lanelet], intersections=[], find_traffic_light_by_id=lights.get)
+    network = SimpleNamespace(lanelets=[lanelet], intersections=[], find_traffic_light_by_id=light)
     assert show_lights(network, [7], range(4))["light_0"].tolist() == [GREEN, RED_LIGHT, RED_LIGHT, YELLOW]
     assert show_lights(network, [], range(4)) == {}
 
@@ -159,3 +146,37 @@ def test_lights_are_read_from_the_first_sample_on(tmp_path):
     road, lights = drives_of.add_rules(drives_of.find_road(own)[0], own, [], 10, 6)
     assert len(road.light_lines) == 1
     assert lights["light_0"].tolist() == [RED_LIGHT] * 3 + [GREEN] * 3
+
+
+TO_NORTH, TO_WEST, TO_SOUTH, TO_EAST = (
+    0.5 * math.pi * k for k in range(1, 5)
+)  # who drives north comes from the south
+
+
+def way(heading, turn="straight", rank=1, lights=False):
+    points = np.array([[0.0, 0.0], [0.0, 1.0]])
+    return Way(1, points, points, rank, heading, turn, lights)
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "reason"),
+    [
+        (way(TO_NORTH), way(TO_WEST), "right"),
+        (way(TO_NORTH), way(TO_EAST), None),
+        (way(TO_NORTH), way(TO_NORTH + 0.2 * math.pi), None),  # it merges
+        (way(TO_NORTH, rank=0), way(TO_EAST, rank=2), "sign"),
+        (way(TO_NORTH, rank=2), way(TO_WEST, rank=0), None),
+        (way(TO_NORTH, "left"), way(TO_SOUTH), "oncoming"),
+        (way(TO_NORTH, "left"), way(TO_SOUTH, "right"), "oncoming"),
+        (way(TO_NORTH, "left"), way(TO_SOUTH, "left"), None),
+        (way(TO_NORTH, "right"), way(TO_SOUTH), None),
+        (way(TO_NORTH, "left", rank=2), way(TO_SOUTH, rank=0), None),
+        # Lights leave oncoming traffic alone its priority, whatever the signs.
+        (way(TO_NORTH, lights=True), way(TO_WEST), None),
+        (way(TO_NORTH, rank=0, lights=True), way(TO_EAST, rank=2), None),
+        (way(TO_NORTH, "left", rank=2, lights=True), way(TO_SOUTH, rank=0), "oncoming"),
+        (way(TO_NORTH, "left", rank=0, lights=True), way(TO_SOUTH, rank=2), "oncoming"),
+    ],
+)
+def test_priority(mine, other, reason):
+    assert prefer(mine, other) == reason

@@ -7,11 +7,11 @@ import pytest
 
 from avrare.base.errors import UsageError
 from avrare.driving import Road
-from avrare.stack.builder import build_rule
 from avrare_recordings.formats.commonroad import open_commonroad
 from avrare_recordings.formats.drives import list_recordings, open_drives
 from drone_files import MARKINGS, highd_rows, write_highd, write_ind
 from intersection_scenes import EAST, EGO, PRIORITY, RED, RIGHT_OF_WAY, SOUTH, crossroads, drives, stops
+from judged_recordings import judge
 
 
 class TestHighd:
@@ -99,9 +99,8 @@ class TestIndOnANetwork:
     """Scenes with verdicts by hand (``intersection_scenes``), in the format of inD beside their map."""
 
     @pytest.fixture
-    def judge(self, tmp_path):
-
-        def judge(rule, cars, finer=1, **more):
+    def judge_drive(self, tmp_path):
+        def judge_drive(rule, cars, finer=1, **more):
             """Return the verdict on the first car's drive, with so many frames for each step of 0.1 s."""
             scene = tmp_path / "map.xml"
             scene.write_text(crossroads(cars, turn=0.7, **more), encoding="utf-8")
@@ -114,37 +113,30 @@ class TestIndOnANetwork:
                     rows.append(f"0,{name},{f},{x},{y},{degrees},1.8,4.5,{vx},{vy},0,0")
             scene.write_text(crossroads([drives(3, "right", 0.0)], turn=0.7, **more), encoding="utf-8")
             tracks = write_ind(tmp_path, rows, 10 * finer)
-            recording = open_drives(tracks, None, str(scene)).recording("1")
-            specification = build_rule(rule, [], recording.scene)
-            state = specification.start(1)
-            for t in range(recording.samples):
-                sample = {key: x[t : t + 1] for key, x in recording.signals.items()}
-                state, verdict = specification.update(state, sample)
-            return bool(verdict.violated[0]), float(verdict.robustness[0])
+            return judge(rule, open_drives(tracks, None, str(scene)).recording("1"))
 
-        return judge
+        return judge_drive
 
     @pytest.mark.parametrize("title", RIGHT_OF_WAY)
-    def test_right_of_way(self, judge, title):
+    def test_right_of_way(self, judge_drive, title):
         rule, cars, more, kept = RIGHT_OF_WAY[title]
-        violated, robustness = judge(rule, cars, **more)
+        violated, robustness = judge_drive(rule, cars, **more)
         assert violated == (kept is False)
         assert (robustness == math.inf) == (kept is None)
 
     @pytest.mark.parametrize(("seconds", "violated"), [(3.5, False), (2.0, True)])
-    def test_stop_sign(self, judge, seconds, violated):
+    def test_stop_sign(self, judge_drive, seconds, violated):
         car = stops(SOUTH, "straight", 49.25, seconds)
-        assert judge("R_IN1", [car], signs={SOUTH: "206"})[0] == violated
+        assert judge_drive("R_IN1", [car], signs={SOUTH: "206"})[0] == violated
 
     @pytest.mark.parametrize(("cycle", "violated"), [("13 red 90 green", True), ("12 red 90 green", False)])
-    def test_lights_keep_their_own_step(self, judge, cycle, violated):
+    def test_lights_keep_their_own_step(self, judge_drive, cycle, violated):
         # the front is on the line at 1.22 s: of 20 frames a second it covers it at that of 1.25 s
-        assert judge("R_IN2", [EGO], finer=2, lights=cycle)[0] == violated
+        assert judge_drive("R_IN2", [EGO], finer=2, lights=cycle)[0] == violated
 
     def test_a_network_that_refers_to_nothing_is_named(self, tmp_path):
         text = crossroads([EGO, drives(EAST, "straight", 40.0)], signs=PRIORITY, **RED)
-        (tmp_path / "map.xml").write_text(
-            text.replace('incomingLanelet ref="101"', 'incomingLanelet ref="7"')
-        )
+        changed = text.replace('incomingLanelet ref="101"', 'incomingLanelet ref="7"')
+        (tmp_path / "map.xml").write_text(changed)
         with pytest.raises(UsageError, match=r"map\.xml: intersection 950 has the incoming lanelet 7"):
             open_drives(write_ind(tmp_path, ["0,1,0,0,0,0,1.8,4.5,9,0,0,0"]), None, str(tmp_path / "map.xml"))

@@ -8,22 +8,11 @@ import pytest
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
-from avrare.stack.builder import build_rule
 from avrare_recordings.batch import Question, monitor_files
 from avrare_recordings.drive import monitor
 from avrare_recordings.formats.commonroad import open_commonroad
-from lanelet_scenes import (
-    BEND,
-    KINDS,
-    STRAIGHT,
-    bend,
-    car,
-    carriageway,
-    crossing,
-    merge,
-    opposing,
-    scene,
-)
+from judged_recordings import judge
+from lanelet_scenes import BEND, KINDS, STRAIGHT, bend, car, carriageway, crossing, merge, opposing, scene
 
 
 @pytest.fixture
@@ -37,12 +26,7 @@ def drives(tmp_path):
 
 
 def robustness(name, recording):
-    rule = build_rule(name, [], recording.scene)
-    state, values = rule.start(1), []
-    for t in range(recording.samples):
-        state, verdict = rule.update(state, {key: x[t : t + 1] for key, x in recording.signals.items()})
-        values.append(float(verdict.robustness[0]))
-    return values[-1]
+    return judge(name, recording)[1]
 
 
 class TestRoads:
@@ -84,10 +68,10 @@ class TestRoads:
 
     def test_markings_and_kinds_of_straight_lanes(self, drives):
         lanes = carriageway(STRAIGHT, 3)
-        for one in lanes:
-            one.kind = "shoulder" if one.name < 200 else one.kind
-            if 200 <= one.name < 300:
-                one.markings["left"] = "broad_dashed"
+        for lane in lanes:
+            lane.kind = "shoulder" if lane.name < 200 else lane.kind
+            if 200 <= lane.name < 300:
+                lane.markings["left"] = "broad_dashed"
         road = drives(scene(STRAIGHT, lanes, [car(STRAIGHT, 1, 20.0, 5.25, 20.0)])).recording("1").scene.road
         assert (road.shoulder, road.broad_markings) == ((0,), (1,))
 
@@ -148,9 +132,12 @@ class TestVerdicts:
 
 
 class TestMistakes:
-    def test_an_ego_beside_all_lanelets(self, drives):
-        text = scene(BEND, carriageway(BEND, 1), [car(BEND, 1, 20.0, -9.0, 20.0)])
-        with pytest.raises(UsageError, match="ego drives on no lanelet"):
+    @pytest.mark.parametrize(
+        ("line", "words"), [(BEND, "ego drives on no lanelet"), (STRAIGHT, "in no lane at any time")]
+    )
+    def test_an_ego_beside_all_lanelets(self, drives, line, words):
+        text = scene(line, carriageway(line, 1), [car(line, 1, 20.0, -9.0, 20.0)])
+        with pytest.raises(UsageError, match=words):
             drives(text).recording("1")
 
     def test_a_border_that_leaves_its_lane(self, drives):
@@ -158,11 +145,6 @@ class TestMistakes:
         far = re.sub(r"(<rightBound>.*?<y>)[^<]*", r"\g<1>1e3", text, flags=re.DOTALL)
         with pytest.raises(UsageError, match="no border of the lanelets that the ego drives on"):
             drives(far).recording("1")
-
-    def test_an_ego_in_no_straight_lane(self, drives):
-        text = scene(STRAIGHT, carriageway(STRAIGHT, 1), [car(STRAIGHT, 1, 20.0, -9.0, 20.0)])
-        with pytest.raises(UsageError, match="in no lane at any time"):
-            drives(text).recording("1")
 
     def test_a_road_of_the_callers_where_the_ego_is_on_no_lanelet(self, tmp_path):
         path = tmp_path / "s.xml"
@@ -190,11 +172,8 @@ def test_other_lanes_than_those_of_the_file_are_refused(tmp_path):
 @pytest.mark.parametrize("line", [STRAIGHT, BEND])
 def test_lanelets_with_heights_are_those_without(drives, line):
     text = scene(line, carriageway(line, 2), [car(line, 1, 20.0, 1.75, 20.0)])
-    lines = [
-        one.replace("</y></point>", "</y><z>1.5</z></point>") if one.startswith("<lanelet ") else one
-        for one in text.splitlines()
-    ]
-    assert "<z>" in "".join(lines)
-    flat, high = (drives(one).recording("1") for one in (text, "\n".join(lines)))
+    raised = re.sub(r"(?m)^<lanelet .*$", lambda row: row[0].replace("</y><", "</y><z>1.5</z><"), text)
+    assert "<z>" in raised
+    flat, high = (drives(form).recording("1") for form in (text, raised))
     assert high.scene.road.lane_centres == flat.scene.road.lane_centres
     np.testing.assert_array_equal(high.signals["ego_x"], flat.signals["ego_x"])

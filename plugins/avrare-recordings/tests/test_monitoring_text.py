@@ -9,12 +9,10 @@ import pytest
 from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult, summarise
 from avrare.driving import Road
-from avrare.results.recordings import Recording, VehicleTrack, assemble_recording
+from avrare.output.plots.monitoring_plot import plot_monitoring
+from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
 from avrare_recordings.output.monitoring_documents import monitoring_document, write_monitoring_csv
-from avrare_recordings.output.monitoring_text import (
-    draw_chart,
-    headline,
-)
+from avrare_recordings.output.monitoring_text import draw_chart, headline
 
 
 def recording(samples=61, dt=0.1, start=0.0):
@@ -24,10 +22,9 @@ def recording(samples=61, dt=0.1, start=0.0):
 def scored(body, first=None, worst=None, **changes):
     body = np.asarray(body, dtype=float)
     prefix = np.minimum.accumulate(body)
-    what = {"name": "R_G1", "formula": "always p", "recording": recording(len(body))} | changes
-    return MonitoringResult(
-        prefix=prefix, prefix_violated=prefix < 0.0, body=body, first=first, worst=worst, **what
-    )
+    fields = {"name": "R_G1", "formula": "always p", "recording": recording(len(body))} | changes
+    fields |= {"prefix": prefix, "prefix_violated": prefix < 0.0, "body": body}
+    return MonitoringResult(first=first, worst=worst, **fields)
 
 
 FALLING = np.linspace(3.0, -1.0, 61)
@@ -48,11 +45,8 @@ def test_first_and_worst_at_once():
         "R_G1 violated first and worst at 4.6 s with cut_in: safe(ego, cut_in) has robustness -0.1"
     )
     other = DecisiveSample(46, -0.1, {}, "p > 2", -3.0, 44)
-    found = summarise(scored(body, other, other))
-    assert (
-        found == "R_G1 violated first and worst at 4.6 s: at 4.4 s p > 2 has robustness -3"
-        " (overall robustness -0.1)"
-    )
+    words = "at 4.6 s: at 4.4 s p > 2 has robustness -3 (overall robustness -0.1)"
+    assert summarise(scored(body, other, other)) == f"R_G1 violated first and worst {words}"
 
 
 def test_the_head_names_source_span_and_formula():
@@ -114,14 +108,9 @@ def test_the_series_as_a_file(tmp_path):
 
 @pytest.mark.parametrize("road", [None, Road((0.0,), 3.5)])
 def test_a_picture_with_and_without_a_road(tmp_path, road):
-    from avrare.output.plots.monitoring_plot import plot_monitoring
-
-    there = np.ones(61, dtype=bool)
-    states = np.zeros((5, 61))
-    ego, other = (
-        VehicleTrack("ego", 4.0, 2.0, there, states),
-        VehicleTrack("cut_in", 4.0, 2.0, ~there, states),
-    )
+    there, states = np.ones(61, dtype=bool), np.zeros((5, 61))
+    ego = VehicleTrack("ego", 4.0, 2.0, there, states)
+    other = VehicleTrack("cut_in", 4.0, 2.0, ~there, states)
     found = assemble_recording("t.csv", 0.1, 0.0, ego, [other], road)
     body = FALLING.copy()
     body[:3] = np.inf

@@ -39,11 +39,8 @@ def test_obstacles_and_lanes_of_the_sample(sample):
 
 
 def test_the_ego_must_be_a_moving_obstacle(sample):
-    for ego, text in (
-        (None, "no ego is chosen"),
-        ("14", "no moving obstacle '14'"),
-        ("x", "no moving obstacle"),
-    ):
+    wrong = {None: "no ego is chosen", "14": "no moving obstacle '14'", "x": "no moving obstacle"}
+    for ego, text in wrong.items():
         with pytest.raises(UsageError, match=text) as caught:
             read_commonroad(sample, ego)
         assert caught.value.hint == "choose the ego; there are: 13, 15"
@@ -61,9 +58,8 @@ def test_files_that_are_not_commonroad_scenarios(tmp_path):
 def test_an_ego_with_gaps_is_refused_before_arrays_are_made(tmp_path):
     track, none = np.arange(4.0), np.zeros(0)
     scene = Scene(0.1, ROAD, 4.5, 1.8, (), none, none, none.astype(bool))
-    states = {f"ego_{field}": track for field in FIELDS} | {
-        f"others_{field}": np.zeros((4, 0)) for field in FIELDS
-    }
+    states = {f"ego_{field}": track for field in FIELDS}
+    states |= {f"others_{field}": np.zeros((4, 0)) for field in FIELDS}
     text = to_commonroad(Recording("s", 0.1, 0.0, states, scene), "s")
     path = tmp_path / "s.xml"
     path.write_text(text)
@@ -132,10 +128,7 @@ def test_the_taper_of_a_ramp_is_not_a_lane():
     ("lanelets", "text"),
     [
         ([lanelet(7, [(x, 1e-3 * x * x) for x in range(100)])], "lanelet 7 is curved"),
-        (
-            [lanelet(1, line(0.0)), lanelet(2, [(100 + x, 0.01 * x * x) for x in range(40)])],
-            "lanelet 2 is curved",
-        ),
+        ([lanelet(1, line(0)), lanelet(2, [(100 + x, 0.01 * x * x) for x in range(40)])], "2 is curved"),
         ([lanelet(1, line(0.0)), lanelet(2, line(3.5, 90.0, 0.0))], "lanelet 2 runs against the others"),
         ([lanelet(1, line(0.0)), lanelet(2, line(4.0), width=4.5)], "3.50 to 4.50 m wide"),
         ([], "there are no lanelets"),
