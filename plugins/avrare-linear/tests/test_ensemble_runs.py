@@ -16,11 +16,11 @@ DRAWS = "ensemble: {simulator.feedback.gain: [[[0.3, 0.4]], [[0.2, 0.4]], [[0.4,
 def run(tmp_path, capsys):
     """Run LOOP with some more lines, and return the estimate as it is stored."""
 
-    def run(name, more="", arguments=()):
+    def run(name, more=""):
         file, folder = tmp_path / f"{name}.yaml", tmp_path / name
         file.write_text(LOOP + more)
-        given = ["run", str(file), "--out", str(folder), "--no-pictures", *arguments]
-        assert main(given) == 0, capsys.readouterr().err
+        words = ["run", str(file), "--out", str(folder), "--no-pictures"]
+        assert main(words) == 0, capsys.readouterr().err
         return read(folder)
 
     return run

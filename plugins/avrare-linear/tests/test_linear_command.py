@@ -81,10 +81,8 @@ def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
     path.write_text(yaml.safe_dump(rewrite_scenario(scenario.definition.resolved, parameter, value)))
     changed = system_of(avrare.load(path).problem("low"))
     for name in ATTRIBUTES.values():
-        found, given = (
-            getattr(changed, name),
-            getattr(system, name) if name != ATTRIBUTES[parameter] else value,
-        )
+        found = getattr(changed, name)
+        given = value if name == ATTRIBUTES[parameter] else getattr(system, name)
         if name in ("spread", "process", "measurement"):
             found, given = (factor @ factor.swapaxes(1, 2) for factor in (found, given))
         np.testing.assert_allclose(found, given, rtol=1e-8, atol=1e-12)
@@ -93,13 +91,11 @@ def test_a_rewritten_scenario_has_the_new_value(parameter, loop, tmp_path):
 
 def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_path):
     scenario = avrare.load(loop)
-    system = system_of(scenario.problem("low"))
-    changed = rewrite_scenario(scenario.definition.resolved, "measurement_noise", 0.1 * system.measurement)
+    system, resolved = system_of(scenario.problem("low")), scenario.definition.resolved
+    changed = rewrite_scenario(resolved, "measurement_noise", 0.1 * system.measurement)
     np.testing.assert_allclose(changed["simulator"]["observer"]["gain"], system.observer, rtol=1e-8)
-    assert (
-        rewrite_scenario(scenario.definition.resolved, "mean", system.mean)["simulator"]["observer"]
-        == (scenario.definition.resolved["simulator"]["observer"])
-    )
+    same = rewrite_scenario(resolved, "mean", system.mean)
+    assert same["simulator"]["observer"] == resolved["simulator"]["observer"]
 
 
 @pytest.mark.parametrize(
@@ -126,24 +122,18 @@ def test_mistakes_are_reported(arguments, text, capsys):
 
 
 def test_a_descent_stops_where_a_step_is_not_worth_while():
-    seen = []
-    steps = descend(
-        lambda value, i: DescentStep(value, float(value[0] ** 2), 2.0 * value),
-        np.array([1.0]),
-        rate=0.25,
-        iterations=50,
-        least=0.01,
-        on_step=seen.append,
-    )
+    def bowl(value, iteration):
+        return DescentStep(value, float(value[0] ** 2), 2.0 * value)
+
+    seen, options = [], {"rate": 0.25, "iterations": 50, "least": 0.01}
+    steps = descend(bowl, np.array([1.0]), **options, on_step=seen.append)
     assert steps == seen
     assert 0.25 * steps[-1].gradient[0] ** 2 < 0.01 <= 0.25 * steps[-2].gradient[0] ** 2
 
 
 def test_the_first_step_without_a_rate_lowers_the_logarithm_by_one():
-    steps = descend(
-        lambda value, i: DescentStep(value, float(np.exp(3.0 * value[0])), np.array([3.0])),
-        np.array([0.0]),
-        rate=None,
-        iterations=2,
-    )
+    def slope(value, iteration):
+        return DescentStep(value, float(np.exp(3.0 * value[0])), np.array([3.0]))
+
+    steps = descend(slope, np.array([0.0]), rate=None, iterations=2)
     assert steps[1].probability == pytest.approx(steps[0].probability / np.e)

@@ -79,11 +79,8 @@ def test_a_matrix_stands_for_all_steps_and_a_vector_for_a_diagonal():
 def test_signals_have_the_names_of_the_scenario():
     simulator = LinearSimulator(config())
     world = simulator.reset(np.zeros((3, simulator.noise_size)))
-    assert (
-        tuple(simulator.signals(world))
-        == config().names
-        == ("x", "v", "x_estimate", "v_estimate", "a", "seen")
-    )
+    names = ("x", "v", "x_estimate", "v_estimate", "a", "seen")
+    assert tuple(simulator.signals(world)) == config().names == names
 
 
 def test_a_controller_of_another_plugin_is_refused():

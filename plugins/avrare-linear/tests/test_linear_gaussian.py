@@ -18,21 +18,9 @@ REFERENCE = RNG.standard_normal((STEPS + 1, 2))
 
 
 def observed():
-    return LinearSystem.of(
-        ("x", "v"),
-        A,
-        [0.5, 1.0],
-        covariance=START,
-        inputs=("a",),
-        B=B,
-        outputs=("seen",),
-        C=C,
-        process_noise=W,
-        measurement_noise=V,
-        costs=(np.eye(2), np.eye(1)),
-        observer=True,
-        reference=REFERENCE,
-    )
+    names = {"inputs": ("a",), "outputs": ("seen",), "costs": (np.eye(2), np.eye(1)), "observer": True}
+    arrays = {"covariance": START, "B": B, "C": C, "process_noise": W, "measurement_noise": V}
+    return LinearSystem.of(("x", "v"), A, [0.5, 1.0], reference=REFERENCE, **names, **arrays)
 
 
 class Squared(Walk):
@@ -80,12 +68,8 @@ def test_the_covariance_is_that_of_many_runs():
     law = TrajectoryGaussian.of(linear, STEPS, ("x", "a"))
     found = simulate_signals(linear, tape, law.names)
     drawn = np.cov(np.stack([found["x"][:, -1], found["a"][:, -1], found["x"][:, 3]]))
-    cov = law.covariance
-    exact = [
-        [cov[-1, 0, -1, 0], cov[-1, 0, -1, 1], cov[-1, 0, 3, 0]],
-        [cov[-1, 1, -1, 0], cov[-1, 1, -1, 1], cov[-1, 1, 3, 0]],
-        [cov[3, 0, -1, 0], cov[3, 0, -1, 1], cov[3, 0, 3, 0]],
-    ]
+    chosen = ((-1, 0), (-1, 1), (3, 0))
+    exact = [[law.covariance[*row, *column] for column in chosen] for row in chosen]
     size = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
     assert (np.abs(drawn - exact) < 4.5 * np.sqrt(2 / 40_000) * size).all()
 

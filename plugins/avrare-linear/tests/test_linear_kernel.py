@@ -8,31 +8,20 @@ from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.testing.problems import conjunction, linear, reach, reference_problem, walk
-from avrare.testing.static_problems import Static, row_sum
+from avrare.testing.repeated_estimates import deviation, standard_error
 from avrare_estimators.common.chains.kernel import Draw, Points
 from avrare_linear.kernel import ExactKernel, WholeTrace, to_solvable
+from plain_systems import LogProduct, Still
 
 
-class LogProduct(Static):
-    """The logarithm of the product of lognormals: family i where it is linear."""
-
-    def signals(self, state):
-        return {"log_product": row_sum(0.5 * state.values)}
-
-
-class Ramp:
+class Ramp(Still):
     """x rises by 1 a step; margins of the noise-free run differ from step to step."""
-
-    noise_size = 1
 
     def initial(self, noise):
         return {"x": 0.5 * noise[:, 0], "t": np.zeros(len(noise))}
 
     def step(self, state, noise):
         return {"x": state["x"] + 1.0 + 0.5 * noise[:, 0], "t": state["t"] + 1.0}
-
-    def signals(self, state):
-        return {"x": state["x"], "t": state["t"]}
 
 
 def ramp(score):
@@ -57,10 +46,8 @@ PROBLEMS = {
 
 
 def points(problem, tape):
-    request = Request.replay(tape)
-    return Points.of(
-        tape, problem.simulate(NoiseSource(0, problem.noise_size), request), np.arange(len(tape))
-    )
+    rollouts = problem.simulate(NoiseSource(0, problem.noise_size), Request.replay(tape))
+    return Points.of(tape, rollouts, np.arange(len(tape)))
 
 
 def start(problem, level, many, seed=5):
@@ -94,12 +81,11 @@ def test_the_kernel_leaves_the_target_invariant(name):
     for stage in range(5):
         state = step(kernel, problem, state, level, stage)
     assert state.above(np.full(len(state.score), level)).all()
-    for measure in (
-        lambda s: (s.tape**2).sum(axis=(1, 2)),
-        lambda s: s.robustness,
-        lambda s: s.tape[:, -1, 0],
-    ):
-        change = measure(state) - measure(before)
+
+    def measure(points):
+        return (points.tape**2).sum(axis=(1, 2)), points.robustness, points.tape[:, -1, 0]
+
+    for change in np.array(measure(state)) - np.array(measure(before)):
         assert abs(change.mean()) < 3.5 * change.std() / np.sqrt(len(change))
 
 
@@ -154,17 +140,12 @@ class _NoFormula:
 def test_the_estimator_is_unbiased(name):
     problem = reference_problem(name)
     found = avrare.estimate(problem.problem(), "ess_linear", seed=4, chains=50, runs=25)
-    values = found.run_probabilities
-    error = values.std(ddof=1) / np.sqrt(len(values))
-    assert abs(values.mean() - problem.probability) < 4.0 * error
-    assert error < 0.25 * problem.probability
+    assert abs(deviation(found.run_probabilities, problem.probability)) < 4.0
+    assert standard_error(found.run_probabilities) < 0.25 * problem.probability
     assert found.diagnostics["kernel"] == "exact"
 
 
 def test_runs_do_not_depend_on_how_many_there_are():
     problem = conjunction(-2.0).problem()
-    few, many = (
-        avrare.estimate(problem, "ess_linear", seed=9, chains=20, runs=runs).run_probabilities
-        for runs in (2, 5)
-    )
-    assert few.tolist() == many[:2].tolist()
+    few, many = (avrare.estimate(problem, "ess_linear", seed=9, chains=20, runs=runs) for runs in (2, 5))
+    assert few.run_probabilities.tolist() == many.run_probabilities[:2].tolist()

@@ -18,22 +18,11 @@ REFERENCE = np.cumsum(RNG.standard_normal((12, 4)), axis=0)
 
 
 def system(**changes):
-    options = {
-        "covariance": START,
-        "inputs": ("ax", "ay"),
-        "B": B,
-        "outputs": ("sx", "sy"),
-        "C": C,
-        "process_noise": W,
-        "measurement_noise": V,
-        "costs": (np.eye(4), np.eye(2)),
-        "observer": True,
-        "reference": REFERENCE,
-        "feedforward": RNG.standard_normal((12, 2)),
-    }
-    return LinearSystem.of(
-        ("x", "y", "vx", "vy"), changes.pop("A", A), [0, 0, 1, 0], **{**options, **changes}
-    )
+    options = {"inputs": ("ax", "ay"), "outputs": ("sx", "sy"), "costs": (np.eye(4), np.eye(2))}
+    options |= {"covariance": START, "B": B, "C": C, "process_noise": W, "measurement_noise": V}
+    options |= {"observer": True, "reference": REFERENCE, "feedforward": RNG.standard_normal((12, 2))}
+    names, step = ("x", "y", "vx", "vy"), changes.pop("A", A)
+    return LinearSystem.of(names, step, [0, 0, 1, 0], **{**options, **changes})
 
 
 def varying():
@@ -73,11 +62,8 @@ def by_hand(linear, tape):
         if t + 1 < len(tape):
             x = at(linear.A, t) @ x + at(linear.B, t) @ u + at(linear.process, t) @ tape[t + 1, :n]
             if seen:
-                z = (
-                    at(linear.A, t) @ z
-                    + at(linear.B, t) @ u
-                    + at(linear.observer, t) @ (y - at(linear.C, t) @ z)
-                )
+                surprise = at(linear.observer, t) @ (y - at(linear.C, t) @ z)
+                z = at(linear.A, t) @ z + at(linear.B, t) @ u + surprise
     return np.stack(rows)
 
 

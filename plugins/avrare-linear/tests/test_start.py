@@ -15,23 +15,12 @@ GOAL = f"eventually[{STEPS}, {STEPS}] (x > 1 and x < 1.2 and y < 0.1 and y > -0.
 GOAL += " and always (x < 0.4 or x > 0.7 or y > 0.3)"
 
 
-def point(inputs=("ax", "ay")):
+def point():
     dt, eye = 0.3, np.eye(2)
     step, push = np.block([[eye, dt * eye], [0 * eye, eye]]), np.vstack([0 * eye, dt * eye])
-    noise = 0.01 * np.eye(4)
-    return LinearSystem.of(
-        ("x", "y", "vx", "vy"),
-        step,
-        np.zeros(4),
-        inputs=inputs,
-        B=push[:, : len(inputs)],
-        outputs=("seen",),
-        C=[[1, 0, 0, 0]],
-        process_noise=noise,
-        measurement_noise=[[0.1]],
-        covariance=noise,
-        costs=(np.eye(4), np.eye(len(inputs))) if inputs else None,
-    )
+    noise = {"process_noise": 0.01 * np.eye(4), "measurement_noise": [[0.1]], "covariance": 0.01 * np.eye(4)}
+    options = {"inputs": ("ax", "ay"), "B": push, "costs": (np.eye(4), eye), "outputs": ("seen",)}
+    return LinearSystem.of(("x", "y", "vx", "vy"), step, np.zeros(4), C=[[1, 0, 0, 0]], **noise, **options)
 
 
 def test_the_controls_satisfy_the_formula():
