@@ -119,9 +119,8 @@ def test_nested_quantifiers_bind_one_vehicle_each():
 
 def test_truth_under_iff_is_exact():
     assert decided("always (p iff q)", p=[1, 0], q=[1, 0]) == ("p", 0, 0)
-    why = stl("always (p > 0 xor q > 0)", warn=False).explain(
-        {"p": np.array([1.0, 2.0]), "q": np.array([3.0, -1.0])}
-    )
+    signals = {"p": np.array([1.0, 2.0]), "q": np.array([3.0, -1.0])}
+    why = stl("always (p > 0 xor q > 0)", warn=False).explain(signals)
     assert (why.violated, why.first, why.robustness) == (True, 0, 2.0)
 
 

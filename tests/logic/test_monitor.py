@@ -55,9 +55,19 @@ def follow(monitor, state, signals, steps):
 
 
 def table(verdicts):
-    return [
-        np.stack([getattr(v, name) for v in verdicts], axis=1) for name in ("robustness", "violated", "score")
-    ]
+    return [column(verdicts, name) for name in ("robustness", "violated", "score")]
+
+
+def check_every_prefix(formula, signals):
+    """Compare a monitor with the evaluation of each prefix; return its verdicts."""
+    rows, steps = signals["p"].shape
+    monitor = FormulaMonitor(formula)
+    _, verdicts = follow(monitor, monitor.start(rows), signals, range(steps))
+    for t, verdict in enumerate(verdicts):
+        seen = {name: x[:, : t + 1] for name, x in signals.items()}
+        assert np.array_equal(verdict.robustness, formula.robustness(seen)[:, 0])
+        assert np.array_equal(verdict.violated, ~formula.satisfied(seen)[:, 0])
+    return verdicts
 
 
 @pytest.mark.parametrize("text", TEXTS)
@@ -92,15 +102,9 @@ def test_inputs_and_earlier_states_are_not_modified(text):
 )
 def test_truth_is_exact_where_robustness_is_zero(text):
     """Try zeros of either sign and margins of 0, below strict comparisons, weak ones, and both."""
-    rng, formula = np.random.default_rng(10), stl(text, warn=False)
+    rng = np.random.default_rng(10)
     signals = {name: rng.choice(EDGES, size=(300, 11)) for name in "pq"}
-    monitor = FormulaMonitor(formula)
-    _, verdicts = follow(monitor, monitor.start(300), signals, range(11))
-    robustness, violated, _ = table(verdicts)
-    for t in range(11):
-        prefix = {name: x[:, : t + 1] for name, x in signals.items()}
-        assert np.array_equal(robustness[:, t], formula.robustness(prefix)[:, 0])
-        assert np.array_equal(violated[:, t], ~formula.satisfied(prefix)[:, 0])
+    robustness, violated, _ = table(check_every_prefix(stl(text, warn=False), signals))
     assert {True, False} == set(violated[robustness == 0.0])
 
 
@@ -142,13 +146,8 @@ UNBOUNDED = [
 @pytest.mark.parametrize("words", UNBOUNDED)
 def test_nested_unbounded_operators_equal_the_definitions(words, until):
     formula, signals = stl(words, until=until, warn=False), whole_numbers(11, 20, 25)
-    monitor, prefixes = FormulaMonitor(formula), formula.prefixes(signals)
-    _, verdicts = follow(monitor, monitor.start(20), signals, range(25))
-    for t in range(25):
-        seen = {name: x[:, : t + 1] for name, x in signals.items()}
-        assert np.array_equal(verdicts[t].robustness, formula.robustness(seen)[:, 0])
-        assert np.array_equal(verdicts[t].violated, ~formula.satisfied(seen)[:, 0])
-    assert np.array_equal(prefixes, column(verdicts, "robustness"))
+    verdicts = check_every_prefix(formula, signals)
+    assert np.array_equal(formula.prefixes(signals), column(verdicts, "robustness"))
 
 
 WIDE = [
@@ -169,12 +168,7 @@ WIDE = [
 def test_wide_windows_equal_the_evaluation_of_every_prefix(words, until):
     """Cross the widths at which a monitor changes its ways; rows alone give the same bits."""
     formula, signals = stl(words, until=until, warn=False), random_signals(13, 3, 70)
-    monitor = FormulaMonitor(formula)
-    _, verdicts = follow(monitor, monitor.start(3), signals, range(70))
-    for t, verdict in enumerate(verdicts):
-        seen = {name: x[:, : t + 1] for name, x in signals.items()}
-        assert np.array_equal(verdict.robustness, formula.robustness(seen)[:, 0])
-        assert np.array_equal(verdict.violated, ~formula.satisfied(seen)[:, 0])
+    verdicts, monitor = check_every_prefix(formula, signals), FormulaMonitor(formula)
     _, alone = follow(monitor, monitor.start(1), {name: x[1:2] for name, x in signals.items()}, range(70))
     for name in ("robustness", "violated", "score"):
         assert np.array_equal(column(verdicts, name)[1], column(alone, name)[0])
@@ -195,15 +189,9 @@ def test_a_step_does_not_grow_with_time(words):
 
 
 def test_only_invariants_have_a_margin():
-    for text, has in [
-        ("always p", True),
-        ("always (p -> once q)", True),
-        ("always[0,3] p", False),
-        ("always next p", False),
-        ("eventually p", False),
-        ("not always p", False),
-        ("p", False),
-    ]:
+    texts = dict.fromkeys(["always p", "always (p -> once q)"], True)
+    texts |= dict.fromkeys(["always[0,3] p", "always next p", "eventually p", "not always p", "p"], False)
+    for text, has in texts.items():
         monitor = FormulaMonitor(stl(text))
         state, _ = follow(monitor, monitor.start(2), random_signals(6, 2, 3), range(3))
         assert (monitor.margin(state) is not None) == has, text
