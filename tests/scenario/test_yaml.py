@@ -11,26 +11,12 @@ from avrare.scenario.yaml import MAX_BYTES, dump, parse, parse_value
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("1e-3", 1e-3),
-        ("1e3", 1000.0),
-        ("-2.5E+1", -25.0),
-        ("7", 7),
-        ("010", 10),
-        ("0x1F", 31),
-        (".inf", math.inf),
-        ("true", True),
-        ("yes", "yes"),
-        ("1:30", "1:30"),
-        ("2024-01-01", "2024-01-01"),
-        ("1_000", "1_000"),
-        ("", None),
-        ("null", None),
-        ('"1"', "1"),
-        ("!!str 1", "1"),
-        ("[1e1, a]", [10.0, "a"]),
-        ("{a: {b: 1}}", {"a": {"b": 1}}),
+        ("1e-3", 1e-3), ("1e3", 1000.0), ("-2.5E+1", -25.0), ("7", 7), ("010", 10), ("0x1F", 31),
+        (".inf", math.inf), ("true", True), ("yes", "yes"), ("1:30", "1:30"), ("2024-01-01", "2024-01-01"),
+        ("1_000", "1_000"), ("", None), ("null", None), ('"1"', "1"), ("!!str 1", "1"),
+        ("[1e1, a]", [10.0, "a"]), ("{a: {b: 1}}", {"a": {"b": 1}}),
     ],
-)
+)  # fmt: skip
 def test_scalars_are_those_of_yaml_1_2(text, value):
     found = parse_value(text, Mark("x")).plain()
     assert found == value
@@ -86,10 +72,8 @@ def test_unreadable_yaml_is_one_clear_line(data, place, words):
 
 
 def test_a_dump_reads_back_to_the_same_values():
-    data = {
-        "a": ["1e-3", "yes", "1:30", "~", "0o7", "x: y", "", "tab\t", "π"],
-        "b": {"c": 1e-5, "d": math.inf},
-    }
+    words = ["1e-3", "yes", "1:30", "~", "0o7", "x: y", "", "tab\t", "π"]
+    data = {"a": words, "b": {"c": 1e-5, "d": math.inf}}
     assert parse(dump(data).encode(), "f").plain() == data
 
 
