@@ -10,7 +10,7 @@ import pytest
 from avrare.base.errors import FormulaError
 from avrare.logic import stl
 from avrare.logic.syntax import parser
-from avrare.logic.syntax.words import to_words
+from avrare.logic.syntax.printer import to_words
 
 
 def same(left, right, dt=1.0):

@@ -10,7 +10,6 @@ from avrare.analysis.causes.failure_sample import FailureSample
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.base.errors import UsageError
 from avrare.estimation.loop.checkpoint import Checkpoint
-from avrare.stack.new_scenario import write_python_scenario
 from avrare.testing.faulty_systems import Walk
 from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import toy_closed_loop as toy
 
 import avrare
+import toy_closed_loop as toy
 from avrare.estimation.result import intervals
 from avrare_estimators.ce.tilted_perception import INPUTS, OUTPUTS, Tilt, TiltNetwork, network_inputs
 

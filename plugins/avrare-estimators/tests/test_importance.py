@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import toy_closed_loop as toy
 
 import avrare
+import toy_closed_loop as toy
 from avrare.testing.problems import reference_problem
 from avrare.testing.repeated_estimates import deviation
 

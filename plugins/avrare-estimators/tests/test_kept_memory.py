@@ -10,8 +10,8 @@ from avrare.estimation.estimate import _config, _estimator
 from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
-from avrare.estimation.plan.settings import Settings
-from avrare.rollout.executors.serial import SerialExecutor
+from avrare.estimation.plan.plan import Settings
+from avrare.rollout.executors.work import SerialExecutor
 from avrare.testing.faulty_systems import Walk
 
 STEPS = 40

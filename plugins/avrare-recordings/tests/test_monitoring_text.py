@@ -10,7 +10,7 @@ from avrare.analysis.monitor.cause_finder import DecisiveSample
 from avrare.analysis.monitor.monitoring import MonitoringResult, summarise
 from avrare.driving import Road
 from avrare.output.plots.monitoring_plot import plot_monitoring
-from avrare.results.recordings.recording import Recording, VehicleTrack, assemble_recording
+from avrare.results.recordings import Recording, VehicleTrack, assemble_recording
 from avrare_recordings.output.monitoring_documents import monitoring_document, write_monitoring_csv
 from avrare_recordings.output.monitoring_text import draw_chart, headline
 
