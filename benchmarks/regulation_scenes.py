@@ -67,7 +67,7 @@ class Kind:
 
 KINDS = {
     "alks": Kind("*_template.xosc", "alks_scenario_", 400, ("cruise", "mpc")),
-    "ncap": Kind("NCAP_AEB_*_20??.xosc", "NCAP_AEB_", 150, ("hold",)),
+    "ncap": Kind("NCAP_AEB_*_20??.xosc", "NCAP_AEB_", 220, ("hold",)),
 }
 
 
