@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -14,8 +14,10 @@ from avrare.base.errors import UsageError, did_you_mean
 from avrare.base.stored_files import read_json
 from avrare.base.visible_text import spell_line
 from avrare.estimation.loop.checkpoint import SCENARIO
-from avrare.results.run import Run
 from avrare.results.stored_results import RUN_AGAIN
+
+if TYPE_CHECKING:
+    from avrare.results.run import Run
 
 
 def select_failing(run: Run, specification: str | None = None) -> list[str]:

@@ -12,8 +12,8 @@ from avrare.cli.main import main
 from avrare.driving import Observation
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
-from avrare.stack.builder import _find_nan
 from avrare.stack.closed_loop import LoopState
+from avrare.stack.trial import _find_nan
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

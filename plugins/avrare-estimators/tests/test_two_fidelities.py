@@ -14,7 +14,7 @@ from avrare.estimation.result import intervals
 from avrare.rollout.twin import measure_cost
 from avrare.testing.faulty_systems import Killed, Mortal
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
-from avrare_estimators.two_fidelities.two_phase import plan_design
+from avrare_estimators.two_fidelities.two_phase import plan_design, scale_rates
 from estimates import estimate_through_kills, plain
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
