@@ -21,9 +21,6 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.result.note import list_error_notes
 from avrare.estimation.result.result import Result
 
-_EXCESS = 1.05
-"""Cost in budgets from which on a note says so: a run that has begun may end a little beyond it."""
-
 
 @dataclass(frozen=True)
 class StudyDesign:
@@ -112,7 +109,8 @@ class Comparison(Answer):
             if summary:
                 lines += [f"{label}: {text}" for text in _describe_first_errors(arm.repetitions)]
                 lines += [f"{label}: {text}" for text in _summary_notes(summary)]
-                if (times := self._count_budgets(summary)) > _EXCESS:
+                # A run that has begun may end a little beyond the budget.
+                if (times := self._count_budgets(summary)) > 1.05:
                     lines.append(f"{label}: takes {times:.2g} times the budget")
         for first, second in find_disagreements(labels, self.summaries):
             lines.append(f"{first} and {second} disagree: the intervals of their means do not overlap")

@@ -38,12 +38,6 @@ _MIN_REACH_HALF_WIDTHS = 1.5
 """Least distance in log p that reweighing must reach, in half widths of the interval there."""
 _STEP_HALF_WIDTHS = 1.3
 """Distance from the root at which the next value is taken, in half widths of the interval there."""
-_MIN_EXPECTED_FAILURES = 4.0
-"""Rollouts times the bound below which a run without a failure shows nothing."""
-_LARGE_RUN_ROLLOUTS, _MAX_LARGE_RUNS = 16_000, 4
-"""Rollouts of a run that finds rare failures, and the most such runs."""
-_MIN_RELATIVE_WIDTH = 0.02
-"""Relative width of the answer from which on it is not narrowed any further."""
 _MIN_SLOPE = 1e-3
 _BEND = 0.3
 _INTERVAL_STANDARD_ERRORS = 6.0
@@ -112,7 +106,7 @@ class _Search:
     shares: list[float] = field(default_factory=list)
 
     def look(self) -> bool:
-        """Run the small trials; return whether the search continues."""
+        """Run the small trials; return whether there is something left to decide."""
         level = 1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES
         for number in range(_SEARCH_ESTIMATES):
             if number == 2 and self._is_rare():
@@ -130,12 +124,12 @@ class _Search:
         return True
 
     def decide(self) -> None:
-        """Run a trial that is reweighed to both sides of the root, or one on each side."""
+        """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
         if self._is_rare():
             left = sum(SHARES[2:])
-            runs = left * self.trials[0].result.rollouts // _LARGE_RUN_ROLLOUTS
-            runs = min(max(runs, 1), _MAX_LARGE_RUNS)
+            # 16,000 rollouts find rare failures.
+            runs = min(max(left * self.trials[0].result.rollouts // 16_000, 1), 4)
             self._run_all([left / runs] * runs, risk)
             return
         shares = SHARES[_SEARCH_ESTIMATES:]
@@ -157,7 +151,7 @@ class _Search:
     def _is_rare(self) -> bool:
         """Return whether small runs mostly show neither failures nor that the bound is kept."""
         return any(
-            not end.result.probability and self.limit * end.result.rollouts < _MIN_EXPECTED_FAILURES
+            not end.result.probability and self.limit * end.result.rollouts < 4.0  # expected failures
             for end in self.trials[:2]
         )
 
@@ -205,7 +199,7 @@ class _Search:
         safe, unsafe = (low, high) if self.rising else (high, low)
         safe, unsafe = safe if keeping is None else keeping, unsafe if broken is None else broken
         if keeping is not None and broken is not None:
-            if abs(keeping - broken) <= _MIN_RELATIVE_WIDTH * max(abs(keeping), abs(broken)):
+            if abs(keeping - broken) <= 0.02 * max(abs(keeping), abs(broken)):  # narrow enough
                 return None
         elif safe == unsafe:  # the direction is not known yet
             safe, unsafe = low, high

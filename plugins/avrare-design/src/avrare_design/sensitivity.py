@@ -30,8 +30,6 @@ Built = TypeVar("Built")
 _SMALL = 1e-3
 """Relative step of the differences of log densities, which have no noise."""
 _BLOCK = 1000
-_ENOUGH = 50
-"""Failures from which on a change is mostly seen."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,8 @@ class Sensitivities(Answer):
     def _hints(self) -> list[str]:
         if not any(math.isnan(row.derivative) for row in self.rows):
             return []
-        needed = f"some {_ENOUGH / self.probability:,.0f} rollouts tell" if self.probability else "give more"
+        # 50 failures mostly show a change.
+        needed = f"some {50 / self.probability:,.0f} rollouts tell" if self.probability else "give more"
         return [f"  hint: {needed}, or avrare compare --estimators auto with one value against another"]
 
 
