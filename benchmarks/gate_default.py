@@ -2,11 +2,11 @@
 
     python benchmarks/gate_default.py [--estimates 20] [--folder benchmarks/results/gate_default]
 
-The system is that of `avrare new scenario --python`, with a collision in 3.5e-5 of the drives, and in three
-times as many at a smaller time gap. Each estimate has a seed of its own and is kept in the folder, so that an
-interrupted study goes on. There are half as many baselines as checks, and each meets every check: the
-verdicts depend on each other. Before it stands Monte Carlo at p = 0.0125, whose counts have one law for all
-systems and are drawn from it.
+The system is that of `avrare new scenario --python`, with a collision in 3.5e-5 of the drives (278 of
+8,000,000), and in 2.5 times as many (708) at a smaller time gap. Each estimate has a seed of its own and is
+kept in the folder, so that an interrupted study goes on. There are half as many baselines as checks, and each
+meets every check: the verdicts depend on each other. Before it stands Monte Carlo at p = 0.0125, whose counts
+have one law for all systems and are drawn from it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ GOALS = {
     for kind, share in (("baseline", BASELINE_SHARE), ("check", 1.0 - BASELINE_SHARE))
 }
 """Relative errors that a check without a budget asks for."""
-CONDITIONS = {"baseline": 1.43, "check": 1.43, "tripled": 1.38}
+CONDITIONS = {"baseline": 1.43, "check": 1.43, "worse": 1.38}
 """Time gaps [s]."""
 REGRESSION = Regression.model_validate({})
 Check = tuple[Result, tuple[Result, Result]]
@@ -59,7 +59,7 @@ def main() -> None:
     for factor in (1.0, 3.0):
         report(f"mc, {factor:g} times p = 0.0125", draw_counts(0.0125, factor, args.counts))
     estimates = draw_rare(args.folder, args.estimates)
-    for condition in ("check", "tripled"):
+    for condition in ("check", "worse"):
         report(f"auto, {condition}", list(pair_all(estimates["baseline"], estimates[condition])))
 
 
