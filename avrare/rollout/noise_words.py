@@ -143,15 +143,15 @@ def find_common_noise(
         shares: (F,) their weights; they add up to 1.
         effective: Number of independent rollouts that tell as much.
     """
-    words, disturbances = _Words(problem), []
-    moments = [np.einsum("f,ftc->ct", shares, power) for power in (tapes, tapes**2)]
-    for channel, (mean, square) in enumerate(zip(*moments, strict=True)):
-        steps = 1 if channel < words.drawn else problem.steps + 1
-        drifts = list(_find_drifts(mean[:steps], _MIN_SUM_STANDARD_ERRORS / math.sqrt(effective)))
-        if drifts:
-            disturbances += words.describe_mean(channel, drifts, rollouts, shares)
-        else:
-            disturbances += words.find_wide_windows(channel, square[:steps], effective)
+    words = _Words(problem)
+    disturbances = list(words.find_common_draws(rollouts, shares, effective))
+    means, squares = (np.einsum("f,ftc->ct", shares, power) for power in (tapes, tapes**2))
+    for channel in range(words.drawn, len(words.names)):
+        drifts = list(_find_drifts(means[channel], _MIN_SUM_STANDARD_ERRORS / math.sqrt(effective)))
+        wide = [] if drifts else list(words.find_wide_windows(channel, squares[channel], effective))
+        if drifts or wide:
+            magnitude = max([abs(score) for _, _, score in drifts] + [each.magnitude for each in wide])
+            disturbances += words.describe_mean(channel, drifts, rollouts, shares, magnitude) or wide
     return sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_CAUSES]
 
 
@@ -223,6 +223,22 @@ class _Words:
         name = self.names[number].removeprefix("draw of ")
         return Disturbance(name, f"is {value:.4g} ({score:+.2g} sigma)", 0, abs(score))
 
+    def find_common_draws(
+        self, rollouts: Sequence[ReplayedRollout], shares: Floats, effective: float
+    ) -> Iterator[Disturbance]:
+        """Yield the drawn options whose mean over rollouts differs from chance, or whose range does."""
+        draws = [self.list_draws(rollout) for rollout in rollouts]
+        if not all(draws):
+            return
+        for number, (values, scores) in enumerate(np.array(draws).transpose(1, 2, 0)):
+            value, score = float(shares @ values), float(shares @ scores)
+            narrowness = (1.0 - float(shares @ (scores - score) ** 2)) / math.sqrt(2.0)
+            if abs(score) * math.sqrt(effective) >= _MIN_STANDARD_ERRORS:
+                yield self.describe_draw(number, value, score)
+            elif narrowness * math.sqrt(effective) >= _MIN_STANDARD_ERRORS:
+                text = f"is between {values.min():.3g} and {values.max():.3g}"
+                yield replace(self.describe_draw(number, value, score), text=text, magnitude=narrowness)
+
     def describe_sum(self, channel: int, drift: tuple[int, int, float]) -> Disturbance:
         """Return in words the sum of a channel's numbers over a stretch, in its standard deviations."""
         first, last, score = drift
@@ -275,13 +291,13 @@ class _Words:
         drifts: Sequence[tuple[int, int, float]],
         rollouts: Sequence[ReplayedRollout],
         shares: Floats,
+        magnitude: float,
     ) -> list[Disturbance]:
-        """Return in words what a channel does on average over rollouts; its mean has these ``drifts``."""
-        name, magnitude = self.names[channel], max(abs(score) for _, _, score in drifts)
-        if channel < self.drawn:
-            draws = np.array([self.list_draws(rollout)[channel] for rollout in rollouts])
-            value, score = (shares @ draws).tolist()
-            return [replace(self.describe_draw(channel, value, score), magnitude=magnitude)]
+        """Return in words what a channel does on average over rollouts; its mean has these ``drifts``.
+
+        Without drifts only a detection is told; the largest disturbance gets the ``magnitude``.
+        """
+        name = self.names[channel]
         readings = [rollout.misreadings[name] for rollout in rollouts if name in rollout.misreadings]
         if len(readings) < len(rollouts):
             return [self.describe_sum(channel, drift) for drift in drifts]
@@ -291,9 +307,12 @@ class _Words:
             count = len(reading.values)
             errors[row, :count], usual[row, :count] = reading.values, reading.usual
             going[row, :count] = shares[row]
-        subject = readings[0].subject
         if not readings[0].above:
-            return [self._describe_detection(channel, subject, drift, errors, going) for drift in drifts]
+            lucky = sum(score for _, _, score in drifts) * self._perfect[channel] > 0.0
+            hits = _average(np.where(np.isnan(errors) != lucky, 1.0, 0.0), going)
+            return self._describe_detection(readings[0].subject, lucky, hits, magnitude)
+        if not drifts:
+            return []
         mean = replace(readings[0], values=_average(errors, going), usual=_average(usual, going))
         disturbances = list(self.find_errors(mean, True)) or [
             self.describe_sum(channel, drift) for drift in drifts
@@ -302,15 +321,18 @@ class _Words:
         return [replace(each, magnitude=each.magnitude / largest * magnitude) for each in disturbances]
 
     def _describe_detection(
-        self, channel: int, subject: str, drift: tuple[int, int, float], errors: Floats, going: Floats
-    ) -> Disturbance:
-        first, last, score = drift
-        lucky = score * self._perfect[channel] > 0.0
-        hit = np.where(np.isnan(errors) != lucky, 1.0, 0.0)
-        share = float(_average(hit, going)[first : last + 1].mean())
-        verb = "detected" if lucky else "missed"
-        text = f"{verb} {100.0 * share:.0f} % of the time {format_span(first, last, self._dt)}"
-        return Disturbance(subject, text, first, abs(score))
+        self, subject: str, lucky: bool, shares: Floats, magnitude: float
+    ) -> list[Disturbance]:
+        # The steps at which at least half as many rollouts detect, or miss, it as at any step.
+        if not shares.any():
+            return []
+        first, last = max(
+            _find_stretches(shares >= 0.5 * shares.max(), self._gap),
+            key=lambda stretch: stretch[1] - stretch[0],
+        )
+        share = 100.0 * float(shares[first : last + 1].mean())
+        text = f"{'detected' if lucky else 'missed'} {share:.0f} % of the time"
+        return [Disturbance(subject, f"{text} {format_span(first, last, self._dt)}", first, magnitude)]
 
 
 def _average(values: Floats, weights: Floats) -> Floats:

@@ -72,7 +72,7 @@ def test_the_first_card_says_what_happens_and_what_helps_or_that_it_was_not_look
     (analysed / "why.json").unlink()
     page = render_report(analysed)
     card = page[page.index('id="verdict"') : page.index('id="estimates"')]
-    assert "What would help against them was not looked for." in card
+    assert "Not looked for: the causes and what would help." in card
 
 
 def test_an_analysis_of_another_result_is_not_shown(analysed):

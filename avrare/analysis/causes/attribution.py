@@ -229,9 +229,8 @@ def _list_perfect(
     for group in groups:
         if group.sort not in ("time", "start") and group.mask[:, count_draws(problem) :].any():
             some, more = (make_perfect(problem, noise, group.mask) for noise in (tapes, fresh))
-            whole = group.sort == "vehicle"
-            name = f"no {group.name.removeprefix('all ')}" if whole else f"perfect {group.name}"
-            changes.append((name, problem, some, more))
+            word = "no" if group.name.endswith((" error", " noise")) or group.sort == "vehicle" else "perfect"
+            changes.append((f"{word} {group.name.removeprefix('all ')}", problem, some, more))
     some, more = (clip_outliers(problem, noise, _OUTLIERS) for noise in (tapes, fresh))
     changes.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
     for name, other in variants.items():

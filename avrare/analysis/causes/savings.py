@@ -50,10 +50,10 @@ class Saving:
             return _say_share(self.saved, self.saved_interval)
         new = f"new ones {format_probability(self.new, 2)}" if self.new else "no new ones were seen"
         new += f", at most {format_probability(self.new_interval[1], 2)}"
-        times = f"makes failures {1.0 - self.saved:.2g} times as likely"
+        times = f"failures {1.0 - self.saved:.2g} times as likely"
         if high < 0.0:
-            return f"{times}, at least {1.0 - high:.2g} times: {saves}; {new}"
-        return f"perhaps {times}: {saves}; {new}" if self.saved < 0.0 else f"{saves}; {new}"
+            return f"makes {times}, at least {1.0 - high:.2g} times: {saves}; {new}"
+        return f"may make {times}: {saves}; {new}" if self.saved < 0.0 else f"{saves}; {new}"
 
 
 def _say_share(share: float, interval: Interval) -> str:

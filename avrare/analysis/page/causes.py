@@ -57,20 +57,17 @@ def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
     """Describe the failures of a specification and their remedies."""
     kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
     sentences = []
-    if kinds is None:
-        sentences.append("What happens in these failures was not looked for.")
-    elif kinds.kinds:
-        for kind in kinds.kinds[:_CARD_KINDS]:
-            often = "" if len(kinds.kinds) == 1 else f" in {describe_share(kind.share)} of them"
-            severity = f" {_capitalise(kind.severity)}." if kind.severity else ""
-            cause = kind.cause or "no noise that differs from chance"
-            sentences.append(f"Cause{often}: {cause}. What happens: {kind.text}.{severity}")
-    if attribution is None:
-        sentences.append("What would help against them was not looked for.")
-    elif attribution.perfect:
+    for kind in kinds.kinds[:_CARD_KINDS] if kinds is not None else ():
+        often = "" if kind.share > 0.999 else f" in {describe_share(kind.share)} of them"
+        severity = f" {_capitalise(kind.severity)}." if kind.severity else ""
+        cause = kind.cause or "no noise that differs from chance"
+        sentences.append(f"Cause{often}: {cause}. What happens: {kind.text}.{severity}")
+    if attribution is not None and attribution.perfect:
         best = attribution.perfect[0]
         sentences.append(f"What helps most: {best.perfect} {best.text}.")
-    return sentences
+    analyses = (("the causes", kinds), ("what would help", attribution))
+    missing = " and ".join(name for name, analysis in analyses if analysis is None)
+    return [*sentences, f"Not looked for: {missing}."] if missing else sentences
 
 
 def _write_command(run: Run, name: str, analysed: bool) -> Command:

@@ -7,6 +7,7 @@ import avrare
 from avrare.protocols import Misreading, System
 from avrare.rollout.noise_words import (
     Disturbance,
+    _Words,
     describe_tape,
     find_common_noise,
     find_disturbances,
@@ -127,6 +128,19 @@ def test_an_error_that_grows_is_told_by_its_peak(radar):
     tape = np.zeros((21, 2))
     tape[[5, 9, 12, 15], 0] = 2.0, 2.0, 3.0, -7.0
     assert describe_tape(radar, tape) == "radar reads up to 7 m too long for 5.0 s from t = 2.5 s"
+
+
+def test_drawn_options_are_told_by_their_mean_or_their_range(radar, monkeypatch):
+    monkeypatch.setattr(_Words, "list_draws", lambda words, rollout: rollout)
+    words = _Words(radar)
+    words.names = ("draw of speed", "draw of gap", "draw of friction")
+    scores = np.random.default_rng(1).standard_normal((60, 3)) * [1.0, 0.1, 1.0] + [1.5, 0.0, 0.0]
+    rollouts = [[(20.0 + score, score) for score in row] for row in scores.tolist()]
+    draws = words.find_common_draws(rollouts, np.full(60, 1 / 60), 60.0)
+    speed, gap = [f"{each.subject} {each.text}" for each in draws]
+    assert speed == f"speed is {20.0 + scores[:, 0].mean():.4g} ({scores[:, 0].mean():+.2g} sigma)"
+    low, high = 20.0 + scores[:, 1].min(), 20.0 + scores[:, 1].max()
+    assert gap == f"gap is between {low:.3g} and {high:.3g}"
 
 
 def test_the_smallest_of_many_disturbances_are_only_counted():
