@@ -13,7 +13,7 @@ import avrare_evidence.confirm as confirmation
 from avrare.base.errors import UsageError
 from avrare.cli.main import main
 from avrare_evidence.gsn import STATES, Element, find_faults
-from avrare_evidence.pack import find_pack_faults, hash_files, read_pack, write_pack
+from avrare_evidence.pack import find_pack_faults, hash_file, hash_files, read_pack, write_pack
 
 SCENARIO = """\
 name: point
@@ -35,6 +35,16 @@ scenes:
   - {name: near, scenario: point.yaml, exposure: {per_hour: 2.0}, odd: [wet]}
   - {name: far, scenario: point.yaml, exposure: {count: 5, hours: 1.0}}
 thresholds: [{rule: below, per_hour: "< 0.01"}]
+"""
+CUT_IN = """\
+name: cut_in
+steps: 4
+simulator: {plugin: openscenario, file: scene/cut_in.xosc, entity: Ego}
+perception: {plugin: gp_pem, model: measured}
+tracker: {plugin: imm}
+controller: {plugin: cruise}
+specifications: {no_collision: {plugin: traffic_rules, rule: no_collision}}
+estimator: {plugin: mc, rollouts: 10}
 """
 TRIPLED = "simulator.initial.mean=[0.513]"
 """P(x >= 2) = 0.0228 becomes 0.0684."""
@@ -250,6 +260,63 @@ def test_files_of_options_keep_their_places_and_are_read_from_the_pack(point, mo
     (point / "catalogs/cars.xml").write_text("edited")
     with pytest.raises(UsageError, match="are missing, or have changed since the run"):
         write_pack([point / "run-pack"], point / "late")
+
+
+def test_a_scene_with_a_road_and_a_learned_model_is_confirmed_in_another_folder(
+    tmp_path, monkeypatch, capsys
+):
+    shipped = Path(__file__).parents[3] / "scenarios/openscenario"
+    for folder in ("scene", "away"):
+        (tmp_path / folder).mkdir()
+    for name in ("cut_in.xosc", "motorway.xodr"):
+        shutil.copy(shipped / name, tmp_path / "scene")
+    (tmp_path / "cut_in.yaml").write_text(CUT_IN)
+    monkeypatch.chdir(tmp_path)
+    avrare.run("cut_in.yaml", out="run")
+    files = write_pack(["run"], "pack").manifest.runs[0].files
+    names = {"simulator.file": "cut_in.xosc", "simulator.road": "motorway.xodr"}
+    assert {option: Path(copy).name for option, copy in files.items()} == {
+        **names,
+        "perception.model": "measured.npz",
+    }
+    shutil.rmtree("scene")
+    monkeypatch.chdir("away")
+    assert main(["evidence", "../run", "--out", "late"]) == 4
+    assert "relative paths in its options are those of the folder" in capsys.readouterr().err
+    assert main(["confirm", "../pack", "--seed", "3", "--safe"]) == 3  # ten rollouts decide nothing
+
+
+@pytest.mark.parametrize(("mean", "low", "verdict"), [("0", 0.5, "pass"), ("-9", 20.0, "fail")])
+def test_a_check_with_a_baseline_is_claimed_by_the_change(point, mean, low, verdict):
+    file, base = str(point / "point.yaml"), ["--baseline", str(point / "base")]
+    before = ["--set", f"simulator.initial.mean=[{mean}]", "--save", "--out", str(point / "old")]
+    assert main(["check", file, *base, *before]) == 0
+    main(["check", file, *base, "--seed", "5", "--accept-changes", "--out", str(point / "new")])
+    pack = write_pack([point / "new"], point / "pack")
+    _, change = list_claims(pack)
+    assert (change.measure.bound, change.measure.verdict, change.measure.unit) == (
+        "<= baseline",
+        verdict,
+        "times",
+    )
+    assert low < change.measure.low < change.measure.high
+    assert find_pack_faults(read_pack(pack.folder)) == []
+    assert confirmation.confirm(pack.folder, 7).outcome == "agree"
+
+
+def test_code_that_a_pack_names_is_refused_in_safe_mode(point, monkeypatch, capsys):
+    pack = make_pack(point)
+    monkeypatch.chdir(pack.folder)  # Python would import files of the folder of the tests
+    assert main(["confirm", ".", "--seed", "3", "--safe"]) == 0
+    scenario = pack.folder / "repeat/point.yaml"
+    content = yaml.safe_load(scenario.read_text())
+    content["simulator"] = {"plugin": "python", "file": "world.py", "class": "World"}
+    scenario.write_text(yaml.safe_dump(content))
+    entry = '"repeat/point.yaml": "{}"'.format
+    old, new = pack.manifest.files["repeat/point.yaml"], hash_file(scenario)
+    replace(pack.folder, entry(old), entry(new))
+    assert main(["confirm", ".", "--seed", "4", "--safe"]) == 4
+    assert "safe mode: a Python file is code of no installed plugin" in capsys.readouterr().err
 
 
 def test_each_bound_of_a_rule_has_a_verdict_of_its_own(point):

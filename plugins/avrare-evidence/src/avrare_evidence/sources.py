@@ -116,7 +116,7 @@ def _read_run(folder: Path) -> Run:
     if run.changes:
         raise UsageError("; ".join(run.changes), "evidence is of files as they were written: run it again")
     if run.definition is None:
-        raise UsageError(f"{folder}: its scenario cannot be loaded", *run.build_errors[:1])
+        raise UsageError(f"{folder}: its scenario cannot be loaded: {run.build_errors[0]}", _AGAIN)
     if fingerprint(run.definition) != run.fingerprint:
         text = f"{folder}: versions or files that its options name are missing, or have changed since the run"
         raise UsageError(text, _AGAIN)
