@@ -23,9 +23,11 @@ from avrare.base.errors import UsageError
 
 if TYPE_CHECKING:  # rules and formulas are read without arrays
     from numpy.typing import NDArray
+    from pydantic import BaseModel
 
 Arrays: TypeAlias = "dict[str, NDArray[Any]]"
 _Content = TypeVar("_Content")
+_Model = TypeVar("_Model", bound="BaseModel")
 CHECKSUM = "checksum"
 """Key of the checksum of a JSON object."""
 MOST_BYTES = 2**32
@@ -39,6 +41,23 @@ _MAX_EXPANDED_BYTES = 2**30
 def read_json(path: Path, hint: str) -> dict[str, Any]:
     """Read a file that holds a JSON object."""
     return _explain_errors(path, hint, lambda: parse_json(read_regular(path, 2**26)))
+
+
+def read_model(model: type[_Model], path: Path, hint: str) -> _Model:
+    """Read a JSON file as its model."""
+    return check_model(model, read_json(path, hint), path, hint)
+
+
+def check_model(model: type[_Model], content: Mapping[str, object], path: Path, hint: str) -> _Model:
+    """Return the content of a file as its model; a ``UsageError`` names the first value that does not fit."""
+    from pydantic import ValidationError
+
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise UsageError(f"{path}: it cannot be read: {place}: {first['msg']}", hint) from None
 
 
 def read_arrays(path: Path, hint: str) -> Arrays:

@@ -14,12 +14,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from avrare.base import version
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import AvrareError, UsageError, require_path
-from avrare.base.stored_files import check_seal, digest, read_json, read_regular, seal
+from avrare.base.stored_files import check_model, check_seal, digest, read_json, read_regular, seal
 from avrare.estimation.loop.checkpoint import SCENARIO, resume_hint
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator
@@ -148,13 +148,7 @@ class Run(ResultMapping):
         hint = "give its path; a report may be of results of avrare.estimate, too"
         path = Path(require_path(folder, "a run folder", hint))
         content = _read_result(path)
-        try:
-            stored = _StoredRun.model_validate(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(map(str, first["loc"]))
-            text = f"{path / RESULT}: it cannot be read: {place}: {first['msg']}"
-            raise UsageError(text, RUN_AGAIN) from None
+        stored = check_model(_StoredRun, content, path / RESULT, RUN_AGAIN)
         check_seal(path / RESULT, content, f"restore the file, or {RUN_AGAIN}")
         loaded = _load_scenario(path)
         failures, samples = read_failures(path), read_rollouts(path)

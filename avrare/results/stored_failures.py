@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from avrare.base.errors import UsageError, did_you_mean
-from avrare.base.stored_files import read_json
+from avrare.base.stored_files import read_model
 from avrare.base.visible_text import spell_line
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.results.stored_results import RUN_AGAIN
@@ -177,12 +177,5 @@ def _select(analyses: Mapping[str, _Analysis], probabilities: Mapping[str, float
 
 
 def _read(path: Path) -> _WhyFile:
-    if not path.is_file():
-        return _WhyFile()
     hint = "remove it, or let the command write it again"
-    try:
-        return _WhyFile.model_validate(read_json(path, hint))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise UsageError(f"{path}: it cannot be read: {place}: {first['msg']}", hint) from None
+    return read_model(_WhyFile, path, hint) if path.is_file() else _WhyFile()

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import check_seal, read_json, seal
+from avrare.base.stored_files import check_model, check_seal, read_json, seal
 from avrare.estimation.result.confidence_distributions import (
     decode_distribution,
     derive_distribution,
@@ -105,18 +105,14 @@ def read(path: Path) -> Baseline:
     if content.get("schema", SCHEMA) != SCHEMA:
         text = f"{path}: has schema {content['schema']!r}, this avrare reads schema {SCHEMA}"
         raise UsageError(text, _HINT)
+    stored = check_model(_StoredBaseline, content, path, _HINT)
     try:
-        stored = _StoredBaseline.model_validate(content)
         entries = {estimate.specification: estimate.entry() for estimate in stored.estimates}
         firsts = {
             estimate.specification: estimate.first.entry()
             for estimate in stored.estimates
             if estimate.first is not None
         }
-    except ValidationError as error:
-        first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise UsageError(f"{path}: not a baseline that can be read: {reason}", _HINT) from None
     except UsageError as error:
         raise UsageError(f"{path}: {error.message}", _HINT) from None
     check_seal(path, content, _HINT)

@@ -355,7 +355,7 @@ def test_a_reference_driver_and_scattered_exposures_are_argued(point):
         (lambda f: (f / "manifest.json").unlink(), "it is no pack, or its writing was interrupted"),
         (
             lambda f: replace(f, '"seed": 0', '"seed": "0"'),
-            "manifest.json: it is damaged: runs.0.seed: Input should be",
+            "manifest.json: it cannot be read: runs.0.seed: Input should be",
         ),
         (
             lambda f: replace(f, '"folder": "evidence/point/"', '"folder": "../../run-pack/"'),
@@ -391,7 +391,7 @@ def replace(folder, old, new):
         (lambda p: shutil.rmtree(p / "run-pack"), "no result in it"),
         (lambda p: (p / "run-pack/scenario.yaml").open("a").write("#"), "changed after the run"),
         (lambda p: (p / "run-pack/manifest.json").write_text("{}"), "is a pack itself"),
-        (lambda p: (p / "run-pack/check.json").write_text('{"rows": [{}]}'), "check.json: it is damaged"),
+        (lambda p: (p / "run-pack/check.json").write_text('{"rows": [{}]}'), "check.json: it cannot be read"),
         (lambda p: (p / "other").mkdir() or (p / "other/file").touch(), "is not an empty folder"),
     ],
 )

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from avrare.base.atomic_files import explain_file_errors, write_text
 from avrare.base.errors import UsageError
+from avrare.base.stored_files import read_model
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.estimation.result.result import finite
 from avrare.results.run import PROVENANCE, RESULT, Run
@@ -26,21 +27,14 @@ from avrare.scenario.yaml import dump
 from avrare_evidence.argument import Claim, Sheet, build_case, list_claims
 from avrare_evidence.gsn import Case, find_faults
 from avrare_evidence.page import write_page
-from avrare_evidence.sources import MANIFEST, read_model, read_sources
+from avrare_evidence.sources import MANIFEST, read_sources
 
 CASE, PAGE, CONFIRMATION = "case.gsn.yaml", "case.md", "confirmation.yaml"
 _HINT = "give the folder that `avrare evidence --out` has written, or write it again"
 
 
 class PackedRun(BaseModel):
-    """Run in a pack.
-
-    Attributes:
-        name: Name of its source, and its place there behind a slash.
-        folder: Folder of its result.
-        scenario: Scenario that names the files of the pack, beside the folder that holds them.
-        files: Copies of files and models by the option that names them.
-    """
+    """Run in a pack: ``scenario`` repeats it, ``files`` has the copies of what options name, by option."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid")
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ValidationError
+from pydantic import BaseModel, BeforeValidator
 
 from avrare.analysis.check.criteria import Decision
 from avrare.analysis.rates.catalogue import Catalogue
@@ -17,7 +17,7 @@ from avrare.analysis.rates.rate import RATES, REFERENCE
 from avrare.analysis.rates.rates import CatalogueRates, compute
 from avrare.analysis.rates.scene_estimates import SceneEstimate
 from avrare.base.errors import UsageError
-from avrare.base.stored_files import read_json
+from avrare.base.stored_files import read_model
 from avrare.estimation.result.intervals import Interval
 from avrare.estimation.result.result import Result
 from avrare.results.run import RESULT, Run
@@ -26,7 +26,6 @@ from avrare.scenario.fingerprint import fingerprint
 CHECK, MANIFEST = "check.json", "manifest.json"
 _HINT = "give a folder that avrare run, check or rate has written"
 _AGAIN = "run it again; relative paths in its options are those of the folder from which it was called"
-_Stored = TypeVar("_Stored", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,13 @@ def _read_source(folder: Path) -> Source:
         return Source(rates.catalogue.document.name, folder, runs, RATES, rates=rates)
     name = "-".join(dict.fromkeys(run.name for run in runs.values()))
     if (folder / CHECK).is_file():
-        return Source(name, folder, runs, CHECK, read_model(_StoredCheck, folder / CHECK, _HINT).rows)
+        return Source(
+            name,
+            folder,
+            runs,
+            CHECK,
+            read_model(_StoredCheck, folder / CHECK, _HINT).rows,
+        )
     if len(runs) > 1:
         raise UsageError(f"{folder}: holds {len(runs)} runs", f"give one of them: {', '.join(runs)}")
     return Source(name, folder, runs)
@@ -147,17 +152,3 @@ def read_rates(file: Path, results: Mapping[str, Mapping[str, Result]]) -> Catal
     if stored.reference is None:
         return rates
     return replace(rates, driver=stored.reference.driver, reference=compute_below(f"{REFERENCE}/"))
-
-
-def read_model(model: type[_Stored], file: Path, hint: str) -> _Stored:
-    """Read a JSON file into its model.
-
-    Raises:
-        UsageError: It does not fit.
-    """
-    try:
-        return model.model_validate(read_json(file, hint))
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise UsageError(f"{file}: it is damaged: {place}: {first['msg']}", hint) from None
