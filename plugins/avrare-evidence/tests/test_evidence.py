@@ -204,6 +204,15 @@ def test_a_confirmation_that_could_not_notice_decides_nothing(point):
     assert confirmation.confirm(pack.folder, 3).outcome == "not decided"
 
 
+def test_a_pack_without_failures_disagrees_where_many_drives_break(point, monkeypatch):
+    load, far = confirmation.load, "simulator.initial.mean=[-9]"
+    pack = make_pack(point, far)
+    assert confirmation.confirm(pack.folder, 3, budget="rollouts=100000").comparisons[0]["p_value"] == 1.0
+    near = far.replace("-9", "0")
+    monkeypatch.setattr(confirmation, "load", lambda path, settings: load(path, [*settings, near]))
+    assert confirmation.confirm(pack.folder, 3).outcome == "disagree"
+
+
 def test_a_confirmation_needs_the_same_system(point, monkeypatch):
     pack = make_pack(point)
     with pytest.raises(UsageError, match="seed 0 is that of the pack"):
