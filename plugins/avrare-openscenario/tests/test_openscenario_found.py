@@ -3,11 +3,19 @@
 import numpy as np
 import pytest
 
+from avrare.base.errors import UsageError
+from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.scenes_command import judge_scene, list_scenes, read_acted
 from avrare_openscenario.trace import act_out
-from openscenario_files import SCENARIOS, change_lane, document, event, of_entity, slow_down
+from openscenario_files import GAP, SCENARIOS, change_lane, document, event, of_entity, slow_down, state_of
 
 PLAIN = document(event(change_lane()))
+CONSTRAINED = '<ParameterDeclaration name="w" value="1"><ConstraintGroup/></ParameterDeclaration>'
+ROUTE = (
+    '<TeleportAction><Position><RoutePosition><RouteRef><Route name="r" closed="false"><Waypoint><Position>'
+    '<LanePosition roadId="1" laneId="-2" s="100"/></Position></Waypoint></Route></RouteRef><InRoutePosition>'
+    '<{} pathS="5" laneId="-2"/></InRoutePosition></RoutePosition></Position></TeleportAction>'
+)
 
 
 @pytest.fixture
@@ -36,13 +44,29 @@ def judge(tmp_path):
         ("<Entities>", "<!-- people --><?tool x?><Entities>"),
         ("<OpenSCENARIO>", '<OpenSCENARIO xmlns="http://a.b" xmlns:xsi="http://c" xsi:schemaLocation="d">'),
         ("><", ">\r\n\t<"),
+        ("<Act ", '<Act xml:lang="en" tool:id="3" '),
+        ("Storyboard>", "osc:Storyboard>"),
+        ('rule="greaterOrEqual"', 'rule="$rule"'),
+        ('triggeringEntitiesRule="any"', 'triggeringEntitiesRule="$amount"'),
+        ('storyboardElementRef="first"', 'storyboardElementRef="$which"'),
+        ('relativeDistanceType="longitudinal"', 'relativeDistanceType="$way"'),
+        ("</ParameterDeclarations>", CONSTRAINED + "</ParameterDeclarations>"),
     ],
 )
 def test_variations_that_mean_the_same(judge, old, new):
-    declared = (
-        '<ParameterDeclaration name="how" parameterType="string" value="skip"/></ParameterDeclarations>'
+    words = {
+        "how": "skip",
+        "rule": "greaterOrEqual",
+        "amount": "any",
+        "which": "first",
+        "way": "longitudinal",
+    }
+    declared = "".join(
+        f'<ParameterDeclaration name="{name}" value="{word}"/>' for name, word in words.items()
     )
-    text = PLAIN.replace("</ParameterDeclarations>", declared)
+    second = event(slow_down(), state_of("event", "first", "completeState"), "second")
+    text = document(event(change_lane()), second, event(slow_down(), of_entity(GAP), "third"))
+    text = text.replace("</ParameterDeclarations>", declared + "</ParameterDeclarations>")
     assert old in text
     assert judge(text.replace(old, new)).status == "read"
 
@@ -127,3 +151,27 @@ def test_a_place_beside_a_road_and_a_closed_route_can_be_reached(judge):
     acquire = f"<AcquirePositionAction>{place}</AcquirePositionAction>"
     for action in (closed.format(place), acquire):
         assert judge(document(event(f"<RoutingAction>{action}</RoutingAction>"))).status != "refused"
+
+
+@pytest.mark.parametrize("name", ["FromLaneCoordinates", "PositionInLaneCoordinates"])
+def test_places_on_routes_have_two_names(judge, tmp_path, name):
+    assert judge(document(event(ROUTE.format(name)))).status == "read"
+    states = act_out(read_acted(str(tmp_path / "scene.xosc"), 0.1), 0.1, 2.0)[1]
+    np.testing.assert_allclose(states[10:12, 0, 0], [50.0, 107.0], atol=0.01)
+
+
+@pytest.mark.parametrize("seconds", ["1e308", "1e9", "-1"])
+def test_a_duration_that_nothing_lasts_is_refused(judge, seconds):
+    finding = judge(document(event(slow_down(), of_entity(f'<OffroadCondition duration="{seconds}"/>'))))
+    assert finding.reason.startswith("OffroadCondition: duration should be a time from 0 to ")
+
+
+def test_lanes_of_newer_road_files(tmp_path):
+    text = (SCENARIOS / "openscenario" / "motorway.xodr").read_text(encoding="utf-8")
+    lane = 'type="driving" roadWorks="false" dynamicLaneType="false"'
+    path = tmp_path / "road.xodr"
+    path.write_text(text.replace('type="driving"', lane), encoding="utf-8")
+    assert read_opendrive(str(path)).maps
+    path.write_text(text.replace('a="3.5" b="0.0"', 'a="1e308" b="1e308"'))
+    with pytest.raises(UsageError, match="lanes: its lanes have no finite widths"):
+        read_opendrive(str(path))

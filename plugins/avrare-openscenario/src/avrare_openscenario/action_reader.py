@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -14,8 +16,8 @@ from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.place_reader import find_lane, read_place
-from avrare_openscenario.route_reader import read_route, read_waypoint
-from avrare_openscenario.signals import UNSET, Controller
+from avrare_openscenario.route_reader import read_route
+from avrare_openscenario.signals import Signals
 from avrare_openscenario.xml_tree import Element
 
 _IDLE = {
@@ -28,8 +30,6 @@ _IDLE = {
     "SetMonitorAction": "monitors change nothing",
 }
 """Actions that are passed over, with their notes."""
-
-
 _TYPES = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
 _ENDLESS = 1e9
 """Limit that is not given."""
@@ -44,8 +44,7 @@ class ActionReader:
         names: Names of the entities.
         kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
         catalogs: Catalogs of trajectories and environments.
-        variables: Value of each variable at the start; traffic lights that are set are added.
-        controllers: Controllers of its traffic lights.
+        lights: Its traffic lights, and its variables.
     """
 
     def __init__(
@@ -55,11 +54,10 @@ class ActionReader:
         names: Sequence[str],
         kinds: Sequence[str],
         catalogs: Catalogs,
-        variables: dict[str, Number],
-        controllers: Sequence[Controller] = (),
+        lights: Signals,
     ) -> None:
         self.parameters, self.roads, self.names, self.kinds = parameters, roads, names, kinds
-        self.catalogs, self.variables, self.controllers = catalogs, variables, controllers
+        self.catalogs, self.lights, self.variables = catalogs, lights, lights.variables
         self.selections: dict[str, tuple[int, ...]] = {}
 
     def read_selections(self, entities: Element) -> None:
@@ -81,7 +79,7 @@ class ActionReader:
         if action.tag in ("ParameterAction", "VariableAction"):
             return self._read_assignment(action)
         if action.tag == "InfrastructureAction":
-            return self._read_light(action.child("TrafficSignalAction").choice())
+            return self.lights.read_action(action.child("TrafficSignalAction").choice())
         if action.tag == "EntityAction":
             actor, change = self.find_entity(action), action.choice()
             if change.tag == "AddEntityAction":
@@ -103,24 +101,20 @@ class ActionReader:
         if domain.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
             raise domain.unknown("LongitudinalAction, LateralAction, RoutingAction, TeleportAction")
         action = domain.choice()
-        match action.tag:
-            case "SpeedAction":
-                return self.read_speed_change(action, actor)
-            case "SpeedProfileAction":
-                return self._read_profile(action, actor)
-            case "LongitudinalDistanceAction" | "LateralDistanceAction":
-                return self._read_gap(action, actor)
-            case "LaneChangeAction":
-                return self._read_lane_change(action, actor)
-            case "LaneOffsetAction":
-                return self._read_lane_offset(action, actor)
-            case "AssignRouteAction":
-                return read_route(self, action, actor)
-            case "AcquirePositionAction":
-                return story.Route(actor, (read_waypoint(self, action)[1],))
-            case "FollowTrajectoryAction":
-                return self._read_trajectory(action, actor)
-        raise action.unknown("actions of speed, distance, lanes, routes and trajectories")
+        readers: dict[str, Callable[[Element, int], story.Action]] = {
+            "SpeedAction": self._read_speed_change,
+            "SpeedProfileAction": self._read_profile,
+            "LongitudinalDistanceAction": self._read_gap,
+            "LateralDistanceAction": self._read_gap,
+            "LaneChangeAction": self._read_lane_change,
+            "LaneOffsetAction": self._read_lane_offset,
+            "AssignRouteAction": partial(read_route, self),
+            "AcquirePositionAction": partial(read_route, self),
+            "FollowTrajectoryAction": self._read_trajectory,
+        }
+        if action.tag not in readers:
+            raise action.unknown(", ".join(readers))
+        return readers[action.tag](action, actor)
 
     def _number(self, element: Element, name: str, default: float | None = None) -> Number:
         return self.parameters.number(element, name, default)
@@ -163,51 +157,16 @@ class ActionReader:
             raise element.error(f"there is no variable {name!r}", did_you_mean(name, self.variables))
         return list(self.variables).index(name)
 
-    def find_light(self, light: str) -> int:
-        """Return the index of the variable for what a traffic light shows."""
-        return self._find_slot(f"light {light}", UNSET)
-
-    def find_clock(self, controller: Controller) -> int:
-        """Return the index of the variable for how far a controller's cycle is ahead of the time."""
-        return self._find_slot(f"controller {controller.name}", -controller.delay)
-
-    def _find_slot(self, name: str, value: float) -> int:
-        if name not in self.variables:
-            self.variables[name] = self.parameters.constant(value)
-        return list(self.variables).index(name)
-
-    def find_controller(self, element: Element) -> Controller:
-        """Return the controller of traffic lights that an element names."""
-        name = self.parameters.text(element, "trafficSignalControllerRef")
-        names = [controller.name for controller in self.controllers]
-        if name not in names:
-            raise element.error(f"{name!r} is not among the TrafficSignals", did_you_mean(name, names))
-        return self.controllers[names.index(name)]
-
-    def _read_light(self, action: Element) -> story.Assignment:
-        if action.tag == "TrafficSignalStateAction":
-            light = self.find_light(self.parameters.text(action, "name"))
-            return story.Assignment(light, self.parameters.value(action, "state"), "set")
-        if action.tag != "TrafficSignalControllerAction":
-            raise action.unknown("TrafficSignalStateAction, TrafficSignalControllerAction")
-        action.skip_children("Phase")
-        controller = self.find_controller(action)
-        spans = controller.list_spans("", self.parameters.text(action, "phase"))
-        if not spans:
-            raise action.error(f"{controller.name!r} has no such phase")
-        return story.Assignment(self.find_clock(controller), self.parameters.constant(spans[0][0]), "start")
-
     def _read_assignment(self, action: Element) -> story.Assignment:
         name = self.find_variable(action)
         change = action.choice()
         if change.tag == "SetAction":
             return story.Assignment(name, self.parameters.value(change, "value"), "set")
         rule = change.child("Rule").choice()
-        if rule.tag == "AddValue":
-            return story.Assignment(name, self._number(rule, "value"), "add")
-        if rule.tag != "MultiplyByValue":
+        if rule.tag not in ("AddValue", "MultiplyByValue"):
             raise rule.unknown("AddValue, MultiplyByValue")
-        return story.Assignment(name, self._number(rule, "value"), "multiply")
+        operation: Literal["add", "multiply"] = "add" if rule.tag == "AddValue" else "multiply"
+        return story.Assignment(name, self._number(rule, "value"), operation)
 
     def _read_transition(self, element: Element) -> story.Transition:
         form = self.parameters.choose(element, "dynamicsShape", story.FORMS)
@@ -223,8 +182,7 @@ class ActionReader:
         if mode == "follow":
             element.note("followed exactly: limits of the vehicle are left out")
 
-    def read_speed_change(self, action: Element, actor: int) -> story.SpeedChange:
-        """Read a ``SpeedAction``."""
+    def _read_speed_change(self, action: Element, actor: int) -> story.SpeedChange:
         transition = self._read_transition(action.child("SpeedActionDynamics"))
         target = action.child("SpeedActionTarget").choice()
         continuous = target.tag == "RelativeTargetSpeed" and self.parameters.boolean(target, "continuous")
@@ -272,10 +230,8 @@ class ActionReader:
         sides |= {"leftToReferencedEntity": 1, "rightToReferencedEntity": -1}
         side = self.parameters.choose(action, "displacement", tuple(sides), "any")
         action.get("coordinateSystem")
-        limits = action.find("DynamicConstraints")
-        if limits is not None:
-            for name in ("maxAccelerationRate", "maxDecelerationRate", "maxDeceleration"):
-                limits.get(name)
+        if (limits := action.find("DynamicConstraints")) is not None:
+            limits.skip()  # deceleration and jerk are not limited
         return story.Gap(
             actor,
             self.find_entity(action),

@@ -6,13 +6,17 @@ from dataclasses import replace
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.parameters import Number
-from avrare_openscenario.signals import Controller
 from avrare_openscenario.story import EDGES, RULES, Condition, Direction, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
 _LONGEST_DELAY = 100_000
 """Longest delay of a condition [steps]."""
 _MANY_LANES = 1_000
+_MEASURES = {
+    "SpeedCondition": "speed",
+    "RelativeSpeedCondition": "relative_speed",
+    "AccelerationCondition": "acceleration",
+}
 _DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
 _SYSTEMS = ("entity", "lane", "road", "trajectory", "world")
 
@@ -32,10 +36,7 @@ class ConditionReader:
         """Read a ``Condition``."""
         condition.get("name")
         edge = self.parameters.choose(condition, "conditionEdge", EDGES, "none")
-        seconds = 0.0 if condition.get("delay") is None else self.parameters.fixed(condition, "delay")
-        if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
-            text = f"delay should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
-            raise condition.error(text)
+        delay = 0 if condition.get("delay") is None else self._read_steps(condition, "delay")
         kind = condition.choice()
         if kind.tag == "ByValueCondition":
             found = self._read_by_value(kind.choice())
@@ -43,7 +44,7 @@ class ConditionReader:
             found = self._read_by_entity(kind)
         else:
             raise kind.unknown("ByValueCondition, ByEntityCondition")
-        return replace(found, edge=edge, delay=found.delay + round(seconds / self.dt))
+        return replace(found, edge=edge, delay=found.delay + delay)
 
     def _read_by_value(self, one: Element) -> Condition:
         match one.tag:
@@ -55,27 +56,13 @@ class ConditionReader:
                 variable = self.actions.find_variable(one)
                 rule, value = self.parameters.choose(one, "rule", RULES), self.parameters.value(one, "value")
                 return Condition("variable", rule, value, variable=variable)
-            case "TrafficSignalCondition":
-                light, every = self.parameters.text(one, "name"), self.actions.controllers
-                owners = (owner for owner in every if any(light in shown for *_, shown in owner.phases))
-                return self._read_light(one, "state", light, next(owners, None))
-            case "TrafficSignalControllerCondition":
-                return self._read_light(one, "phase", "", self.actions.find_controller(one))
+            case "TrafficSignalCondition" | "TrafficSignalControllerCondition":
+                return self.actions.lights.read_condition(one)
             case "UserDefinedValueCondition":
                 one.pass_over("is never met: nothing outside the file sets values")
                 return Condition("time", "lessThan", self.parameters.constant(-1.0))
         known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
         raise one.unknown(f"{known}, VariableCondition, TrafficSignalCondition")
-
-    def _read_light(self, one: Element, name: str, light: str, owner: Controller | None) -> Condition:
-        # Whether a light shows a state, as an action or the phase of its controller has it.
-        variable, value = self.actions.find_light(light), self.parameters.value(one, name)
-        if owner is None:
-            return Condition("variable", "equalTo", value, variable=variable)
-        spans, cycle = owner.list_spans(light, self.parameters.text(one, name)), owner.phases[-1][1]
-        times = (cycle, *(time for span in spans for time in span))
-        reach, clock = tuple(map(self.parameters.constant, times)), self.actions.find_clock(owner)
-        return Condition("light", "equalTo", value, variable=variable, other=clock, reach=reach)
 
     def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
         return self.parameters.choose(one, "rule", RULES), self.parameters.number(one, "value")
@@ -90,51 +77,40 @@ class ConditionReader:
         return replace(found, entities=entities, every=amount == "all")
 
     def _read_entity_condition(self, one: Element) -> Condition:
-        simple = {
-            "TraveledDistanceCondition": "travelled",
-            "SpeedCondition": "speed",
-            "RelativeSpeedCondition": "relative_speed",
-            "AccelerationCondition": "acceleration",
-            "TimeHeadwayCondition": "headway",
-            "RelativeDistanceCondition": "distance",
-        }
-        if one.tag == "TraveledDistanceCondition":
-            return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
-        if one.tag in simple:
-            rule, value = self._read_comparison(one)
-            kind, along, free = simple[one.tag], True, False
-            other = self.actions.find_entity(one) if kind in ("relative_speed", "headway", "distance") else -1
-            if kind in ("headway", "distance"):
-                direction, along, free = self._read_distance(one)
-            else:
-                direction = self._read_direction(one)
-            return Condition(kind, rule, value, other=other, along=along, free=free, direction=direction)
         match one.tag:
+            case "SpeedCondition" | "RelativeSpeedCondition" | "AccelerationCondition":
+                rule, value = self._read_comparison(one)
+                kind = _MEASURES[one.tag]
+                other = self.actions.find_entity(one) if kind == "relative_speed" else -1
+                return Condition(kind, rule, value, other=other, direction=self._read_direction(one))
+            case "TraveledDistanceCondition":
+                return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
+            case "StandStillCondition":
+                return Condition("standstill", "greaterOrEqual", self.parameters.number(one, "duration"))
+            case "TimeHeadwayCondition" | "RelativeDistanceCondition":
+                kind = "headway" if one.tag == "TimeHeadwayCondition" else "distance"
+                return replace(self._read_distance(one, kind), other=self.actions.find_entity(one))
+            case "DistanceCondition":
+                return replace(self._read_distance(one, "distance"), place=self._place(one))
+            case "TimeToCollisionCondition":
+                return self._read_collision_time(one)
+            case "ReachPositionCondition":
+                tolerance = self.parameters.number(one, "tolerance")
+                return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
             case "CollisionCondition":
-                one_value = self.parameters.constant(1.0)
-                return Condition("collision", "equalTo", one_value, against=self._read_against(one))
+                return replace(self._ask("collision"), against=self._read_against(one))
             case "RelativeClearanceCondition":
                 return self._read_clearance(one)
             case "EndOfRoadCondition" | "OffroadCondition":
                 kind = "road_end" if one.tag == "EndOfRoadCondition" else "off_road"
-                steps = round(self.parameters.fixed(one, "duration") / self.dt)
-                return Condition(kind, "equalTo", self.parameters.constant(1.0), delay=max(steps, 0))
+                return replace(self._ask(kind), delay=self._read_steps(one, "duration"))
             case "AngleCondition" | "RelativeAngleCondition":
                 return self._read_angle(one)
-            case "StandStillCondition":
-                return Condition("standstill", "greaterOrEqual", self.parameters.number(one, "duration"))
-            case "TimeToCollisionCondition":
-                return self._read_collision_time(one)
-            case "DistanceCondition":
-                rule, value = self._read_comparison(one)
-                side, along, free = self._read_distance(one)
-                place = self._place(one)
-                return Condition("distance", rule, value, along=along, free=free, place=place, direction=side)
-            case "ReachPositionCondition":
-                tolerance = self.parameters.number(one, "tolerance")
-                return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
-        known = ", ".join((*simple, "StandStillCondition", "TimeToCollisionCondition", "DistanceCondition"))
-        raise one.unknown(f"{known}, ReachPositionCondition")
+        raise one.error("is not read", "see docs/openscenario.md")
+
+    def _ask(self, kind: str) -> Condition:
+        # Condition that holds where what is measured is 1.
+        return Condition(kind, "equalTo", self.parameters.constant(1.0))
 
     def _read_angle(self, one: Element) -> Condition:
         # Whether a heading is within a tolerance of an angle.
@@ -148,21 +124,18 @@ class ConditionReader:
         return Condition("angle", "lessOrEqual", limit, other=other, along=along, reach=(angle,))
 
     def _read_collision_time(self, one: Element) -> Condition:
-        rule, value = self._read_comparison(one)
-        _, along, free = self._read_distance(one)
-        if not along:
+        found = self._read_distance(one, "collision_time")
+        if not found.along:
             raise one.error(
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
         one.note("is taken along the road, also to vehicles in other lanes")
         target = one.child("TimeToCollisionConditionTarget").choice()
         if target.tag == "Position":
-            place = self.actions.read_place(target)
-            return Condition("collision_time", rule, value, free=free, place=place)
+            return replace(found, place=self.actions.read_place(target))
         if target.tag != "EntityRef":
             raise target.unknown("EntityRef, Position")
-        other = self.actions.find_entity(target)
-        return Condition("collision_time", rule, value, other=other, free=free)
+        return replace(found, other=self.actions.find_entity(target))
 
     def _read_clearance(self, one: Element) -> Condition:
         # Whether no other vehicle is within a way ahead and behind, in some lanes.
@@ -178,10 +151,8 @@ class ConditionReader:
                 for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
             )
             lanes.append((low, high))
-        return Condition(
-            "clearance",
-            "equalTo",
-            self.parameters.constant(1.0),
+        return replace(
+            self._ask("clearance"),
             free=self.parameters.boolean(one, "freeSpace"),
             against=self.actions.find_entities(one) or tuple(range(len(self.actions.kinds))),
             reach=reach,
@@ -205,13 +176,23 @@ class ConditionReader:
             raise target.unknown("EntityRef, ByType, ByObjectType")
         return self.actions.find_type(target)
 
-    def _read_distance(self, one: Element) -> tuple[Direction, bool, bool]:
-        # Direction of a distance, whether it is along the road, and whether between the boxes.
-        along = self.parameters.boolean(one, "alongRoute") or one.tag == "TimeToCollisionCondition"
+    def _read_distance(self, one: Element, kind: str) -> Condition:
+        # Condition on a distance, without what it is to.
+        rule, value = self._read_comparison(one)
+        along = self.parameters.boolean(one, "alongRoute") or kind == "collision_time"
         default = "longitudinal" if along else "euclidianDistance"
-        kind = self.parameters.choose(one, "relativeDistanceType", _DISTANCES, default)
+        way = self.parameters.choose(one, "relativeDistanceType", _DISTANCES, default)
         self.parameters.choose(one, "coordinateSystem", _SYSTEMS, "entity")
         one.get("routingAlgorithm")
         one.attribute("freespace")
-        side: Direction = "lateral" if kind == "lateral" else ""
-        return side, kind == "longitudinal", self.parameters.boolean(one, "freespace")
+        free = self.parameters.boolean(one, "freespace")
+        side: Direction = "lateral" if way == "lateral" else ""
+        return Condition(kind, rule, value, along=way == "longitudinal", free=free, direction=side)
+
+    def _read_steps(self, element: Element, name: str) -> int:
+        # A time, as a number of steps.
+        seconds = self.parameters.fixed(element, name)
+        if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
+            text = f"{name} should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
+            raise element.error(text)
+        return round(seconds / self.dt)

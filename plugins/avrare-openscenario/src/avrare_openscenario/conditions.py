@@ -15,7 +15,7 @@ from avrare.protocols import Bools, Floats
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.signals import UNSET
 from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, pick, place_point
-from avrare_openscenario.story import Condition
+from avrare_openscenario.story import Condition, Place
 from avrare_openscenario.trajectories import list_places
 
 _TOLERANCE = 1e-9
@@ -165,10 +165,7 @@ def _measure(
             return np.asarray((station <= slack) | (station >= roads.line.length - slack), dtype=np.float64)
         case "off_road":
             return _off_road(pick(traffic.vehicles, entity), roads)
-    if condition.place is not None:
-        distance = _distance_to_place(condition, entity, traffic, maps, table)
-    else:
-        distance = _distance(condition, entity, other, traffic, maps)
+    distance = _distance(condition, entity, traffic, maps, table)
     if condition.kind in ("distance", "reach"):
         return distance
     closing = speeds[:, entity]
@@ -181,21 +178,41 @@ def _measure(
 
 
 def _distance(
-    condition: Condition, one: int, other: int, traffic: Traffic, maps: Sequence[RoadMap]
+    condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
 ) -> Floats:
-    here, there = pick(traffic.vehicles, one), _see(traffic, other, maps[one], maps)
-    roads = maps[one]
+    # Distance of a vehicle to another one, or to a place.
+    roads, here, other = maps[one], pick(traffic.vehicles, one), condition.other
+    if condition.place is None:
+        there, size = _see(traffic, other, roads, maps), (traffic.lengths[other], traffic.widths[other])
+    else:
+        there, size = _locate(condition.place, roads, traffic, maps, table), (0.0, 0.0)
+    length, width = 0.5 * (traffic.lengths[one] + size[0]), 0.5 * (traffic.widths[one] + size[1])
     if condition.direction == "lateral":
-        reach = 0.5 * (traffic.widths[one] + traffic.widths[other]) if condition.free else 0.0
-        return np.asarray(np.maximum(np.abs(here.y - there.y) - reach, 0.0))
+        return np.asarray(np.maximum(np.abs(here.y - there.y) - (width if condition.free else 0.0), 0.0))
     if condition.free and condition.along:
-        reach = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
-        return np.asarray(np.maximum(np.abs(here.x - there.x) - reach, 0.0))
+        return np.asarray(np.maximum(np.abs(here.x - there.x) - length, 0.0))
     if condition.free:
-        boxes = _box(roads, here, traffic, one), _box(roads, there, traffic, other)
+        boxes = _box(roads, here, traffic.lengths[one], traffic.widths[one]), _box(roads, there, *size)
         return np.asarray(np.maximum(signed_distance(*boxes), 0.0))
     here = _reference(roads, here, traffic.ahead[one])
-    return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
+    if condition.place is None:
+        return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
+    distance = _apart(condition.along, here, there, roads)
+    turned = condition.kind == "reach" and condition.place.turned and condition.place.kind != "plane"
+    aside = np.abs(np.remainder(here.heading - there.heading + np.pi, 2.0 * np.pi) - np.pi) > _TURNED
+    return np.where(turned & aside, np.inf, distance)
+
+
+def _locate(
+    place: Place, roads: RoadMap, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
+) -> Vehicles:
+    # A place as a vehicle that stands there.
+    references = {}
+    for k in list_places(place):
+        seen = _reference(maps[k], pick(traffic.vehicles, k), traffic.ahead[k])
+        references[k] = seen.x, seen.y, seen.heading
+    s, d, heading = place_point(place, roads, maps, table, references)
+    return Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
 
 
 def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
@@ -203,41 +220,13 @@ def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) 
     return move_over(pick(traffic.vehicles, other), maps[other], roads)
 
 
-def _distance_to_place(
-    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Floats:
-    assert condition.place is not None
-    roads = maps[entity]
-    references = {}
-    for k in list_places(condition.place):
-        seen = _reference(maps[k], pick(traffic.vehicles, k), traffic.ahead[k])
-        references[k] = seen.x, seen.y, seen.heading
-    s, d, heading = place_point(condition.place, roads, maps, table, references)
-    goal = Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
-    here = pick(traffic.vehicles, entity)
-    if condition.direction == "lateral":
-        reach = 0.5 * traffic.widths[entity] if condition.free else 0.0
-        return np.asarray(np.maximum(np.abs(here.y - d) - reach, 0.0))
-    if not condition.free:
-        here = _reference(roads, here, traffic.ahead[entity])
-        distance = _apart(condition.along, here, goal, roads)
-        turned = condition.kind == "reach" and condition.place.turned and condition.place.kind != "plane"
-        aside = np.abs(np.remainder(here.heading - heading + np.pi, 2.0 * np.pi) - np.pi) > _TURNED
-        return np.where(turned & aside, np.inf, distance)
-    if condition.along:
-        return np.asarray(np.maximum(np.abs(here.x - s) - 0.5 * traffic.lengths[entity], 0.0))
-    point = to_plane(roads.road, goal)
-    nothing = np.zeros_like(point.x)
-    spot = Rectangle(point.x, point.y, point.heading, nothing, nothing)
-    return np.asarray(np.maximum(signed_distance(_box(roads, here, traffic, entity), spot), 0.0))
-
-
 def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap]) -> Floats:
     touches = np.zeros(len(traffic.time), np.bool_)
-    mine = _box(maps[one], pick(traffic.vehicles, one), traffic, one)
+    roads, lengths, widths = maps[one], traffic.lengths, traffic.widths
+    mine = _box(roads, pick(traffic.vehicles, one), lengths[one], widths[one])
     for other in condition.against:
         if other != one:
-            theirs = _box(maps[one], _see(traffic, other, maps[one], maps), traffic, other)
+            theirs = _box(roads, _see(traffic, other, roads, maps), lengths[other], widths[other])
             touches |= signed_distance(mine, theirs) <= 0.0
     return touches.astype(np.float64)
 
@@ -281,9 +270,9 @@ def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:
     return np.asarray(aside | (vehicle.x < 0.0) | (vehicle.x > roads.line.length), dtype=np.float64)
 
 
-def _box(roads: RoadMap, vehicles: Vehicles, traffic: Traffic, k: int) -> Rectangle:
-    place, size = to_plane(roads.road, vehicles), (traffic.lengths[k], traffic.widths[k])
-    return Rectangle(place.x, place.y, place.heading, *map(np.asarray, size))
+def _box(roads: RoadMap, vehicles: Vehicles, length: float, width: float) -> Rectangle:
+    place = to_plane(roads.road, vehicles)
+    return Rectangle(place.x, place.y, place.heading, np.asarray(length), np.asarray(width))
 
 
 def _apart(along: bool, one: Vehicles, other: Vehicles, roads: RoadMap) -> Floats:

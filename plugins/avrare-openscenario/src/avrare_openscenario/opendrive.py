@@ -12,7 +12,6 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, ReferenceLine
-from avrare.driving.values import Lane
 from avrare.protocols import Floats
 from avrare_openscenario.curves import go_on, polynomial
 from avrare_openscenario.network import Connection, Network, RoadMap
@@ -309,7 +308,7 @@ def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStr
         abs(lane.border.left[0] - other.border.right[0]) > 1e-6 for lane, other in pairwise(kept)
     )
     apart |= max(widths, default=0.0) - min(widths, default=0.0) > 1e-6
-    ends = np.array([0.0, line.length])
+    tip = np.array([0.0, line.length])
     bent = not isinstance(line, CurvedLine) or any(
         piece.curvature or piece.end_curvature for piece in line.pieces
     )
@@ -318,13 +317,6 @@ def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStr
     def chosen(test: list[bool]) -> tuple[int, ...]:
         return tuple(index for index, yes in enumerate(test) if yes)
 
-    def lane_of(strip: LaneStrip) -> Lane:
-        return (
-            strip.border
-            if varies
-            else Lane(ends, strip.border.right[:1].repeat(2), strip.border.left[:1].repeat(2))
-        )
-
     road = Road(
         tuple(centres[lane.name] for lane in kept),
         float(np.median(widths)) if widths else 0.0,
@@ -332,12 +324,11 @@ def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStr
         0.0,
         line.length,
         own_frame if bent else None,
-        tuple(map(lane_of, kept)) if apart else (),
+        tuple(lane.border if varies else replace(lane.border, stations=tip) for lane in kept if apart),
         chosen([kind == "shoulder" for kind in kinds]),
         chosen([(lane.name > 0) != left for lane in kept]),
         chosen([lane.broad for lane in kept]),
     )
-    tip = np.array([0.0, line.length])
     closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
     indices = {lane.name: index for index, lane in enumerate(kept)}
     return RoadMap(road, line, begins, indices, centres, closed)

@@ -96,7 +96,8 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         )
         count = 2 if fixed else max(2, 1 + int(np.ceil((end - section.begin) / _STEP)))
         stations = np.linspace(section.begin, end, count)
-        borders = _list_borders(section, _evaluate(offsets, stations), stations - section.begin)
+        with np.errstate(over="ignore", invalid="ignore"):
+            borders = _list_borders(section, _evaluate(offsets, stations), stations - section.begin)
         for name, (right, left) in borders.items():
             pieces = strips.setdefault(name, [])
             pieces.append([stations, right, left])
@@ -181,5 +182,4 @@ def _evaluate(records: Sequence[Polynomial], s: Floats) -> Floats:
     table = np.array(records)
     index = np.clip(np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 0, None)
     begin, a, b, c, d = table[index].T
-    with np.errstate(over="ignore", invalid="ignore"):
-        return polynomial((a, b, c, d), s - begin)
+    return polynomial((a, b, c, d), s - begin)

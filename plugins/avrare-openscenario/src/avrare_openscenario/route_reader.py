@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 
 
 def read_route(reader: ActionReader, action: Element, actor: int) -> Route:
-    """Read an ``AssignRouteAction``."""
-    return Route(actor, tuple(roads for _, roads in _read_waypoints(reader, action)))
+    """Read an ``AssignRouteAction``, or an ``AcquirePositionAction``: a route of one point."""
+    acquires = action.tag == "AcquirePositionAction"
+    points = [_read_waypoint(reader, action)] if acquires else _read_waypoints(reader, action)
+    return Route(actor, tuple(roads for _, roads in points))
 
 
-def read_waypoint(reader: ActionReader, point: Element) -> tuple[Place, RoadMap]:
-    """Return the ``Position`` of an element, and the road of it or next to it."""
+def _read_waypoint(reader: ActionReader, point: Element) -> tuple[Place, RoadMap]:
+    # The position of an element, and the road of it or next to it.
     place = reader.read_place(point.child("Position"))
     if place.roads is None and place.kind != "plane":
         raise point.error("a place that is relative to an entity is not read here")
@@ -65,4 +67,4 @@ def _read_waypoints(reader: ActionReader, action: Element) -> list[tuple[Place, 
         point.get("routeStrategy")
     if not points:
         raise route.error("has no Waypoint")
-    return [read_waypoint(reader, point) for point in points]
+    return [_read_waypoint(reader, point) for point in points]

@@ -18,7 +18,7 @@ from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.routes import follow_lane
-from avrare_openscenario.signals import read_controllers
+from avrare_openscenario.signals import Signals
 from avrare_openscenario.starts import Starts, nearest_lane, place_all, speed_all
 from avrare_openscenario.story import (
     Action,
@@ -136,7 +136,6 @@ def read_scenario(
     top.skip_children("MonitorDeclarations")
     named = top.child("RoadNetwork")
     named.skip_children("SceneGraphFile", "UsedArea")
-    controllers = read_controllers(named.find("TrafficSignals"), parameters)
     logic = named.find("LogicFile")
     if logic is None and road is None:
         if ego is not None:
@@ -158,8 +157,8 @@ def read_scenario(
     board = top.child("Storyboard")
     kinds = [body.kind for body in bodies]
     driven = None if ego is None else len(names) - 1
-    variables = _read_variables(top, parameters)
-    reader = ActionReader(parameters, roads, names, kinds, entries, variables, controllers)
+    lights = Signals(named.find("TrafficSignals"), parameters, _read_variables(top, parameters))
+    reader = ActionReader(parameters, roads, names, kinds, entries, lights)
     reader.read_selections(entities)
     starts = _read_starts(board.child("Init"), reader, board.list_names("Actors", "entityRef"))
     storyboard = StoryReader(reader, dt, driven, ignore_ego)
