@@ -25,8 +25,6 @@ VARIABLE = "AVRARE_SAFE"
 """Environment variable that switches safe mode on for all commands; empty or 0 means off."""
 
 _active: ContextVar[bool] = ContextVar("safe", default=False)
-_REFERENCE = re.compile(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?")
-_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 TRUST = "outside safe mode this is allowed: leave it only for scenarios that you trust"
 
 
@@ -117,7 +115,7 @@ def find_linked_files(node: Node, path: Path, config: Options | None, folder: st
 
 def _file_refusal(text: str, folder: str) -> str | None:
     named = os.path.isabs(text) or text[:1] in ("~", "\\") or ".." in re.split(r"[/\\]", text)
-    if _URL.match(text):
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", text):
         return f"{text!r} is not a file of the scenario's folder"
     exists = os.path.exists(text) if "/" in text else os.path.isfile(text)
     if (named or exists) and (text[:1] == "~" or is_outside(text, folder)):
@@ -126,7 +124,7 @@ def _file_refusal(text: str, folder: str) -> str | None:
 
 
 def _code_refusal(text: str, row: Row, is_code: bool) -> str | None:
-    reference = _REFERENCE.fullmatch(text)
+    reference = re.fullmatch(r"([A-Za-z_]\w*)(\.[A-Za-z_]\w*)*(:[A-Za-z_][\w.-]*)?", text)
     if reference is None:
         return f"{text!r} is code of no installed plugin" if is_code else None
     top, dotted, attribute = reference.groups()

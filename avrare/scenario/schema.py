@@ -34,7 +34,6 @@ TWIN_PARTS = PARTS[:-1]
 """Parts of the stack in which a cheap twin may differ."""
 
 _SLUG = r"[A-Za-z0-9_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)*"
-_BOUND = re.compile(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*")
 
 
 def _slug(text: str) -> str:
@@ -44,7 +43,8 @@ def _slug(text: str) -> str:
 
 
 def _bound(value: str | float) -> str:
-    bound = _BOUND.fullmatch(value if isinstance(value, str) else f"< {value!r}")
+    text = value if isinstance(value, str) else f"< {value!r}"
+    bound = re.fullmatch(r"\s*(<=|<)?\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*", text)
     if not bound or not 0.0 <= float(bound[2]) <= 1.0:
         raise ValueError("should be an upper bound between 0 and 1 such as '< 2e-2' or '<= 0.1'")
     return f"{bound[1] or '<'} {bound[2]}"

@@ -19,7 +19,6 @@ from avrare_traffic_rules.vocabulary import Definitions
 
 _ANY_STEP = Fraction(1, 10**9)
 """Step [s] that divides every decimal time bound."""
-_PLACE = re.compile(r"line (\d+), column (\d+): ")
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class FormulaText:
             message: Message of the parser, with a position counted from the first definition.
             hint: Hint of the parser.
         """
-        place = _PLACE.match(message)
+        place = re.match(r"line (\d+), column (\d+): ", message)
         if place is None:
             return self.source + message, hint, self.option
         line, column, rest = int(place[1]), int(place[2]), message[place.end() :]
