@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 
-_MAX_ITERATIONS = 100
 _MIN_SILHOUETTE = 0.25
 """Below this there is one cluster (Kaufman and Rousseeuw 1990: no substantial structure)."""
 
@@ -38,7 +37,7 @@ def _run_kmeans(points: Floats, k: int) -> NDArray[np.int64]:
         seeds.append(int(np.argmax(_compute_squared_distances(points, points[seeds]).min(axis=1))))
     centres = points[seeds]
     labels = np.full(len(points), -1)
-    for _ in range(_MAX_ITERATIONS):
+    for _ in range(100):
         nearest = np.argmin(_compute_squared_distances(points, centres), axis=1)
         if (nearest == labels).all():
             break

@@ -34,8 +34,6 @@ from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signal
 METHODS = ("kmeans", "hdbscan")
 _PRINCIPAL_COMPONENTS = 5
 """Principal components of the features in which k-means makes clusters."""
-_MIN_FAILURES_UNWARNED = 5
-"""Fewer failures of a kind get a warning."""
 _MAX_STRAY_FAILURES = 4
 """So few failures do not make a kind, unless they begin with another violation."""
 _MIN_SEPARATION = 4.0
@@ -276,7 +274,7 @@ def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kin
     if ancestors == 1:
         first = "failure" if sample.failures.ancestors is None else "first rollout"
         warnings.append(f"it rests on one {first}: it may be much likelier, or rarer, than this")
-    elif ancestors < _MIN_FAILURES_UNWARNED:
+    elif ancestors < 5:  # a kind of few failures
         warnings.append(f"it rests on {ancestors} independent failures")
     samples = [causes[row].sample for row in rows.tolist() if causes[row].sample >= 0]
     severities = [causes[row].severity for row in rows.tolist()]

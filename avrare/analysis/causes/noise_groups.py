@@ -13,9 +13,6 @@ from avrare.rollout.problem import Problem
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
-_MAX_CHANNELS = 24
-"""With more channels than this, none gets a row of its own unless it is named."""
-
 
 @dataclass(frozen=True)
 class NoiseGroup:
@@ -105,7 +102,8 @@ def _parts(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
 
 
 def _single(names: Sequence[str]) -> list[tuple[str, str, Sequence[str]]]:
-    return [(name, "channel", [name]) for name in names] if len(names) <= _MAX_CHANNELS else []
+    # of more channels, only named ones get rows
+    return [(name, "channel", [name]) for name in names] if len(names) <= 24 else []
 
 
 def _windows(problem: Problem, windows: int) -> list[NoiseGroup]:

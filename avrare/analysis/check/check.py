@@ -88,7 +88,7 @@ def choose_catalogue(paths: Sequence[str | os.PathLike[str]], **options: object)
     """
     path = next(filter(is_catalogue, paths))
     if len(paths) > 1:
-        raise UsageError(f"{path}: is a catalogue, which is checked alone", "check each by itself")
+        raise UsageError(f"{path}: is a catalogue, which is checked alone", "check them one at a time")
     for name, given in options.items():
         if given is not None and given is not False and given not in ([], ()):  # a seed may be 0
             text = f"{name.replace('_', ' ')} is an option of scenarios, and {path} is a catalogue"

@@ -17,7 +17,6 @@ import numpy as np
 
 from avrare.estimation.result.confidence_distributions import ConfidenceDistribution
 
-_TEST_POINTS = 384
 _INTERVAL_POINTS = 96  # enough for an interval that is only shown
 _EDGE = 1e-7
 """Mass of the old estimate beyond either end of the grid; the integral takes its less favourable value."""
@@ -63,7 +62,7 @@ def _upper_limit_above(new: ConfidenceDistribution, ratio: float) -> Law:
     return lambda value: 1.0 if ratio * value <= 0.0 else new.p_value_at_least(min(1.0, ratio * value))
 
 
-def _discretise(law: Law, points: int = _TEST_POINTS) -> _Cells:
+def _discretise(law: Law, points: int = 384) -> _Cells:
     # 1. A geometric grid between the quantiles at the edges.
     first, last = _quantile(law, _EDGE), _quantile(law, 1.0 - _EDGE)
     grid = np.geomspace(first, last, points).tolist()

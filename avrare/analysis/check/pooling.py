@@ -24,8 +24,6 @@ from avrare.estimation.result.result import CrossCheckResult, Failures, Result
 
 SHARES = (0.125, 0.125, 0.25, 0.5)
 """Share of the budget and of the error rate that each look uses; each from the second doubles the total."""
-_OF_A_BATCH = ("goal", "cross_check")
-"""Kinds of notes that speak of a single batch."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,8 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["failures"] = Failures(newest.failures.noise, newest.failures.robustness, count)
     worst = [batch.worst for batch in batches if not math.isnan(batch.worst.robustness)]
     changes["cross_check"], checks = _pool_checks(batches)
-    notes = [note for note in newest.notes if note.kind not in _OF_A_BATCH]
+    # these speak of a single batch
+    notes = [note for note in newest.notes if note.kind not in ("goal", "cross_check")]
     changes["notes"] = (*notes, *checks)
     changes["worst"] = min(worst, key=lambda interval: interval.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.

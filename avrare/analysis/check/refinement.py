@@ -16,8 +16,6 @@ _MOST_TAPES, _MOST_STEPS = 8, 2000
 """Most tapes that are compared, and most steps of all of them together, but for a single one."""
 _ABSENT = 1e5
 """Distance beyond which a vehicle counts as absent [m]."""
-_SHOWN = ("ego_x", "ego_y", "ego_speed", "others_x", "others_y", "others_speed", "gap")
-_MOST_SIGNALS = 6
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,8 @@ def compare_substeps(scenario: Scenario, stack: Stack) -> list[str]:
         now, then = (_drive(part, tapes) for part in (stack, other))
     except Exception as error:  # in a run such rollouts count as errors
         return [f"integration: not compared, as a rollout breaks down: {type(error).__name__}: {error}"]
-    names = [name for name in _SHOWN if name in now.signals] or list(now.signals)[:_MOST_SIGNALS]
+    preferred = ("ego_x", "ego_y", "ego_speed", "others_x", "others_y", "others_speed", "gap")
+    names = [name for name in preferred if name in now.signals] or list(now.signals)[:6]
     changes = [f"{name} {_greatest(now.signals[name], then.signals[name]):.2g}" for name in names]
     tried = f"{count} tape{'s' * (count > 1)}"
     lines = [

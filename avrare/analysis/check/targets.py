@@ -37,7 +37,6 @@ from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.schema import Regression, Scenario
 
 _SEED_STRIDE = 0x9E3779B97F4A7C15
-_SEED_RANGE = 2**63
 
 
 @dataclass(frozen=True)
@@ -204,7 +203,7 @@ class Look:
 
     def seed(self, seed: int) -> int:
         """Return the seed of this look, so that the batches of all looks are independent."""
-        return (seed + (self.number - 1) * _SEED_STRIDE) % _SEED_RANGE
+        return (seed + (self.number - 1) * _SEED_STRIDE) % 2**63
 
 
 def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:

@@ -27,7 +27,6 @@ from avrare.scenario.yaml import parse_value
 _SCENARIO = "scenario"  # prefix of a --set key of the scenario itself
 _EXAMPLE = "for example mc,ams,ams:particles=100:discard=10"
 _MARK = Mark("estimators")
-_SHARED_SETTINGS = ("seed", "budget", "workers", "confidence")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,8 @@ def make_arm(registry: Registry, name: str, options: Mapping[str, object], label
     """Make an arm; UsageError if the options are invalid, PluginError if no plugin provides the estimator."""
     component = registry.require("estimator", name)
     row = registry.find("estimator", name)
-    if shared := [option for option in _SHARED_SETTINGS if option in options]:
+    settings = ("seed", "budget", "workers", "confidence")
+    if shared := [option for option in settings if option in options]:
         problem = f"{shared[0]!r} is a setting of the whole comparison, not an option of an estimator"
         raise UsageError(f"{label or name}: {problem}")
     config = check_options(component.load_config(), name, dict(options))

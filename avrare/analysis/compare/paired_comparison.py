@@ -38,8 +38,6 @@ from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Scenario
 from avrare.stack.part_checks import find_noise_names
 
-_ROLLOUTS = 1000
-"""Default number of rollouts of each version."""
 _VERSIONS = ("first", "second")
 
 PairedWatch = Callable[[int], Callable[[Info], None]]
@@ -222,7 +220,7 @@ def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _count_rollouts(given: Budget | Mapping[str, float] | str | None, steps: int) -> int:
     if given is None:
-        return _ROLLOUTS
+        return 1000
     budget = parse_cost(given)
     rollouts = int(budget.amount // (max(steps, 1) if budget.kind == "steps" else 1))
     if rollouts < 1:

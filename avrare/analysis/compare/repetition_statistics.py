@@ -123,14 +123,16 @@ def _accuracy(
 
 
 def _mean_interval(repetitions: Sequence[Result], confidence: float) -> Interval:
-    values = np.array([one.probability for one in repetitions])
+    values = np.array([result.probability for result in repetitions])
     mean = float(values.mean())
     if mean == 0.0:
         return intervals.unknown(confidence)
     variance = float(values.var(ddof=1)) / mean**2
     if variance == 0.0:  # all estimates are equal: use their own relative errors
-        known = [one.relative_error**2 for one in repetitions if math.isfinite(one.relative_error)]
-        variance = float(np.mean(known)) if known else 0.0
+        variances = [
+            result.relative_error**2 for result in repetitions if math.isfinite(result.relative_error)
+        ]
+        variance = float(np.mean(variances)) if variances else 0.0
     return intervals.log_normal(mean, variance / len(values), confidence, freedom=len(values) - 1)
 
 

@@ -129,8 +129,8 @@ def run_study(
     if truth_rollouts is not None:
         reference = make_arm(default_registry(), "mc", {"rollouts": truth_rollouts})
         seed = design.seed + design.repeat
-        found = _estimate(case, reference, design, seed, None, watch, "truth")
-        case = replace(case, truth=GroundTruth.from_monte_carlo(found))
+        long_run = _estimate(case, reference, design, seed, None, watch, "truth")
+        case = replace(case, truth=GroundTruth.from_monte_carlo(long_run))
     # 3. Run the repetitions.
     interrupted = False
     try:
@@ -183,14 +183,14 @@ def _find_refusal(case: ComparisonCase, arm: Arm, design: StudyDesign) -> UsageE
 
 def _pool_monte_carlo(results: Sequence[ArmResult]) -> GroundTruth | None:
     candidates = [
-        (sum(one.failures.count for one in result.repetitions), result.repetitions)
+        (sum(estimate.failures.count for estimate in result.repetitions), result.repetitions)
         for result in results
         if result.arm.name == "mc" and result.refusal is None
     ]
     failures, repetitions = max(candidates, key=lambda pair: pair[0], default=(0, ()))
     if failures < ENOUGH_FAILURES:
         return None
-    mean = sum(one.probability for one in repetitions) / len(repetitions)
+    mean = sum(estimate.probability for estimate in repetitions) / len(repetitions)
     return GroundTruth(mean, POOLED, None, failures) if mean < 1.0 else None
 
 

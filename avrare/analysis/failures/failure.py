@@ -24,10 +24,6 @@ from avrare.scenario.fingerprint import comparable, digests
 from avrare.scenario.schema import Scenario
 
 _PARTS = ("simulator", "perception", "tracker", "controller")
-_BETWEEN = ("timing", "actuators")
-"""Blocks between the parts, which count where they are given."""
-_MAX_VALUES = 20_000
-"""Largest number of signal values stored; beyond it only the checksums are."""
 
 _NO_CHECKSUMS = np.zeros(0, dtype=np.uint32)
 _NO_VALUES = np.zeros((0, 0), dtype=np.float32)
@@ -70,7 +66,7 @@ def compute_fingerprints(scenario: Scenario, specification: str) -> dict[str, st
     """Return 8 hexadecimal digits for each part that a rollout of one specification depends on."""
     resolved, files = comparable(scenario), digests(scenario)
     plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in _PARTS}}
-    plain |= {name: resolved[name] for name in _BETWEEN if name in resolved}
+    plain |= {name: resolved[name] for name in ("timing", "actuators") if name in resolved}
     plain["specification"] = resolved["specifications"][specification]
     for name in (*_PARTS, "specification"):
         path = f"specifications.{specification}" if name == "specification" else name
@@ -96,7 +92,8 @@ def make_failure(
 ) -> Failure:
     """Return the failure of a complete rollout, with its signals."""
     columns, numbers = tabulate_signals(rollout.signals, scenario.scene)
-    values = round_values(numbers if numbers.size <= _MAX_VALUES else numbers[:0])
+    # of more, only the checksums are stored
+    values = round_values(numbers if numbers.size <= 20_000 else numbers[:0])
     parts = compute_fingerprints(scenario.definition, specification)
     return Failure(
         scenario.name,

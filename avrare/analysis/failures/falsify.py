@@ -28,15 +28,13 @@ BUDGET = 4000
 """Default number of rollouts of one search."""
 
 CAUTION = (
-    "caution: beta is only the distance of one failure from the rollout without noise. exp(-beta^2/2) is no "
-    "estimate of the failure probability here, nor a bound on it: use `avrare run`"
+    "caution: beta is only the distance of one failure from the rollout without noise. exp(-beta^2/2) "
+    "neither estimates nor bounds the failure probability here: use `avrare run`"
 )
 
 _PARTICLES = 64
 _SURVIVING = 0.25
 _STEP_SIZES = (0.9, 0.6, 0.4, 0.25, 0.15, 0.08)
-_STARTS = 2
-"""Number of failures, those of the smallest norm, from which the design point is searched."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,7 +135,7 @@ def falsify(
     zeros = np.zeros(evaluate.shape)
     if evaluate([zeros]).fails.any():
         return _make_result(problem, evaluate, [zeros], 1, True)
-    starts = find_failures(evaluate, seed)[:_STARTS]
+    starts = find_failures(evaluate, seed)[:2]  # the failures of the smallest norm
     first_rollouts = evaluate.rollouts
     if not starts:
         return _make_result(problem, evaluate, [], first_rollouts, False)

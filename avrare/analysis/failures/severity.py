@@ -26,12 +26,6 @@ from avrare.results.recordings import FIELDS
 
 _SMALL_REACH = 0.3
 """Reach into a lane below which the ego only touches it [m]."""
-_STANDING_SPEED = 0.3
-"""Speed below which the ego stands [m/s]."""
-_CUT_IN_TIME = 3.0
-"""Time before an impact within which the ego's change of lane is a cut-in [s]."""
-_LAST_SECOND = 1.0
-"""Time before an impact in which DRAC grows without bound [s]."""
 _REAR = 0.7
 """Share of the lengths of both that lies between the centres at a contact with the ego's rear."""
 
@@ -154,7 +148,8 @@ def measure_severity(result: MonitoringResult) -> Severity | None:
     )
     violated = result.prefix_violated if result.body is None else result.body <= 0.0
     reach = np.where(pair.other.find_reach(scene.road) > 0.0, pair.ego.find_reach(scene.road), 0.0)
-    last = end - (round(_LAST_SECOND / recording.dt) if touching.size else 0)
+    # DRAC grows without bound in the last second
+    last = end - (round(1.0 / recording.dt) if touching.size else 0)
     return Severity(
         scene.names[number],
         _measure_impact(pair, scene, number, end) if touching.size else None,
@@ -216,7 +211,8 @@ class _Pair:
 
     def cuts_in(self, end: int) -> bool:
         """Return whether the ego has come into a lane of the other shortly before sample ``end``."""
-        recent = slice(max(end - round(_CUT_IN_TIME / self.dt), 0), end + 1)
+        # a change of lane in the last 3 s is a cut-in
+        recent = slice(max(end - round(3.0 / self.dt), 0), end + 1)
         ego, other = (car.find_reach(self.road)[:, recent] for car in (self.ego, self.other))
         shared = (ego[:, -1] > 0.0) & (other > 0.0).all(axis=1)
         return bool(shared.any() and (ego[shared].min(axis=1) <= 0.0).all())
@@ -264,7 +260,7 @@ def _locate(ego: _Car, other: _Car, pose: Vehicles, place: Vehicles) -> tuple[fl
 
 
 def _name_role(pair: _Pair, end: int, speed: float, ahead: float) -> str:
-    if speed < _STANDING_SPEED:
+    if speed < 0.3:  # it stands [m/s]
         return "stands"
     if ahead < -0.5 * _REAR * (pair.ego.length + pair.other.length):
         return "is hit from behind"

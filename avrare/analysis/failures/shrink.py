@@ -25,7 +25,6 @@ _TARGET_RATIO = 0.1
 _RESTARTS = 3
 _TURN_GAIN = 0.95
 """A turned tape has more nonzero numbers; it replaces the result only below this ratio of its norm."""
-_RANDOM_TAPES = 25
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def _find_passing_noise(problem: Problem, evaluate: TapeEvaluator) -> Floats | N
     passing.activity = "looking for noise that passes"
     noise = NoiseSource(0, problem.noise_size)
     steps = np.arange(problem.steps + 1)
-    tapes = [noise.normals(0, 0, particle, steps) for particle in range(_RANDOM_TAPES)]
+    tapes = [noise.normals(0, 0, particle, steps) for particle in range(25)]
     passes = np.flatnonzero(passing(tapes).fails)
     small = reduce_tape(passing, tapes[int(passes[0])]) if len(passes) else None
     evaluate.rollouts += passing.rollouts

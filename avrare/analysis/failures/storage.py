@@ -26,7 +26,6 @@ from avrare.base.visible_text import spell_line
 PREFIX = "avrare1."
 """Start of every blob: the format version, without a dash so that no parser takes it for an option."""
 
-_MAX_BYTES = 2**28
 _DTYPES = {"noise": "<f8", "checksums": "<u4", "values": "<f4"}
 _AXES = {"noise": 2, "checksums": 1, "values": 2}
 _ID = re.compile(r"[0-9a-f]{1,8}")
@@ -137,7 +136,7 @@ def _decode(word: str) -> Failure:
     try:
         packed = base64.b64decode(word + "=" * (-len(word) % 4), altchars=b"-_", validate=True)
         inflater = zlib.decompressobj()
-        content = inflater.decompress(packed, _MAX_BYTES)
+        content = inflater.decompress(packed, 2**28)
     except (binascii.Error, zlib.error, ValueError):
         raise _CorruptFailureError("characters are wrong or missing") from None
     if not inflater.eof:

@@ -150,7 +150,7 @@ def replay_error(run: Run, index: int, specification: str | None = None) -> Fail
         UsageError: There is no such rollout.
     """
     tapes = {name: result.error_tapes for name, result in run.items() if specification in (None, name)}
-    stored = [(name, tape) for name, kept in tapes.items() for tape in kept]
+    stored = [(name, tape) for name, of_specification in tapes.items() for tape in of_specification]
     if not 0 <= index < len(stored):
         hint = "rollouts that ended in an error are numbered from 0"
         raise UsageError(f"{run.name}: there is no error {index}: {len(stored)} of them are stored", hint)

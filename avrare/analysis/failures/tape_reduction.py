@@ -29,19 +29,13 @@ Block = tuple[slice, slice]
 
 _STOP_RATIO = 0.99
 """Another round follows if the last one brought the norm below this ratio."""
-_FACTORS = (0.0, 0.5, 0.8, 0.95)
-_SCALES = 24
 
 _DIRECTIONS = 48
-_MAX_ROUNDS = 60
 _FIRST_TURN, _MIN_TURN = 0.3, 0.01
-_GRADIENT_SHARES = (0.1, 0.25, 0.5, 0.75, 1.0)
 _LENGTHS = (0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 _PROGRESS = 0.999
 _MEMORY = 400
 """Number of the newest rollouts in the gradient estimate."""
-_MIN_SAMPLES = 8
-_RIDGE = 1e-4
 
 
 def order_by_norm(seed: int) -> BlockOrder:
@@ -60,7 +54,7 @@ def reduce_tape(evaluate: TapeEvaluator, tape: Floats, order: BlockOrder | None 
     sizes = list(_list_block_sizes(evaluate.shape))
     while evaluate.remaining and np.linalg.norm(small) < _STOP_RATIO * before:
         before = float(np.linalg.norm(small))
-        for factor in _FACTORS:
+        for factor in (0.0, 0.5, 0.8, 0.95):
             for size in sizes if factor == 0.0 else sizes[-1:]:
                 small = _reduce_blocks(evaluate, small, size, factor, order)
         small, sizes = _scale_down(evaluate, small), sizes[-1:]
@@ -133,7 +127,7 @@ def _multiply(tape: Floats, blocks: list[Block], factor: float) -> Floats:
 def _scale_down(evaluate: TapeEvaluator, tape: Floats) -> Floats:
     low, high = 0.0, 1.0
     while evaluate.remaining and high - low > 1e-3:
-        factors = [float(factor) for factor in np.linspace(low, high, _SCALES + 2)[1:-1]]
+        factors = [float(factor) for factor in np.linspace(low, high, 24 + 2)[1:-1]]
         fails = evaluate(factor * tape for factor in factors).fails
         if len(fails) < len(factors) and not fails.any():  # the budget ended the search
             break
@@ -179,7 +173,7 @@ class _Descent:
 
     def run(self) -> Floats:
         """Search until nothing more is gained, or the budget or the rounds are used up."""
-        for number in range(_MAX_ROUNDS):
+        for number in range(60):
             if not self.evaluate.remaining or self.turn < _MIN_TURN:
                 break
             before = self.norm
@@ -188,7 +182,9 @@ class _Descent:
             # 2. Search along the estimated gradient.
             descent = self._estimate_descent()
             if descent is not None:
-                ahead = [_normalise((1.0 - w) * self.direction + w * descent) for w in _GRADIENT_SHARES]
+                ahead = [
+                    _normalise((1.0 - w) * self.direction + w * descent) for w in (0.1, 0.25, 0.5, 0.75, 1.0)
+                ]
                 self._move([(length * self.norm, direction) for direction in ahead for length in _LENGTHS])
             # 3. Without progress, turn less.
             if self.norm > _PROGRESS * before:
@@ -221,12 +217,12 @@ class _Descent:
 
     def _estimate_descent(self) -> Floats | None:
         # Unit direction of steepest descent of robustness by ridge regression; None if flat.
-        if len(self.tapes) < _MIN_SAMPLES:
+        if len(self.tapes) < 8:
             return None
         moved = (self.tapes - self.norm * self.direction).reshape(len(self.tapes), -1)
         moved, value = moved - moved.mean(axis=0), self.robustness - self.robustness.mean()
         products = moved @ moved.T  # dual form: as large as the memory, however long a tape is
-        ridge = _RIDGE * np.trace(products) / len(products) + 1e-300
+        ridge = 1e-4 * np.trace(products) / len(products) + 1e-300
         slope = moved.T @ np.linalg.solve(products + ridge * np.eye(len(products)), value)
         length = float(np.linalg.norm(slope))
         return -(slope / length).reshape(self.evaluate.shape) if length > 0.0 else None

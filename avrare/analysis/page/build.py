@@ -37,8 +37,6 @@ from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1
 """A smaller probability is written as one in so many."""
-_MAX_WORDS_LENGTH = 400
-"""Longer words of a formula are not shown: they say less than the formula."""
 
 
 def build_report(run: Run) -> ReportModel:
@@ -102,7 +100,7 @@ def _list_notices(run: Run) -> list[Notice]:
         text = "The scenario of this run cannot be built here, so everything that needs it is missing:"
         notices.append(Notice(text, run.build_errors))
     if run.changes:
-        notices.append(Notice("What is shown of the scenario may not be what was run:", run.changes))
+        notices.append(Notice("The scenario shown may differ from the scenario that was run:", run.changes))
     return notices
 
 
@@ -275,7 +273,7 @@ def _build_rule(run: Run, name: str) -> Rule | None:
     if formula is not None and not words:
         words = to_words(formula.node, float(formula.period))
     text = "" if formula is None else formula.text.strip()
-    return Rule("" if len(words) > _MAX_WORDS_LENGTH else words, text)
+    return Rule("" if len(words) > 400 else words, text)  # longer words say less than the formula
 
 
 def _draw_charts(result: Result) -> tuple[Chart, ...]:

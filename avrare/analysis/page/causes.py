@@ -121,7 +121,7 @@ def draw_moment(rollout: MonitoredRollout) -> Picture | None:
     scene, at = result.recording.scene, decisive.sample
     view = _View(scene.road, float(rollout.frames[at].world.ego.x[0]))
     lanes, lines, low, high = _draw_road(view, scene.road)
-    first = max(at - round(_TRAIL / result.recording.dt), 0)
+    first = max(at - round(3.0 / result.recording.dt), 0)  # paths of the last 3 s
     trail = [view.place(frame.world) for frame in rollout.frames[first : at + 1]]
     names = set(decisive.vehicles.values())
     cars = []

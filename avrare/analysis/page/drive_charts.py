@@ -15,10 +15,6 @@ from avrare.base.chart import Chart, Scale, make_linear_scale
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats
 
-_CHART_HEIGHT = 96
-_MAX_VEHICLES = 3
-_MAX_TIME_TO_COLLISION = 10.0
-"""Time to collision above this is not drawn [s]."""
 _SCALE_MARGIN = 0.25
 """Shown of a scale beyond the largest error: centimetres need another chart than metres [m]."""
 
@@ -38,7 +34,7 @@ class DriveCharts:
         self.times, self.x = make_time_axis(rollout.result)
         names = () if self.result.recording.scene is None else self.result.recording.scene.names
         order = sorted(range(len(names)), key=lambda v: names[v] not in marked)
-        self.vehicles = [(v, names[v]) for v in order[:_MAX_VEHICLES]]
+        self.vehicles = [(v, names[v]) for v in order[:3]]
 
     def draw(self) -> tuple[Chart, ...]:
         """Return all charts that this rollout has."""
@@ -61,9 +57,7 @@ class DriveCharts:
         return None if continuations is None else continuations.lost
 
     def _start(self, caption: str, y: Scale, title: str = "", *legend: tuple[str, str]) -> Chart:
-        return Chart(
-            self.x, y, title or caption, caption=caption, legend=legend, height=_CHART_HEIGHT, over_time=True
-        )
+        return Chart(self.x, y, title or caption, caption=caption, legend=legend, height=96, over_time=True)
 
     def _finish(self, chart: Chart) -> Chart:
         for sample, style in ((self._lost, "mark lost"), (self.rollout.violation, "mark")):
@@ -185,7 +179,7 @@ class DriveCharts:
             values = np.divide(distance, closing, out=np.full(len(distance), np.inf), where=closing > 0.0)
             caption = f"Distance over closing speed, {name} [s]"
         values = np.asarray(values, dtype=np.float64)
-        near = np.where(values <= _MAX_TIME_TO_COLLISION, values, np.nan)
+        near = np.where(values <= 10.0, values, np.nan)  # [s]
         if not np.isfinite(near).any():
             return None
         chart = self._start(caption, make_linear_scale([*near.tolist(), 0.0], zero=True))

@@ -30,11 +30,7 @@ from avrare.rollout.replay import Frame
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.drawn_start import SIGNAL
 
-_LEAD = 3.0  # time before the failure at which the player opens [s]
-_MAX_SIGNALS = 12
-_MAX_NUMBERS = 60_000  # largest size of plans and predictions; a longer rollout is shown without them
 _MAX_ROWS = 24
-_FULL_OPACITY = 3.0  # magnitude of a standard normal number drawn fully opaque
 
 
 def build_player(rollout: MonitoredRollout, problem: Problem, folder: Path | None = None) -> Player:
@@ -131,14 +127,14 @@ def _describe_difference(stored: StoredRollout, result: MonitoringResult) -> str
 def _select_start(result: MonitoringResult) -> int:
     """Return the sample at which the player opens: three seconds before what it is shown for."""
     decisive = result.first or result.worst
-    before = round(_LEAD / result.recording.dt)
+    before = round(3.0 / result.recording.dt)  # the player opens 3 s before the failure
     return max(decisive.sample - before, 0) if decisive is not None else 0
 
 
 def _draw_signals(result: MonitoringResult) -> tuple[Chart, ...]:
     # scalar ones, those of the formula first
     scalar = [name for name, values in result.recording.signals.items() if np.ndim(values) == 1]
-    chosen = sorted(scalar, key=lambda name: name not in result.formula)[:_MAX_SIGNALS]
+    chosen = sorted(scalar, key=lambda name: name not in result.formula)[:12]
     times, x = make_time_axis(result)
     charts = []
     for name in chosen:
@@ -208,7 +204,8 @@ def _tabulate_view(
     content["seen"] = [_encode_observation(frame, len(scene.names)) for frame in frames]
     plans = [None if frame.plan is None else _round_points(frame.plan[:, :2]) for frame in frames]
     predictions = [_encode_prediction(frame) for frame in frames]
-    if _count_numbers(plans) + _count_numbers(predictions) <= _MAX_NUMBERS:
+    # a longer rollout is shown without them
+    if _count_numbers(plans) + _count_numbers(predictions) <= 60_000:
         content |= {"plan": plans, "predicted": predictions}
     return content
 
@@ -287,9 +284,8 @@ def draw_noise(problem: Problem, tape: Floats, failed: bool) -> Strips | None:
         channels = tape[:, first:last].T
         description = f"Noise of {label}, {channels.shape[0]} channels over {channels.shape[1]} steps, up to "
         description += f"{np.abs(channels).max():.2f} standard deviations"
-        rows.append(
-            Strip(label, description, shade(channels, _FULL_OPACITY), 0.0, max(11 * len(channels), 14))
-        )
+        # standard deviations drawn fully opaque
+        rows.append(Strip(label, description, shade(channels, 3.0), 0.0, max(11 * len(channels), 14)))
     hidden = len(groups) - len(rows)
     key = ("box positive", "+3 standard deviations"), ("box negative", "−3")
     note = f"{hidden} more rows are not shown" if hidden > 0 else "a row for each channel"

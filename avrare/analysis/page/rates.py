@@ -136,7 +136,7 @@ def _list_own(rates: CatalogueRates) -> list[Table]:
     ]
     if not rows:
         return []
-    text = "Estimates with intervals of their own. Their cost is no part of what the pilot shares."
+    text = "Estimates with intervals of their own. The pilot does not share their cost."
     heads = ("Scene", "Rule", "Estimator", "Probability", "Interval", "Rollouts", "Steps", "Warnings")
     lines = tuple(f"{line}." for line in describe_blind(rates))
     return [Table("Estimators of the scenes’ own", text, heads, tuple(rows), (1, 2, 7), lines)]

@@ -18,11 +18,6 @@ from avrare.results.stored_failures import StoredKinds
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import Frame, ReplayedRollout, extract_frames, replay_tapes
 
-_PATIENCE = 120.0
-"""Predicted time above which the moments at which drives were lost are not looked for [s]."""
-_MAX_KINDS = 4
-"""Kinds of one specification whose most typical failure is shown."""
-
 
 @dataclass(frozen=True)
 class StoredRollout:
@@ -83,7 +78,7 @@ def select_rollouts(result: Result, kinds: StoredKinds | None = None) -> list[St
     numbers: dict[int, int] = {}
     count = len(failures.robustness)
     chosen = [] if kinds is None else [kind for kind in kinds.kinds if 0 <= kind.representative < count]
-    for kind in chosen[:_MAX_KINDS]:
+    for kind in chosen[:4]:
         titles[kind.representative] = f"Most typical failure of kind {kind.kind}"
         numbers[kind.representative] = kind.kind
     worst = int(np.argmin(failures.robustness))
@@ -119,7 +114,7 @@ def replay_rollouts(
     try:
         _check_tapes(problem, stored)
         replayed = replay_tapes(problem, np.stack([rollout.tape for rollout in stored]))
-        continued = _predict_seconds(run, len(stored), problem.steps) <= _PATIENCE
+        continued = _predict_seconds(run, len(stored), problem.steps) <= 120.0  # [s]
         for rollout, replay in zip(stored, replayed, strict=True):
             judged = _monitor(problem, rollout, replay)
             monitored[rollout.specification].append(_continue(problem, judged) if continued else judged)

@@ -142,7 +142,7 @@ def test_a_fit_is_a_function_of_its_seed():
         (np.full((300, 2), 0.1), "affine_coupling", "constant"),  # its standard deviation is 1e-17
         (np.eye(300)[:, :2], "affine_coupling", "constant"),  # the numbers that differ are held out
         (1e300 * np.random.default_rng(0).normal(size=(100, 2)), "affine_coupling", "too large"),
-        (np.random.default_rng(0).normal(size=(100, 2)), "affine_couplings", "no kind"),
+        (np.random.default_rng(0).normal(size=(100, 2)), "affine_couplings", "unknown kind of flow"),
     ],
 )
 def test_samples_that_no_flow_fits_are_refused(rows, kind, text):

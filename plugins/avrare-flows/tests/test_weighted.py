@@ -141,7 +141,7 @@ def test_a_weight_that_is_not_a_number_is_a_fault():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"weights": "papers"}, "no weights 'papers'"),
+        ({"weights": "papers"}, "unknown weights 'papers'"),
         ({}, "need log_density"),
         ({"weights": "paper", "log_density": THREE.log_density}, "take none"),
         ({"weights": "paper", "initial": Joint([Normal()])}, "1 numbers a row"),

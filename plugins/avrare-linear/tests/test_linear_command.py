@@ -103,7 +103,7 @@ def test_a_kalman_gain_does_not_follow_the_noise_that_was_synthesised(loop, tmp_
     [
         (["--parameter", "gain"], "the system has no gain\nhint: it has mean, covariance, "),
         (["--parameter", "observer"], "the system has no observer"),
-        (["--parameter", "gian"], "no such parameter of a linear system"),
+        (["--parameter", "gian"], "a linear system has no parameter of this name"),
         (["--parameter", "mean", "--specification", "cleer"], "no specification 'cleer'"),
         (["--parameter", "mean", "--rate", "-1"], "positive, finite rate"),
         (["--parameter", "mean", "--rate", "inf"], "positive, finite rate"),

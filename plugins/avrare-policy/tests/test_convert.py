@@ -90,7 +90,10 @@ def test_code_in_a_pickle_does_not_run(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"a.weight": torch.zeros(2, 3), "b.weight": torch.zeros(2, 5)}, "no chain: 3 -> 2, 5 -> 2"),
+        (
+            {"a.weight": torch.zeros(2, 3), "b.weight": torch.zeros(2, 5)},
+            "do not form a chain: 3 -> 2, 5 -> 2",
+        ),
         ({"bias": torch.zeros(3)}, "no linear layers"),
         (torch.zeros(3), "no state dict"),
     ],

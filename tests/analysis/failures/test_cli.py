@@ -133,7 +133,7 @@ def test_falsify_finds_prints_and_stores_a_failure(avrare):
     first = float(re.search(r"first failure after \d+ rollouts, norm (\S+)", out)[1])
     assert norm < 0.6 * first
     assert f"beta = {norm:.3g}" in out
-    assert "beta^2/2) is no estimate of the failure probability" in out
+    assert "beta^2/2) neither estimates nor bounds the failure probability" in out
     assert avrare(*words)[1] == out
     assert avrare("replay", SCENARIO, *CHANGES, "--blob", "@found.txt")[0] == 0
 

@@ -124,7 +124,8 @@ def _read_run(folder: Path) -> Run:
         raise UsageError(f"{folder}: its scenario cannot be loaded: {run.build_errors[0]}", _AGAIN)
     if fingerprint(run.definition) != run.fingerprint:
         text = f"{folder}: versions or files that its options name are missing, or have changed since the run"
-        raise UsageError(text, _AGAIN)
+        again = "run it again; relative paths in its options are those of the folder from which it was called"
+        raise UsageError(text, again)
     return run
 
 
