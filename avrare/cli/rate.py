@@ -57,7 +57,7 @@ def estimate(args: argparse.Namespace, command: str = "rate") -> CatalogueRates:
         print(json.dumps(rates.to_dict(), indent=2))
     else:
         print_rates(make_console(display(args)), rates, quiet=display(args) == "quiet")
-        folders = "scenes and own" if any(catalogue.own) else "scenes"
+        folders = "scenes and own" if any(catalogue.own_rules) else "scenes"
         say(f"results in {out}: rate.json, report.html, a run folder of each scene in {folders}")
     return rates
 

@@ -36,7 +36,7 @@ class Catalogue:
         path: File, as the user wrote it.
         document: Its content.
         rules: Specifications that are estimated.
-        own: Of each scene, the rules that an estimator of its own estimates.
+        own_rules: Of each scene, the rules that an estimator of its own estimates.
         blocks: Of each scene, the estimator as it is written in the catalogue; None: it is not.
         driver: Settings of all scenes that let another controller drive, in place of the stack's.
     """
@@ -44,7 +44,7 @@ class Catalogue:
     path: str
     document: CatalogueDocument
     rules: tuple[str, ...]
-    own: tuple[tuple[str, ...], ...]
+    own_rules: tuple[tuple[str, ...], ...]
     blocks: tuple[Node | None, ...] = field(compare=False)
     driver: tuple[str, ...] = ()
 
@@ -62,7 +62,7 @@ class Catalogue:
 
     def list_shared_rules(self, index: int) -> tuple[str, ...]:
         """Return the rules of a scene that are estimated by a share of the Monte Carlo rollouts."""
-        return tuple(rule for rule in self.rules if rule not in self.own[index])
+        return tuple(rule for rule in self.rules if rule not in self.own_rules[index])
 
     def scenario(self, index: int, phase: Phase, rollouts: int) -> Scenario:
         """Return the scenario of a scene in a phase, with a seed of its own.
@@ -71,7 +71,7 @@ class Catalogue:
         """
         entry = self.document.scenes[index]
         seed = 2048 * self.document.seed + 2 * index + (phase == "pilot")
-        rules = self.own[index] if phase == "own" else self.list_shared_rules(index)
+        rules = self.own_rules[index] if phase == "own" else self.list_shared_rules(index)
         common = [
             f"estimator.specifications=[{', '.join(rules)}]",
             f"confidence={self.document.confidence}",
@@ -95,7 +95,7 @@ class Catalogue:
         whole = entry.budget.budget
         name = self.scenario(index, "own", 0).estimator.plugin
         shared = default_registry().get("estimator", name).shares_rollouts
-        parts = 1 if shared else len(self.own[index])
+        parts = 1 if shared else len(self.own_rules[index])
         return Budget(whole.kind, whole.amount / parts)
 
     def own_cost(self, kind: str, steps: Sequence[int]) -> float:

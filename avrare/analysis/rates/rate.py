@@ -183,7 +183,7 @@ class _Runner:
         catalogue = self.catalogue
         asked = {
             index: (LoadedScenario(catalogue.scenario(index, "own", 0)), catalogue.own_budget(index))
-            for index, rules in enumerate(catalogue.own)
+            for index, rules in enumerate(catalogue.own_rules)
             if rules
         }
         check_scenarios(
@@ -194,10 +194,10 @@ class _Runner:
             ]
         )
         runs = {
-            index: self._run_scene("own", scenario, budget, catalogue.own[index])
+            index: self._run_scene("own", scenario, budget, catalogue.own_rules[index])
             for index, (scenario, budget) in asked.items()
         }
-        return [_read(runs.get(index), True) for index in range(len(catalogue.own))]
+        return [_read(runs.get(index), True) for index in range(len(catalogue.own_rules))]
 
     def run(self, phase: Phase, rollouts: Sequence[int]) -> list[Run | None]:
         """Return the run of each scene by its rollouts of Monte Carlo; None where it shares none."""

@@ -101,7 +101,7 @@ def test_parameters_that_are_drawn_reach_into_catalogs(build, catalogs):
             'parameterRef="hard"',
             r"ParameterAssignment: the entry 'brake' has no parameter",
         ),
-        ('path="catalogs"', 'path="nowhere"', r"no catalog 'cars'\nhint: .*none; \S*nowhere is no folder"),
+        ('path="catalogs"', 'path="nowhere"', r"no catalog 'cars'\nhint: .*none; \S*nowhere is not a folder"),
         ('value="0.7"', 'value="$u"', r"acts\.xosc:3:\d+: .*no parameter 'u' is declared"),
     ],
 )

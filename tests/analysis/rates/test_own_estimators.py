@@ -127,7 +127,7 @@ def test_an_estimator_is_named_by_a_word(catalogue, estimator):
     read = load_catalogue(catalogue((OWN, estimator)))
     scenario = read.scenario(1, "own", 0)
     assert scenario.estimator.plugin == {"scenario": "ess"}.get(estimator, estimator)
-    assert read.own == ((), ("dry",) if estimator == "scenario" else ("dry", "calm"))
+    assert read.own_rules == ((), ("dry",) if estimator == "scenario" else ("dry", "calm"))
     assert read.list_shared_rules(1) == (("calm",) if estimator == "scenario" else ())
     assert scenario.confidence == 0.95
     assert scenario.seed not in [read.scenario(0, phase, 50).seed for phase in ("pilot", "scenes")]

@@ -67,8 +67,8 @@ class Sensitivity:
         """Return it in words: ``perception.sd = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
         if math.isnan(self.derivative):
             most = f", p at most {format_probability(self.most, 2)} at both values"
-            known = f"not known{'' if math.isnan(self.most) else most}"
-            return f"{self.parameter} = {self.value:g}: {known}, {self._way}"
+            unknown = f"not known{'' if math.isnan(self.most) else most}"
+            return f"{self.parameter} = {self.value:g}: {unknown}, {self._way}"
         change, low, high = (
             100.0 * math.expm1(max(min(0.1 * abs(self.value) * end, 50.0), -50.0))
             for end in (self.derivative, *self.interval)

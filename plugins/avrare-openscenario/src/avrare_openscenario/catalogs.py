@@ -99,12 +99,13 @@ class Catalogs:
         if self._read is None:
             self._read = self._read_all()
         name = self.parameters.text(reference, "catalogName")
-        files = {os.path.splitext(os.path.basename(one.path))[0]: one for one in self._read.values()}
+        files = {os.path.splitext(os.path.basename(file.path))[0]: file for file in self._read.values()}
         top = self._read.get(name) or files.get(name)  # players look for the file of that name
         if top is None:
-            known = ", ".join(self._read) or "none"
-            missing = "".join(f"; {one} is no folder" for one in self._folders if not os.path.isdir(one))
-            hint = f"found in the folders of CatalogLocations: {known}{missing}"
+            names = ", ".join(self._read) or "none"
+            paths = [folder for folder in self._folders if not os.path.isdir(folder)]
+            missing = "".join(f"; {path} is not a folder" for path in paths)
+            hint = f"found in the folders of CatalogLocations: {names}{missing}"
             raise reference.error(f"there is no catalog {name!r}", hint)
         if top.path not in self.used:
             self.used.append(top.path)
@@ -150,20 +151,20 @@ def _values(entry: Element, reference: Element) -> dict[str, str]:
     # Values of the entry's own parameters; those that are assigned may refer to the scenario's.
     block = entry.find("ParameterDeclarations")
     values = {}
-    for one in block.list("ParameterDeclaration") if block is not None else ():
-        one.get("parameterType")
-        values[one.attribute("name")] = one.attribute("value")
-        one.skip_children("ConstraintGroup")
+    for declaration in block.list("ParameterDeclaration") if block is not None else ():
+        declaration.get("parameterType")
+        values[declaration.attribute("name")] = declaration.attribute("value")
+        declaration.skip_children("ConstraintGroup")
     if block is not None:
         block.refuse_unread()
     assigned_names: set[str] = set()
     assigned = reference.find("ParameterAssignments")
-    for one in assigned.list("ParameterAssignment") if assigned is not None else ():
-        name = one.attribute("parameterRef").removeprefix("$")
+    for assignment in assigned.list("ParameterAssignment") if assigned is not None else ():
+        name = assignment.attribute("parameterRef").removeprefix("$")
         if name not in values:
             hint = did_you_mean(name, values)
-            raise one.error(f"the entry {entry.get('name')!r} has no parameter {name!r}", hint)
-        values[name] = one.attribute("value")
+            raise assignment.error(f"the entry {entry.get('name')!r} has no parameter {name!r}", hint)
+        values[name] = assignment.attribute("value")
         assigned_names.add(name)
     for name, text in values.items():  # a value may refer to those before it; one assigned, to the scenario's
         if name not in assigned_names:

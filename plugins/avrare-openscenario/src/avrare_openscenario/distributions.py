@@ -50,13 +50,14 @@ def _find_template(block: Element) -> str:
 def _read_axis(element: Element) -> _Axis:
     choices = element.choice()
     if choices.tag == "ValueSetDistribution":
-        sets = (values.list("ParameterAssignment") for values in choices.list("ParameterValueSet"))
+        sets = (block.list("ParameterAssignment") for block in choices.list("ParameterValueSet"))
         return tuple(
-            {_PLACE + one.attribute("parameterRef"): _read_value(one) for one in each} for each in sets
+            {_PLACE + value.attribute("parameterRef"): _read_value(value) for value in values}
+            for values in sets
         )
     name = _PLACE + element.attribute("parameterName")
     if choices.tag == "DistributionSet":
-        return tuple({name: _read_value(one)} for one in choices.list("Element"))
+        return tuple({name: _read_value(choice)} for choice in choices.list("Element"))
     if choices.tag != "DistributionRange":
         raise choices.unknown("DistributionSet, DistributionRange, ValueSetDistribution")
     step, bounds = choices.number("stepWidth"), _range(choices.child("Range"))
