@@ -43,7 +43,6 @@ from avrare.stack.closed_loop import ClosedLoop
 
 _SEED = 2**62
 """Added to the seed: fresh noise differs from that of any estimate."""
-_OUTLIERS = 2.5
 _MEDIAN_START = "start at its median"
 """It shows the failures, but mends no part: the last of the changes."""
 _FRESH = 1000
@@ -231,8 +230,9 @@ def _list_perfect(
             some, more = (make_perfect(problem, noise, group.mask) for noise in (tapes, fresh))
             word = "no" if group.name.endswith((" error", " noise")) or group.sort == "vehicle" else "perfect"
             changes.append((f"{word} {group.name.removeprefix('all ')}", problem, some, more))
-    some, more = (clip_outliers(problem, noise, _OUTLIERS) for noise in (tapes, fresh))
-    changes.append((f"no noise beyond {_OUTLIERS} sigma", problem, some, more))
+    sigmas = 2.5
+    some, more = (clip_outliers(problem, noise, sigmas) for noise in (tapes, fresh))
+    changes.append((f"no noise beyond {sigmas} sigma", problem, some, more))
     for name, other in variants.items():
         if (other.steps, other.noise_size) != (problem.steps, problem.noise_size):
             text = f"{name}: its tapes have another shape, so nothing can be paired"

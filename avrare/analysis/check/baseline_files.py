@@ -35,7 +35,6 @@ _NAME = re.compile(r"(\d{4,})\.json")
 _HINT = "restore the file, or remove it to use the previous baseline"
 SHARED_KEYS = ("steps", "simulator", "perception")
 """Keys of a resolved scenario that belong to the problem of every specification."""
-_MAX_LISTED = 5
 
 
 class _StoredEntry(StoredEstimate):
@@ -176,8 +175,9 @@ def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specificati
 
 def summarise_differences(lines: Sequence[str]) -> str:
     """Return the first few differences on one line."""
-    more = len(lines) - _MAX_LISTED
-    return ", ".join(lines[:_MAX_LISTED]) + (f", and {more} more" if more > 0 else "")
+    shown = 5
+    more = len(lines) - shown
+    return ", ".join(lines[:shown]) + (f", and {more} more" if more > 0 else "")
 
 
 def _list_differences(path: str, old: object, new: object) -> Iterator[str]:

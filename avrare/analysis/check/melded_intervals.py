@@ -17,12 +17,6 @@ import numpy as np
 
 from avrare.estimation.result.confidence_distributions import ConfidenceDistribution
 
-_INTERVAL_POINTS = 96  # enough for an interval that is only shown
-_EDGE = 1e-7
-"""Mass of the old estimate beyond either end of the grid; the integral takes its less favourable value."""
-_MAX_LOG_RATIO = 60.0
-"""Logarithm of the largest ratio that is distinguished from infinity."""
-
 Law = Callable[[float], float]
 _Cells = Sequence[tuple[float, float, float]]
 """(from, to, mass) of each cell of a discretised law."""
@@ -43,8 +37,9 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return the interval of new / old; 0 and infinity where an end is unbounded."""
     tail = (1.0 - confidence) / 2.0
-    upper = _discretise(_upper_limit_law(old), _INTERVAL_POINTS)
-    lower = _discretise(old.p_value_at_most, _INTERVAL_POINTS)
+    points = 96  # enough for an interval that is only shown
+    upper = _discretise(_upper_limit_law(old), points)
+    lower = _discretise(old.p_value_at_most, points)
     low = _bisect_ratio(lambda ratio: _integrate(_lower_limit_below(new, ratio), upper) <= tail)
     high = _bisect_ratio(lambda ratio: _integrate(_upper_limit_above(new, ratio), lower) > tail)
     return low, high
@@ -63,8 +58,9 @@ def _upper_limit_above(new: ConfidenceDistribution, ratio: float) -> Law:
 
 
 def _discretise(law: Law, points: int = 384) -> _Cells:
+    edge = 1e-7  # mass of the old estimate beyond either end of the grid
     # 1. A geometric grid between the quantiles at the edges.
-    first, last = _quantile(law, _EDGE), _quantile(law, 1.0 - _EDGE)
+    first, last = _quantile(law, edge), _quantile(law, 1.0 - edge)
     grid = np.geomspace(first, last, points).tolist()
     # 2. The mass of each cell; empty ones are dropped.
     reached = [law(point) for point in grid]
@@ -97,7 +93,8 @@ def _quantile(law: Law, level: float) -> float:
 
 
 def _bisect_ratio(holds: Callable[[float], bool]) -> float:
-    low, high = -_MAX_LOG_RATIO, _MAX_LOG_RATIO
+    largest = 60.0  # log ratios beyond it count as infinite
+    low, high = -largest, largest
     if not holds(math.exp(low)):
         return 0.0
     if holds(math.exp(high)):

@@ -30,7 +30,6 @@ BASELINE_SHARE = 0.25
 LEAST_SHARE = 0.1
 """Share of the variance that a baseline must leave for a check."""
 _MAX_FAILURES = 200
-_LEVEL = 0.95
 _quantile = NormalDist().inv_cdf
 
 
@@ -242,10 +241,11 @@ def find_spread(entry: Result) -> float:
     """Return the relative error that an interval stands for, which a doubt may have widened."""
     if counts_failures(entry):
         return entry.relative_error
-    low, high = derive_distribution(entry).interval_at(_LEVEL)
+    level = 0.95
+    low, high = derive_distribution(entry).interval_at(level)
     if not low:
         return math.inf
-    return max(entry.relative_error, math.log(high / low) / 2.0 / _quantile((1.0 + _LEVEL) / 2.0))
+    return max(entry.relative_error, math.log(high / low) / 2.0 / _quantile((1.0 + level) / 2.0))
 
 
 def _has_variance(entry: Result) -> bool:

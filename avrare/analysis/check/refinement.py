@@ -14,8 +14,6 @@ _OPTION = "substeps"
 """Option by which a simulator integrates in parts of its step, while noise and all other parts keep it."""
 _MOST_TAPES, _MOST_STEPS = 8, 2000
 """Most tapes that are compared, and most steps of all of them together, but for a single one."""
-_ABSENT = 1e5
-"""Distance beyond which a vehicle counts as absent [m]."""
 
 
 @dataclass(frozen=True)
@@ -76,5 +74,6 @@ def _drive(stack: Stack, tapes: Floats) -> Drives:
 
 def _greatest(coarse: Floats, fine: Floats) -> float:
     """Return the greatest difference, NaN where only one has a number; absent vehicles are left out."""
-    absent = (np.abs(coarse) >= _ABSENT) | (np.abs(fine) >= _ABSENT) | (np.isnan(coarse) & np.isnan(fine))
+    far = 1e5  # [m]
+    absent = (np.abs(coarse) >= far) | (np.abs(fine) >= far) | (np.isnan(coarse) & np.isnan(fine))
     return float(np.abs(coarse[~absent] - fine[~absent]).max(initial=0.0))

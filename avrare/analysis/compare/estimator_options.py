@@ -26,7 +26,6 @@ from avrare.scenario.yaml import parse_value
 
 _SCENARIO = "scenario"  # prefix of a --set key of the scenario itself
 _EXAMPLE = "for example mc,ams,ams:particles=100:discard=10"
-_MARK = Mark("estimators")
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,8 @@ def _collect_options(
     start: dict[str, Any] = {}
     if scenario_block is not None and scenario_block.plugin == name:
         start = scenario_block.config.model_dump(mode="json", exclude_unset=True)
-    tree = Node({name: parse_value(json.dumps(start), _MARK)}, _MARK)
+    mark = Mark("estimators")
+    tree = Node({name: parse_value(json.dumps(start), mark)}, mark)
     shared = [setting for setting in settings if _estimator_of(setting) == name]
     return dict(override(tree, [*shared, *(f"{name}.{option}" for option in options)]).plain()[name])
 

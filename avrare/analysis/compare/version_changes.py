@@ -16,8 +16,6 @@ from avrare.protocols import Bools
 
 _FEW_DIFFERENCES = 10
 """Rollouts with different outcomes below which no version is better, and a note asks for more."""
-_WIDEST = 30.0
-"""Bound of the logarithm of a ratio."""
 
 
 class VersionChange(ABC):
@@ -293,7 +291,8 @@ class PairedCounts(VersionChange):
 
         def end(first: int, second: int, target: float) -> float:
             score = partial(_ratio_score, self.both, first, second)
-            return math.exp(bisect(lambda power: -score(math.exp(power)), target, -_WIDEST, _WIDEST))
+            widest = 30.0  # in logarithms
+            return math.exp(bisect(lambda power: -score(math.exp(power)), target, -widest, widest))
 
         low = end(first, second + errors, -factor) if self.both + first else 0.0
         high = end(first + errors, second, factor) if self.both + second else math.inf

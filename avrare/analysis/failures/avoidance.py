@@ -13,8 +13,6 @@ from avrare.protocols import Bools, Floats
 
 FULL_BRAKING = 6.0
 """Deceleration of an emergency braking [m/s^2]."""
-_DECELERATIONS = np.linspace(0.1, 12.0, 120)
-"""Decelerations that are tried, up to those that a car can reach [m/s^2]."""
 _AFTER = 8.0
 """Time after the impact for which the other continues, braking as it did at last [s]."""
 _FAR = 1e3
@@ -45,8 +43,9 @@ class Approach:
 
     def find_least_deceleration(self) -> float:
         """Return the least constant deceleration from the first sample on that avoids it [m/s^2], or inf."""
-        avoiding = self._avoids(np.zeros(len(_DECELERATIONS), dtype=np.int64), _DECELERATIONS)
-        return float(_DECELERATIONS[np.argmax(avoiding)]) if avoiding.any() else float("inf")
+        decelerations = np.linspace(0.1, 12.0, 120)  # up to those that a car can reach [m/s^2]
+        avoiding = self._avoids(np.zeros(len(decelerations), dtype=np.int64), decelerations)
+        return float(decelerations[np.argmax(avoiding)]) if avoiding.any() else float("inf")
 
     def _avoids(self, begin: NDArray[np.int64], deceleration: Floats) -> Bools:
         """Return (M,) whether braking from samples ``begin`` on avoids the impact."""

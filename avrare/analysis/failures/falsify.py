@@ -34,7 +34,6 @@ CAUTION = (
 
 _PARTICLES = 64
 _SURVIVING = 0.25
-_STEP_SIZES = (0.9, 0.6, 0.4, 0.25, 0.15, 0.08)
 
 
 @dataclass(frozen=True, repr=False)
@@ -177,7 +176,8 @@ def find_failures(evaluate: TapeEvaluator, seed: int) -> list[Floats]:
     tapes = noise.normals(0, 0, particle, step)
     outcome = evaluate(tapes, scored=True)
     scores, fails = _pad(outcome.score), outcome.fails
-    size = np.array(_STEP_SIZES)[np.arange(_PARTICLES) % len(_STEP_SIZES)][:, None, None]
+    step_sizes = (0.9, 0.6, 0.4, 0.25, 0.15, 0.08)
+    size = np.array(step_sizes)[np.arange(_PARTICLES) % len(step_sizes)][:, None, None]
     stage = 0
     while evaluate.remaining and not fails.any():
         stage += 1

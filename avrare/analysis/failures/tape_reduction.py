@@ -30,7 +30,6 @@ Block = tuple[slice, slice]
 _STOP_RATIO = 0.99
 """Another round follows if the last one brought the norm below this ratio."""
 
-_DIRECTIONS = 48
 _FIRST_TURN, _MIN_TURN = 0.3, 0.01
 _LENGTHS = (0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 _PROGRESS = 0.999
@@ -208,10 +207,11 @@ class _Descent:
     def _draw_directions(self, number: int) -> list[Floats]:
         # Half of the directions keep zeros at zero.
         steps = np.arange(self.evaluate.shape[0])
-        random = self.noise.normals(0, number, np.arange(_DIRECTIONS)[:, None], steps)
+        count = 48
+        random = self.noise.normals(0, number, np.arange(count)[:, None], steps)
         used = self.direction != 0.0
         random *= self.channels
-        random[: _DIRECTIONS // 2] *= used if used.sum() > 1 else 1.0
+        random[: count // 2] *= used if used.sum() > 1 else 1.0
         lengths = np.maximum(np.sqrt(np.einsum("nsc,nsc->n", random, random)), 1e-300)
         return [_normalise(self.direction + self.turn * z) for z in random / lengths[:, None, None]]
 

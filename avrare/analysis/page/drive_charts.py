@@ -15,9 +15,6 @@ from avrare.base.chart import Chart, Scale, make_linear_scale
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.protocols import Bools, Floats
 
-_SCALE_MARGIN = 0.25
-"""Shown of a scale beyond the largest error: centimetres need another chart than metres [m]."""
-
 
 def make_time_axis(result: MonitoringResult) -> tuple[Floats, Scale]:
     """Return the times of the samples and an axis on which each is as wide as its pixel in a strip."""
@@ -101,9 +98,10 @@ class DriveCharts:
         finite = np.concatenate([errors[np.isfinite(errors)] for errors in (along, across)])
         key = [("line accent", "ahead"), ("line second", "left")]
         key += [("box missed", "missed")] if missed.any() else []
+        margin = 0.25  # centimetres need another chart than metres
         chart = self._start(
             f"Error of {name} as seen [m]",
-            make_linear_scale([*finite.tolist(), -_SCALE_MARGIN, _SCALE_MARGIN], zero=True),
+            make_linear_scale([*finite.tolist(), -margin, margin], zero=True),
             f"Error of the observed position of {name}",
             *key,
         )
