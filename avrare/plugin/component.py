@@ -103,7 +103,7 @@ class AutoRole:
         order: Candidates with smaller numbers are tried first.
         with_steps: True: for problems with steps only; False: for those without; None: for both.
         gives_up: The estimator raises ``GaveUp`` where it gains nothing, before any rollout counts. Any other
-            candidate has ``scaled``, and is chosen where a small trial of it promises a gain.
+            candidate has ``scale``, and is chosen where a small trial of it promises a gain.
         options: ``"package.module:function"``, called as ``function(relative_error, pilot)`` with the error
             to reach (None: the rollouts are spent) and the most rollouts of a pilot; returns further options.
             ``relative_error`` and ``memory`` are given to estimators that have them. Must import nothing
@@ -165,7 +165,7 @@ class Component:
             A text may have {placeholders} (``avrare.base.health_messages.fill``).
         family: Method of an estimator: estimators of one family do not cross-check each other. Default: its
             name.
-        cross_check: Role of an estimator in cross-checks; it then has ``scaled``. None: it checks no others.
+        cross_check: Role of an estimator in cross-checks; it then has ``scale``. None: it checks no others.
         auto: Role of an estimator in ``auto``; None: it is never chosen.
         shares_rollouts: True for an estimator that judges all specifications on the same rollouts: a budget
             for several is not divided among them.

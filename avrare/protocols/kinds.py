@@ -366,7 +366,7 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
         """Return the ``avrare.estimation.plan.memory.Demand`` at ``carry`` bytes a carry. Default: None."""
         return None
 
-    def scaled(self, rollouts: float, probability: float) -> Any:
+    def scale(self, rollouts: float, probability: float) -> Any:
         """Return this estimator at a cost of about ``rollouts``, for cross-checks and trials of ``auto``.
 
         ``probability`` is about that of the failures. Default: None, so few say nothing.

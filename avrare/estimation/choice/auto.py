@@ -277,7 +277,7 @@ class _Work:
         rollouts = min(_TRIAL, self.aim.pilot)
         if not self.aim.may_try(rollouts + self.aim.rollouts - self._rollouts_left(problem, spent), evidence):
             return False
-        sized = estimator.scaled(rollouts, max(evidence.failures, 0.3) / evidence.rows)
+        sized = estimator.scale(rollouts, max(evidence.failures, 0.3) / evidence.rows)
         if sized is None:
             return False
         trial = self._run(f"try-{estimator.name}", sized, problem, self._of_phase("trial"), spent)

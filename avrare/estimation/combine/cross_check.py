@@ -84,7 +84,7 @@ def add_cross_check(
         return _add_nothing(result, check, name, "no estimator of another family can run this system")
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
     paid = check.share * cost / result.shared_by
-    sized = built.scaled(paid, result.probability or 1e-4)  # stands for an estimate of 0
+    sized = built.scale(paid, result.probability or 1e-4)  # stands for an estimate of 0
     if sized is None:
         reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
         return _add_nothing(result, check, name, reason)

@@ -140,7 +140,7 @@ class MonteCarlo(Estimator):
         self.config = config
         self.stops_early = config.early_stop
 
-    def scaled(self, rollouts: float, probability: float) -> MonteCarlo:
+    def scale(self, rollouts: float, probability: float) -> MonteCarlo:
         """Return Monte Carlo with this number of rollouts, at least one."""
         return MonteCarlo(McConfig(rollouts=max(1, int(rollouts))))
 

@@ -120,7 +120,7 @@ def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:
     # Only the first use of each operator is reported.
     first: dict[str, Token] = {}
     for part in parts:
-        if part.data in ("connective", "compared"):
+        if part.data in ("connective", "comparison"):
             token = get_token(part, 1)
             op = _SAME.get(str(token), str(token))
             if op in _SIGNLESS and (op not in first or (token.start_pos or 0) < (first[op].start_pos or 0)):

@@ -71,7 +71,7 @@ class FormulaTransformer:
         element: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
         return element
 
-    def _quantified(self, tree: Tree[Token], op: Token, *rest: Token | Tree[Token]) -> nodes.Node:
+    def _quantifier(self, tree: Tree[Token], op: Token, *rest: Token | Tree[Token]) -> nodes.Node:
         count = get_token(tree, 1) if len(rest) > 4 else None
         variable, group, body = get_token(tree, -4), get_token(tree, -2), get_subtree(tree, -1)
         self._require_new(variable)
@@ -179,7 +179,7 @@ class FormulaTransformer:
             raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
         return get_token(definition.body, 0)
 
-    def _compared(
+    def _comparison(
         self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
     ) -> nodes.Node:
         if more:

@@ -43,7 +43,7 @@ class Widened(Estimator):
     def __init__(self, config):
         self.config = config
 
-    def scaled(self, rollouts, probability):
+    def scale(self, rollouts, probability):
         return Widened(self.config.model_copy(update={"rollouts": max(2, int(rollouts))}))
 
     def init(self, plan):

@@ -53,7 +53,7 @@ class Splitting(Estimator):
             state = self._begin_counting(plan)
         return state, Info(forecast=self._forecast(state))
 
-    def scaled(self, rollouts: float, probability: float) -> Splitting | None:
+    def scale(self, rollouts: float, probability: float) -> Splitting | None:
         """Return one run of as many particles as the rollouts pay for.
 
         Its error comes from its genealogy: several smaller runs would say less, with few degrees of freedom.

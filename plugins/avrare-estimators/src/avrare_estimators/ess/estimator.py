@@ -97,7 +97,7 @@ class NestedLevels(Estimator):
         """Return the mean of the runs with its interval."""
         return [self._summary(state)]
 
-    def scaled(self, rollouts: float, probability: float) -> NestedLevels | None:
+    def scale(self, rollouts: float, probability: float) -> NestedLevels | None:
         """Return one run without a pilot, as long as the rollouts pay for it.
 
         Its error comes from its chains: several smaller runs would say less, with few degrees of freedom.

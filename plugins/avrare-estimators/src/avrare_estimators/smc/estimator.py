@@ -94,7 +94,7 @@ class SequentialMonteCarlo(Estimator):
         require_noise(plan)
         return SmcState(plan, Learning.begin(self.config, plan, self._affordable(plan))), Info()
 
-    def scaled(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
+    def scale(self, rollouts: float, probability: float) -> SequentialMonteCarlo | None:
         """Return one run with its learning that cost about ``rollouts`` rollouts."""
         pilot = int(_SCALED_PILOT * rollouts)
         learning = pilot * (2 + _SCALED_STAGES) // 2
