@@ -1,6 +1,5 @@
 """Chunks that nobody names: their size comes from a row, its steps and the workers; results do not see it."""
 
-import json
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +16,7 @@ from avrare.rollout.executors.work import SerialExecutor
 from avrare.rollout.request import LEAST, MOST, WORLD_ROWS, Request, spread
 from avrare.testing import faulty_systems as systems
 from avrare.worlds import as_system
+from estimates import plain
 
 
 class Wide(systems.Walk):
@@ -52,12 +52,6 @@ class Crew(SerialExecutor):
 
 def problem(system=None, steps=10, chunk=None):
     return avrare.Problem(system or systems.Walk(), avrare.stl("always (x < 1)"), steps, chunk=chunk)
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.robustness.tobytes()
 
 
 def test_it_follows_the_memory_of_a_row_and_the_steps():

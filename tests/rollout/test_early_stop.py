@@ -5,6 +5,11 @@ import pytest
 
 import avrare
 import odd_systems
+from avrare.estimation.loop.loop import run
+from avrare.estimation.monte_carlo.config import McConfig
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.plan.settings import Settings
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 
 
@@ -35,16 +40,8 @@ def test_verdicts_equal_those_of_full_rollouts_at_less_cost(text, least):
 def test_a_row_continues_until_every_specification_is_decided():
     formulas = {"a": avrare.stl("eventually[0:10] (x > 0.1)"), "b": avrare.stl("always[0:20] (x < 0.7)")}
     system = systems.Counting(systems.Walk())
-    from avrare.estimation.loop.loop import run
-    from avrare.estimation.monte_carlo.config import McConfig
-    from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-    from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.work import SerialExecutor
-
-    results = run(
-        avrare.Problem(system, formulas, steps=40), MonteCarlo(McConfig(rollouts=200, early_stop=True)),
-        SerialExecutor(), Settings(),
-    )  # fmt: skip
+    estimator = MonteCarlo(McConfig(rollouts=200, early_stop=True))
+    results = run(avrare.Problem(system, formulas, steps=40), estimator, SerialExecutor(), Settings())
     checks = odd_systems.rows_of_checks(systems.Walk(), 40) - 40  # of such a rollout there is no replay
     assert results[0].simulated_steps == system.rows - checks
     assert 10 * 200 < results[0].simulated_steps <= 20 * 200
@@ -52,24 +49,6 @@ def test_a_row_continues_until_every_specification_is_decided():
         alone = avrare.Problem(systems.Walk(), formulas[name], steps=40)
         assert avrare.estimate(alone, rollouts=200).probability == result.probability
         assert not result.health
-
-
-class Reading:
-    """A specification that reads its formula's signals from others."""
-
-    formula = avrare.stl("eventually (y > 0.5)")
-
-    def __init__(self):
-        self.monitor = self.formula.monitor()
-
-    def sample(self, signals):
-        return {"y": -signals["x"]}
-
-    def start(self, n):
-        return self.monitor.start(n)
-
-    def update(self, state, signals):
-        return self.monitor.update(state, self.sample(signals))
 
 
 class Blind:
@@ -83,6 +62,21 @@ class Blind:
 
     def update(self, state, signals):
         return self.monitor.update(state, signals)
+
+
+class Reading(Blind):
+    """A specification that reads its formula's signals from others."""
+
+    formula = avrare.stl("eventually (y > 0.5)")
+
+    def __init__(self):
+        self.monitor = self.formula.monitor()
+
+    def sample(self, signals):
+        return {"y": -signals["x"]}
+
+    def update(self, state, signals):
+        return super().update(state, self.sample(signals))
 
 
 def test_specifications_with_and_without_intervals():

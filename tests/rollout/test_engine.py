@@ -1,4 +1,4 @@
-"""The engine: rows, joins, cuts into chunks, cost and counters."""
+"""The engine: rows, joins, cuts into chunks, cost and counters, and drives that end before the others."""
 
 import itertools
 
@@ -11,6 +11,7 @@ from avrare.base import batch
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request, Rollouts
 from avrare.testing import faulty_systems as systems
+from rollout_requests import fresh
 
 STEPS = 20
 NOISE = NoiseSource(9, 1)
@@ -18,10 +19,6 @@ NOISE = NoiseSource(9, 1)
 
 def problem(system=None, formula="always (x < 0.5)", **keywords):
     return avrare.Problem(system or systems.Walk(), avrare.stl(formula), steps=STEPS, **keywords)
-
-
-def fresh(rows, **keywords):
-    return Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows), **keywords)
 
 
 def branches(parents, start):
@@ -76,9 +73,8 @@ def test_a_start_and_branches_in_one_request():
         np.array([-1, -1, 0, 0, 5, 20]), request.carries,
     )  # fmt: skip
     outcome = task.simulate(NOISE, mixed)
-    assert_same(
-        outcome, Rollouts.join([task.simulate(NOISE, fresh(4).slice(0, 2)), task.simulate(NOISE, request)])
-    )
+    apart = task.simulate(NOISE, fresh(4).slice(0, 2)), task.simulate(NOISE, request)
+    assert_same(outcome, Rollouts.join(list(apart)))
     parts = [task.simulate(NOISE, mixed.slice(at, at + 1)) for at in range(6)]
     assert_same(outcome, Rollouts.join(parts))
 
@@ -110,11 +106,32 @@ def test_every_row_passed_to_step_is_counted():
     assert outcome.simulated_steps == system.rows == 17 * STEPS
 
 
-def test_several_specifications_share_a_pass():
-    formulas = {"low": avrare.stl("always (x < 0.2)"), "high": avrare.stl("always (x < 0.6)")}
-    both = avrare.Problem(systems.Walk(), formulas, STEPS).simulate(NOISE, fresh(200), scored=False)
-    for column, formula in enumerate(formulas.values()):
-        one = avrare.Problem(systems.Walk(), formula, STEPS).simulate(NOISE, fresh(200), scored=False)
-        np.testing.assert_array_equal(both.violated[:, column], one.violated[:, 0])
-        np.testing.assert_array_equal(both.robustness[:, column], one.robustness[:, 0])
-    assert both.violated[:, 0].sum() > both.violated[:, 1].sum() > 0
+class Climb(systems.Walk):
+    """x = 0, 1, 2, ...; a rollout whose first number is positive ends at x = 3."""
+
+    def initial(self, noise):
+        return {"x": np.zeros(len(noise)), "ends": noise[:, 0] > 0.0}
+
+    def step(self, state, noise):
+        return {**state, "x": state["x"] + 1.0}
+
+    def ended(self, state):
+        return state["ends"] & (state["x"] >= 3.0)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "always (x < 5)",
+        "always (x < 5 or once[0, 3 samples] (x > 100))",
+        "always ((x < 5) since (x < 1))",
+        "always (x < 5 or always[2, 4 samples] (x > 100))",
+    ],
+)
+def test_samples_after_the_end_count_for_nothing(formula):
+    problem = avrare.Problem(Climb(), avrare.stl(formula), steps=8)
+    noise = np.zeros((6, 9, 1))
+    noise[::2, 0] = 1.0
+    rollouts = problem.replay(noise)
+    assert rollouts.violated[:, 0].tolist() == [False, True] * 3
+    assert not rollouts.error.any()

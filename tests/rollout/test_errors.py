@@ -7,8 +7,8 @@ import avrare
 import odd_systems
 from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
+from rollout_requests import fresh
 
 STEPS = 30
 ROWS = 300
@@ -21,9 +21,7 @@ def problem(system, formula="always (x < 0.8)"):
 
 
 def simulate(system, rows=ROWS, **keywords):
-    return problem(system, **keywords).simulate(
-        NOISE, Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
-    )
+    return problem(system, **keywords).simulate(NOISE, fresh(rows))
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +29,15 @@ def healthy():
     return simulate(systems.Fragile("never"))
 
 
+def breakdowns():
+    bad = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))[:, :, 1] > 2.5
+    bad[:, 0] = False
+    return bad
+
+
 @pytest.mark.parametrize("how", HOWS)
 def test_only_rows_that_break_down_are_errors(how, healthy):
-    noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
-    bad = noise[:, :, 1] > 2.5
-    bad[:, 0] = False
-    expected = bad.any(axis=1)
+    expected = breakdowns().any(axis=1)
     outcome = simulate(systems.Fragile(how))
     assert 20 < expected.sum() < 200
     np.testing.assert_array_equal(outcome.error, expected)
@@ -48,10 +49,7 @@ def test_only_rows_that_break_down_are_errors(how, healthy):
 
 @pytest.mark.parametrize("how", HOWS)
 def test_an_errored_row_keeps_its_last_score(how, healthy):
-    outcome = simulate(systems.Fragile(how))
-    noise = NOISE.normals(0, 0, np.arange(ROWS)[:, None], np.arange(STEPS + 1))
-    bad = noise[:, :, 1] > 2.5
-    bad[:, 0] = False
+    outcome, bad = simulate(systems.Fragile(how)), breakdowns()
     for row in np.flatnonzero(outcome.error):
         at = int(bad[row].argmax())
         np.testing.assert_array_equal(outcome.scores[row, :at], healthy.scores[row, :at])
@@ -78,9 +76,8 @@ def test_only_rows_without_errors_are_stepped():
             return super().step(state, noise)
 
     system = systems.Counting(Early())
-    outcome = avrare.Problem(system, avrare.stl("always (x < 9)"), steps=3).simulate(
-        NoiseSource(0, 1), Request.from_start(np.zeros(64, dtype=np.int64), np.arange(64))
-    )
+    task = avrare.Problem(system, avrare.stl("always (x < 9)"), steps=3)
+    outcome = task.simulate(NoiseSource(0, 1), fresh(64))
     good = (~outcome.error).sum()
     assert 0 < outcome.error.sum() < 10
     assert outcome.simulated_steps == system.rows
@@ -117,9 +114,7 @@ def test_nan_in_a_signal_that_no_formula_reads():
         def signals(self, state):
             return {"x": state["x"], "aside": np.where(state["x"] > 0.5, np.nan, 0.0)}
 
-    outcome = avrare.Problem(Chatty(), avrare.stl("always (x < 9)"), steps=STEPS).simulate(
-        NoiseSource(2, 1), Request.from_start(np.zeros(100, dtype=np.int64), np.arange(100))
-    )
+    outcome = problem(Chatty(), "always (x < 9)").simulate(NoiseSource(2, 1), fresh(100))
     assert 0 < outcome.error.sum() < 100
 
 
@@ -171,7 +166,7 @@ def test_avrare_errors_are_not_swallowed():
             raise UsageError("a wrong argument")
 
     with pytest.raises(UsageError, match="a wrong argument"):
-        avrare.estimate(avrare.Problem(Wrong(), avrare.stl("always (x < 1)"), steps=2), rollouts=3)
+        avrare.estimate(problem(Wrong()), rollouts=3)
 
 
 def test_want_of_memory_is_no_error_of_a_rollout():

@@ -44,12 +44,7 @@ def test_a_part_that_shows_nothing_is_found(text):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "always (x < 1 and y < 3)",
-        "always (x < 1 or y < 3)",
-        "eventually (y > -3)",
-        "always (x < 1 and 0 < 1)",
-    ],
+    ["always (x < 1 and y < 3)", "always (x < 1 or y < 3)", "eventually y > -3", "always (x < 1 and 0 < 1)"],
 )
 def test_parts_that_move_are_not_flat(text):
     assert flat_parts(text) == ()

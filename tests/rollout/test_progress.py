@@ -11,6 +11,7 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
 from avrare.rollout.scores.progress_score import ProgressScored, shape_of
+from avrare.testing.faulty_systems import Walk
 
 PENDING = [
     "eventually[0:6] (x > 1)",
@@ -93,37 +94,19 @@ def test_parts_are_weighted_by_their_noise_free_sizes():
     assert weighed[0, -1] == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "always (x > 0)",
-        "x > 1",
-        "always once (x > 0)",
-        "not eventually (x > 3)",
-        "always[2:5] (x > 0) iff eventually (x > 1)",
-    ],
-)
+LASTING = ["always (x > 0)", "x > 1", "always once (x > 0)", "not eventually (x > 3)"]
+
+
+@pytest.mark.parametrize("text", [*LASTING, "always[2:5] (x > 0) iff eventually (x > 1)"])
 def test_formulas_that_cannot_come_true_later_have_no_repeated_shape(text):
     shape = shape_of(avrare.stl(text))
     assert shape is None or not shape.repeated
 
 
-class Reach:
-    """x += 0.1 + 0.2 w."""
-
-    noise_size = 1
-
-    def initial(self, noise):
-        return {"x": np.zeros(len(noise))}
-
-    def step(self, state, noise):
-        return {"x": state["x"] + 0.1 + 0.2 * noise[:, 0]}
-
-    def signals(self, state):
-        return dict(state)
+REACH = Walk(drift=0.1, scale=0.2)
 
 
-class Pull(Reach):
+class Pull(Walk):
     """x = 0.9 x + sqrt(0.19) w, from 0.5."""
 
     def initial(self, noise):
@@ -137,7 +120,7 @@ class Pull(Reach):
 @pytest.mark.parametrize(
     ("system", "text", "steps", "probability"),
     [
-        (Reach(), "eventually[1:40] (x >= 0.5)", 40, 8.4429247212e-4),
+        (REACH, "eventually[1:40] (x >= 0.5)", 40, 8.4429247212e-4),
         (Pull(), "always[0:60] ((x >= 2) -> eventually[0:40] (x <= 0))", 100, 0.0216815373671),
     ],
     ids=["reach", "response"],
@@ -152,16 +135,16 @@ def test_splitting_on_the_default_score_is_unbiased_without_extinct_runs(system,
 
 def test_progress_by_name_needs_a_suitable_formula():
     with pytest.raises(UsageError, match="'progress' does not fit"):
-        Problem(Reach(), avrare.stl("always (x < 4)"), 5, "progress").specifications  # noqa: B018
-    named = Problem(Reach(), avrare.stl("eventually (x > 4)"), 5, "progress")
+        Problem(REACH, avrare.stl("always (x < 4)"), 5, "progress").specifications  # noqa: B018
+    named = Problem(REACH, avrare.stl("eventually (x > 4)"), 5, "progress")
     assert isinstance(named.specifications[0], ProgressScored)
-    assert isinstance(Problem(Reach(), avrare.stl("eventually (x > 4)"), 5).specifications[0], ProgressScored)
-    plain = Problem(Reach(), avrare.stl("eventually (x > 4)"), 5, "robustness").specifications[0]
+    assert isinstance(Problem(REACH, avrare.stl("eventually (x > 4)"), 5).specifications[0], ProgressScored)
+    plain = Problem(REACH, avrare.stl("eventually (x > 4)"), 5, "robustness").specifications[0]
     assert isinstance(plain, FormulaMonitor)
 
 
 def test_a_part_that_holds_with_its_usual_margin_does_not_mask_the_clock_by_default():
-    problem = Problem(Reach(), avrare.stl("(x < 100) until (x > 90)"), 5)
+    problem = Problem(REACH, avrare.stl("(x < 100) until (x > 90)"), 5)
     scores = problem.simulate(NoiseSource(0, 1), Request.replay(np.zeros((1, 6, 1)))).scores[0]
     assert (np.diff(scores) > 0).all()
     assert scores[-1] == 1.0

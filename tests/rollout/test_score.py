@@ -6,8 +6,8 @@ import pytest
 import avrare
 import odd_systems
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
+from rollout_requests import fresh
 
 STEPS = 12
 NOISE = NoiseSource(4, 1)
@@ -15,8 +15,7 @@ NOISE = NoiseSource(4, 1)
 
 def simulate(score, formula="always (x < 0.3)", rows=50, system=None):
     problem = avrare.Problem(system or systems.Walk(), avrare.stl(formula), STEPS, score)
-    request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
-    return problem.simulate(NOISE, request)
+    return problem.simulate(NOISE, fresh(rows))
 
 
 def test_function_sees_the_signals_so_far():

@@ -11,6 +11,7 @@ from avrare.logic import FormulaMonitor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
+from rollout_requests import fresh
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 STEPS = 8
@@ -47,8 +48,14 @@ class Counting(Pair):
 
 
 def scores(problem, rows=60):
-    request = Request.from_start(np.zeros(rows, dtype=np.int64), np.arange(rows))
-    return problem.simulate(NOISE, request).scores
+    return problem.simulate(NOISE, fresh(rows)).scores
+
+
+def in_units(system, text, *units, score=None):
+    return [
+        Problem(system(1.0, u), avrare.stl(text.format(u=u, y=3.0 * u, z=2.5 * u)), STEPS, score)
+        for u in units
+    ]
 
 
 def ranks(problem):
@@ -70,11 +77,9 @@ FORMULAS = [
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_a_smaller_unit_changes_no_order(text):
-    equal, small = (
-        Problem(Pair(1.0, unit), avrare.stl(text.format(y=3.0 * unit)), STEPS) for unit in (1.0, 1e4)
-    )
+    equal, small = in_units(Pair, text, 1.0, 1e4)
     np.testing.assert_array_equal(ranks(small), ranks(equal))
-    raw = Problem(Pair(1.0, 1e4), avrare.stl(text.format(y=3e4)), STEPS, "robustness")
+    (raw,) = in_units(Pair, text, 1e4, score="robustness")
     assert (ranks(raw) != ranks(equal)).any()
 
 
@@ -82,9 +87,7 @@ def test_a_smaller_unit_changes_no_order(text):
 @pytest.mark.parametrize("unit", [100.0, 1e4])
 def test_an_estimate_keeps_its_bits_in_another_unit(method, unit):
     options = {"particles": 40, "discard": 4} if method == "ams" else {"chains": 20}
-    problems = [
-        Problem(Pair(1.0, u), avrare.stl(f"always (x < 2.5 and y < {2.5 * u:g})"), STEPS) for u in (1.0, unit)
-    ]
+    problems = in_units(Pair, "always (x < 2.5 and y < {z:g})", 1.0, unit)
     found = [avrare.estimate(problem, method, seed=3, runs=4, **options) for problem in problems]
     np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)
     assert found[0].probability > 0.0
@@ -104,10 +107,8 @@ def test_a_formula_given_as_score_keeps_the_bits_in_another_unit(unit):
     assert found[0].probability > 0.0
     np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)
     np.testing.assert_array_equal(found[0].failures.noise, found[1].failures.noise)
-    raw = units[1].rescore(
-        lambda seen, t: np.maximum(seen["x"][:, t] - 2.5, seen["far_y"][:, t] - 2.5 * unit)
-    )
-    assert (ranks(raw) != ranks(units[1])).any()
+    raw = lambda seen, t: np.maximum(seen["x"][:, t], seen["far_y"][:, t] - 2.5 * unit + 2.5)  # noqa: E731
+    assert (ranks(units[1].rescore(raw)) != ranks(units[1])).any()
 
 
 class Rescaled(Pair):
@@ -135,21 +136,18 @@ def test_each_vehicle_is_measured_in_its_own_margin():
     """Take one far vehicle and one near: without noise both lose nothing."""
     formula = "always forall o in others: (far(o) < 3)"
     system = Pair(1.0, 100.0, start=(2.0, 0.02))
-    state, noise = system.initial(np.zeros((1, 2))), np.zeros((1, 2))
     problem = Problem(system, avrare.stl(formula), STEPS)
     tape = np.zeros((3, STEPS + 1, 2))
     tape[1, 1, 0] = 1.25  # the first loses half of its margin of 1
     tape[2, 1, 1] = 0.5 / 100 / 0.4  # so does the second
     found = problem.simulate(NOISE, Request.replay(tape)).scores
     np.testing.assert_allclose(found[:, -1], [-1.0, -0.5, -0.5])
-    assert system.step(state, noise).shape == (1, 2)
 
 
 def test_robustness_verdict_and_failures_are_those_of_the_formula():
     formula = avrare.stl("always (x < 1 and y < 100)")
     scaled, raw = (Problem(Pair(1.0, 100.0), formula, STEPS, score) for score in (None, "robustness"))
-    request = Request.from_start(np.zeros(60, dtype=np.int64), np.arange(60))
-    one, two = (problem.simulate(NOISE, request) for problem in (scaled, raw))
+    one, two = (problem.simulate(NOISE, fresh(60)) for problem in (scaled, raw))
     np.testing.assert_array_equal(one.robustness, two.robustness)
     np.testing.assert_array_equal(one.violated, two.violated)
     assert 0 < one.violated.sum() < 60
@@ -166,16 +164,12 @@ class Drift(Pair):
 
 def test_margin_ties_nobody_where_a_term_changes_its_truth():
     """Take equal terms, none at 1 throughout: the first steps must not decide the score all the same."""
-    small, equal = (
-        Problem(Drift(1.0, u), avrare.stl(f"always (x < 3 or y < {u:g})"), STEPS, "margin")
-        for u in (1e4, 1.0)
-    )
+    small, equal = in_units(Drift, "always (x < 3 or y < {u:g})", 1e4, 1.0, score="margin")
     np.testing.assert_array_equal(ranks(small), ranks(equal))
     nominal = small.simulate(NOISE, Request.replay(np.zeros((1, STEPS + 1, 2))))
     np.testing.assert_allclose(nominal.scores, 0.0, atol=1e-12)
     assert small.gamma(1.0) == 0.0
-    request = Request.from_start(np.zeros(200, dtype=np.int64), np.arange(200))
-    found = small.simulate(NOISE, request)
+    found = small.simulate(NOISE, fresh(200))
     assert len(np.unique(found.scores[:, -1])) > 150
     assert 5 < found.violated[:, 0].sum() < 195
     np.testing.assert_array_equal(found.scores[:, -1] >= 1.0, found.violated[:, 0])
@@ -213,9 +207,7 @@ def test_a_specification_that_selects_its_signals_is_measured_in_theirs():
 
 def test_a_term_without_a_margin_is_measured_in_its_spread():
     """Keep y at its limit without noise: its margin there tells no size."""
-    small, equal = (
-        Problem(Pair(1.0, unit), avrare.stl("always (x < 0.5 or y <= 0)"), STEPS) for unit in (1e4, 1.0)
-    )
+    small, equal = in_units(Pair, "always (x < 0.5 or y <= 0)", 1e4, 1.0)
     np.testing.assert_array_equal(ranks(small), ranks(equal))
     assert np.abs(scores(small)).max() < 20.0
 

@@ -119,17 +119,8 @@ def _other_header(content, random):
         "()",
         "(1,)",
     ]
-    kinds = [
-        "'<U2147483647'",
-        "'|O'",
-        "'<f8,<f8'",
-        "'<M8[s]'",
-        "'|V0'",
-        "'<U0'",
-        "[('a', '<f8')]",
-        "'<f16'",
-        "'>f8'",
-    ]
+    kinds = ["'<U2147483647'", "'|O'", "'<f8,<f8'", "'<M8[s]'", "'|V0'", "'<U0'", "[('a', '<f8')]"]
+    kinds += ["'<f16'", "'>f8'"]
     end = content.index(b"\n", 10)
     header = content[10:end].decode()
     if random.random() < 0.5:

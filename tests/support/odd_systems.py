@@ -161,13 +161,6 @@ class Leak(Walk):
         return super().step(state, noise)
 
 
-class Nameless(Walk):
-    """Walk without the signal ``x`` that the formulas read."""
-
-    def signals(self, state):
-        return {"y": state["x"]}
-
-
 class Homesick(Walk):
     """Walk that pickles, but cannot be unpickled in another process."""
 
@@ -181,17 +174,11 @@ class Homesick(Walk):
         self.__dict__ = state
 
 
-class Infinite(Walk):
+class Infinite(Still):
     """System whose x is infinite where the noise is positive, y where it exceeds 1: x - y may be NaN."""
 
     def initial(self, noise):
         return {name: np.where(noise[:, 0] > limit, np.inf, 0.0) for name, limit in (("x", 0.0), ("y", 1.0))}
-
-    def step(self, state, noise):
-        return state
-
-    def signals(self, state):
-        return dict(state)
 
 
 def height(signals, t):

@@ -44,13 +44,6 @@ def _hang():
         time.sleep(1.0)
 
 
-class Nameless(systems.Walk):
-    """Walk without the signal ``x`` that the formulas read."""
-
-    def signals(self, state):
-        return {"y": state["x"]}
-
-
 def _taken(trap):
     """Remove a file; return whether it was there: of several processes one alone can take it away."""
     try:

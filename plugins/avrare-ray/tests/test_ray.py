@@ -18,6 +18,8 @@ from avrare.estimation.plan.plan import Settings
 from avrare.rollout.executors.work import SerialExecutor
 from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.testing import faulty_systems as systems
+from avrare_estimators.ams.config import AmsConfig
+from avrare_estimators.ams.splitting import Splitting
 from avrare_ray.config import RayConfig
 from avrare_ray.executor import build
 
@@ -63,24 +65,17 @@ def estimate(executor, task=None, **options):
 @pytest.mark.usefixtures("cluster")
 def test_the_same_bits_as_in_one_process():
     one, two = estimate(SerialExecutor()), estimate(build(RayConfig(workers=2)))
-    assert (one.probability, one.simulated_steps, one.health) == (
-        two.probability,
-        two.simulated_steps,
-        two.health,
-    )
+    assert (one.probability, one.simulated_steps) == (two.probability, two.simulated_steps)
+    assert one.health == two.health
     np.testing.assert_array_equal(one.robustness, two.robustness)
     np.testing.assert_array_equal(one.failures.noise, two.failures.noise)
 
 
 @pytest.mark.usefixtures("cluster")
 def test_splitting_copies_states_through_ray():
-    from avrare_estimators.ams.config import AmsConfig
-    from avrare_estimators.ams.splitting import Splitting
-
-    results = [
-        run(problem(), Splitting(AmsConfig(particles=30, discard=6, runs=2)), executor, Settings())[0]
-        for executor in (SerialExecutor(), build(RayConfig(workers=2)))
-    ]
+    splitting = Splitting(AmsConfig(particles=30, discard=6, runs=2))
+    executors = SerialExecutor(), build(RayConfig(workers=2))
+    results = [run(problem(), splitting, one, Settings())[0] for one in executors]
     assert results[0].probability == results[1].probability
     np.testing.assert_array_equal(results[0].failures.noise, results[1].failures.noise)
 

@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -13,16 +14,15 @@ from avrare.rollout.executors.processes import ProcessExecutor
 from avrare.rollout.executors.work import SerialExecutor, Work
 from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
 from avrare.testing import faulty_systems as systems
+from rollout_requests import cut
 
 CHUNK = 25
 
 
 def problem(system=None, score=None, steps=10, limit=0.3, **options):
-    return avrare.Problem(
-        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps, score, chunk=CHUNK, **options
-    )
+    formula = avrare.stl(f"always (x < {limit})")
+    return avrare.Problem(system or systems.Walk(), formula, steps, score, chunk=CHUNK, **options)
 
 
 def estimate(task, **options):
@@ -35,10 +35,8 @@ def run_script(tmp_path, code, how="file"):
     path.write_text(code)
     arguments = {"file": [str(path)], "command": ["-c", code], "stdin": ["-"]}[how]
     return subprocess.run(
-        [sys.executable, *arguments],
-        input=code if how == "stdin" else None,
-        capture_output=True, text=True, timeout=60, check=False,
-        env={"PATH": "", "OMP_NUM_THREADS": "1"},
+        [sys.executable, *arguments], input=code if how == "stdin" else None, capture_output=True, text=True,
+        timeout=60, check=False, env={"PATH": "", "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
 
 
@@ -67,16 +65,13 @@ GUARD = 'if __name__ == "__main__": '
 @pytest.mark.parametrize("executor", [SerialExecutor, lambda: ProcessExecutor(2)])
 def test_outcomes_come_in_the_order_of_the_chunks(executor):
     task, noise = problem(), NoiseSource(0, 1)
-    request = Request.from_start(np.zeros(90, dtype=np.int64), np.arange(90))
-    chunks = [request.slice(at, at + CHUNK) for at in range(0, 90, CHUNK)]
+    chunks = cut(90, CHUNK)
     work = Work(task, noise, scored=False)
     expected = [work.run(chunk).robustness for chunk in chunks]
     one = executor()
     one.open(work)
-    try:
+    with closing(one):
         found = [outcome.robustness for outcome in one.map(chunks)]
-    finally:
-        one.close()
     assert len(found) == 4
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -106,13 +101,10 @@ def test_an_accident_of_a_worker_costs_its_chunk_only(tmp_path, accident):
     system = odd_systems.OnceInAWorker(accident, str(tmp_path / "marker"))
     executor, noise = ProcessExecutor(2), NoiseSource(0, 1)
     work = Work(problem(system), noise, scored=True)
-    request = Request.from_start(np.zeros(240, dtype=np.int64), np.arange(240))
-    chunks = [request.slice(at, at + 40) for at in range(0, 240, 40)]
+    chunks = cut(240, 40)
     executor.open(work)
-    try:
+    with closing(executor):
         found = [outcome.scores for outcome in executor.map(chunks)]
-    finally:
-        executor.close()
     assert executor.restarts == 1
     np.testing.assert_array_equal(found, [work.run(chunk).scores for chunk in chunks])
 
@@ -156,12 +148,8 @@ def test_a_leak_up_to_the_limit_of_memory_costs_workers_alone():
     leaking = problem(odd_systems.Leak(), rollout_timeout=60.0)
     executor = SerialExecutor()
     executor.open(Work(leaking, NoiseSource(0, 1), scored=False))
-    request = Request.from_start(np.zeros(300, dtype=np.int64), np.arange(300))
-    try:
-        chunks = [request.slice(at, at + CHUNK) for at in range(0, 300, CHUNK)]
-        found = np.concatenate([outcome.robustness for outcome in executor.map(chunks)])
-    finally:
-        executor.close()
+    with closing(executor):
+        found = np.concatenate([outcome.robustness for outcome in executor.map(cut(300, CHUNK))])
     assert executor.restarts > 0
     np.testing.assert_array_equal(found[:, 0], avrare.estimate(problem(), rollouts=300).robustness)
 
@@ -179,11 +167,7 @@ def local_system():
 
 
 @pytest.mark.parametrize(
-    "task",
-    [
-        lambda: problem(local_system()),
-        lambda: problem(score=lambda signals, t: signals["x"][:, t]),
-    ],
+    "task", [lambda: problem(local_system()), lambda: problem(score=lambda signals, t: signals["x"][:, t])]
 )
 def test_an_unpicklable_system_is_a_usage_error(task):
     with pytest.raises(avrare.UsageError, match="cannot be sent") as caught:

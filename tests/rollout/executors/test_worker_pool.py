@@ -16,6 +16,7 @@ from avrare.rollout.executors.worker_pool import WorkerDied, WorkerLost, WorkerP
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.testing.faulty_systems import Walk
+from rollout_requests import cut, fresh
 
 ROWS, CHUNK = 120, 40
 
@@ -56,9 +57,8 @@ class Pool(WorkerPool):
         self.ends = {row: (how.pop("end", "SIGSEGV"), how) for row, how in dict(ends).items()}
         self.left = dict.fromkeys(self.ends, times)
         self.tasks, self.started, self.closed = [], 0, 0
-        problem = avrare.Problem(
-            Walk(), avrare.stl("always (x < 0.2)"), steps=5, chunk=CHUNK, rollout_timeout=timeout
-        )
+        formula, options = avrare.stl("always (x < 0.2)"), {"chunk": CHUNK, "rollout_timeout": timeout}
+        problem = avrare.Problem(Walk(), formula, steps=5, **options)
         self.work = Work(problem, NoiseSource(0, 1), scored=True)
 
     def start_worker(self):
@@ -66,10 +66,9 @@ class Pool(WorkerPool):
         return Hand(self)
 
     def outcomes(self):
-        request = Request.from_start(np.zeros(ROWS, dtype=np.int64), np.arange(ROWS))
         self.open(self.work)
         with closing(self):
-            return list(self.map(request.slice(at, at + CHUNK) for at in range(0, ROWS, CHUNK)))
+            return list(self.map(iter(cut(ROWS, CHUNK))))
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +80,8 @@ def compare(outcomes, undisturbed, culprits):
     error = np.concatenate([outcome.error for outcome in outcomes])
     assert np.flatnonzero(error).tolist() == sorted(culprits)
     for name in ("robustness", "violated", "scores"):
-        found, wanted = (
-            np.concatenate([getattr(part, name) for part in all_]) for all_ in (outcomes, undisturbed)
-        )
+        found, wanted = ([getattr(one, name) for one in many] for many in (outcomes, undisturbed))
+        found, wanted = np.concatenate(found), np.concatenate(wanted)
         np.testing.assert_array_equal(found[~error], wanted[~error])
     assert not np.concatenate([outcome.violated for outcome in outcomes])[error].any()
 
@@ -124,9 +122,8 @@ def test_rollouts_that_hang_are_errors(monkeypatch, undisturbed):
     pool = Pool({5: {"hangs": True}, 90: {"hangs": True}}, timeout=0.05)
     outcomes = pool.outcomes()
     compare(outcomes, undisturbed, [5, 90])
-    assert {text for outcome in outcomes for text in outcome.messages} == {
-        "the rollout takes more than 0.05 s"
-    }
+    messages = {text for outcome in outcomes for text in outcome.messages}
+    assert messages == {"the rollout takes more than 0.05 s"}
 
 
 def test_a_chunk_may_take_longer_than_a_rollout(monkeypatch, undisturbed):
@@ -165,12 +162,11 @@ def test_an_errand_that_always_ends_its_worker_is_named():
 
 def test_no_more_chunks_are_taken_than_there_is_room_for():
     pool, taken = Pool(), []
-    request = Request.from_start(np.zeros(ROWS, dtype=np.int64), np.arange(ROWS))
 
     def source():
-        for row in range(30):
-            taken.append(row)
-            yield request.slice(row, row + 1)
+        for chunk in cut(30, 1):
+            taken.append(chunk)
+            yield chunk
 
     pool.open(pool.work)
     with closing(pool):
@@ -181,9 +177,7 @@ def test_no_more_chunks_are_taken_than_there_is_room_for():
 
 
 def test_an_error_of_a_chunk_comes_in_order():
-    pool = Pool()
-    request = Request.from_start(np.zeros(9, dtype=np.int64), np.arange(9))
-    chunks = [request.slice(row, row + 1) for row in range(9)]
+    pool, chunks = Pool(), cut(9, 1)
     chunks[4] = Request.replay(np.zeros((1, 2, 7)))
     pool.open(pool.work)
     with closing(pool):
@@ -195,9 +189,8 @@ def test_an_error_of_a_chunk_comes_in_order():
 
 def test_closing_waits_for_no_running_chunk():
     pool = Pool({0: {"hangs": True}}, workers=1)
-    request = Request.from_start(np.zeros(ROWS, dtype=np.int64), np.arange(ROWS))
     pool.open(pool.work)
-    outcomes = pool.map([request])
+    outcomes = pool.map([fresh(ROWS)])
 
     def wait_for_it():
         with pytest.raises(CancelledError):
