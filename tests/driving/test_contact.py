@@ -45,10 +45,7 @@ def test_a_car_that_passes_aside_is_not_touched(aside, touched):
 
 def test_a_turn_between_two_samples_is_swept():
     # the ego turns its corner into the other and back: the shorter way round is through its heading
-    before, after = (
-        (car([0.0], heading=0.4), car([[0.0]], 2.5)),
-        (car([0.0], heading=-0.4), car([[0.0]], 2.5)),
-    )
+    before, after = ((car([0.0], heading=turn), car([[0.0]], 2.5)) for turn in (0.4, -0.4))
     share = find_contacts(scene(), before, after)
     assert share[0, 0] == 0.0  # 2 |sin 0.4| + cos 0.4 > 1.5: it touches at once
     clear = find_contacts(scene(), (before[0], car([[0.0]], 3.5)), (after[0], car([[0.0]], 3.5)))

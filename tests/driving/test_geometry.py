@@ -106,9 +106,8 @@ def scene(vehicles):
 
 
 def vehicles(rng, shape):
-    return Vehicles(
-        *rng.uniform(-8.0, 8.0, (2, *shape)), rng.uniform(-1.0, 1.0, shape), *np.zeros((2, *shape))
-    )
+    places, heading = rng.uniform(-8.0, 8.0, (2, *shape)), rng.uniform(-1.0, 1.0, shape)
+    return Vehicles(*places, heading, *np.zeros((2, *shape)))
 
 
 def test_ego_and_others_broadcast_and_rows_are_independent():

@@ -25,10 +25,8 @@ class TestLanes:
 
     def test_parallel_lanes_are_the_same_in_either_form(self):
         plain = Road((-1.75, 1.75), 3.5)
-        lanes = tuple(
-            Lane(np.array([-1e3, 1e3]), np.full(2, centre - 1.75), np.full(2, centre + 1.75))
-            for centre in (-1.75, 1.75)
-        )
+        borders = (np.full(2, -3.5), np.zeros(2)), (np.zeros(2), np.full(2, 3.5))
+        lanes = tuple(Lane(np.array([-1e3, 1e3]), *both) for both in borders)
         rng = np.random.default_rng(0)
         box = (rng.uniform(-50, 50, 30), rng.uniform(-6, 6, 30), np.full(30, 2.5), np.full(30, 0.9))
         varying = lane_overlap(Road((-1.75, 1.75), 3.5, lanes=lanes), *box)
@@ -37,9 +35,8 @@ class TestLanes:
     def test_outermost_changes_where_a_lane_ends(self):
         x = np.array([10.0, 100.0, 500.0])
         np.testing.assert_array_equal(lane_exists(ROAD, x), [[True, False, False], [True, True, False]])
-        np.testing.assert_array_equal(
-            is_outermost(ROAD, (0, 1), x, -1.0), [[True, False, False], [False, True, False]]
-        )
+        outermost = is_outermost(ROAD, (0, 1), x, -1.0)
+        np.testing.assert_array_equal(outermost, [[True, False, False], [False, True, False]])
         np.testing.assert_array_equal(is_outermost(ROAD, (1,), x, -1.0)[1], [True, True, False])
 
 

@@ -7,12 +7,8 @@ from scipy.special import fresnel
 from avrare.base.errors import UsageError
 from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine
 
-BENDS = CurvedLine(
-    (Piece(80), Piece(60, 0, 1 / 150), Piece(80, 1 / 150, 1 / 150), Piece(60, 1 / 150, -1 / 200)),
-    10.0,
-    -5.0,
-    0.3,
-)
+PIECES = Piece(80), Piece(60, 0, 1 / 150), Piece(80, 1 / 150, 1 / 150), Piece(60, 1 / 150, -1 / 200)
+BENDS = CurvedLine(PIECES, 10.0, -5.0, 0.3)
 
 
 def random_places(line, rng, count=400, beyond=40.0, aside=12.0):
@@ -52,9 +48,8 @@ class TestRoundTrip:
 class TestExactShapes:
     def test_straight(self):
         line = CurvedLine((Piece(10.0),), 1.0, 2.0, np.pi / 2)
-        np.testing.assert_allclose(
-            line.to_road(np.array([-2.0]), np.array([500.0])), [[498.0], [3.0]], atol=1e-12
-        )
+        found = line.to_road(np.array([-2.0]), np.array([500.0]))
+        np.testing.assert_allclose(found, [[498.0], [3.0]], atol=1e-12)
 
     def test_more_than_half_a_circle(self):
         line = CurvedLine((Piece(5.0 * np.pi * 1.5, 0.2, 0.2),))

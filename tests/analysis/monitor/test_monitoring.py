@@ -77,23 +77,18 @@ def test_the_body_as_a_batch_is_the_monitor_sample_by_sample_bit_for_bit():
     rule = Rule(text, tuple("uvw"))
     found = monitor_recording("r", rule, recorded(**{name: rng.normal(size=(60, 3)) for name in "abc"}))
     np.testing.assert_array_equal(np.minimum.accumulate(found.body), found.prefix)
-    alone = [
-        monitor_recording(
-            "r",
-            Rule(text, (name,)),
-            recorded(**{k: x[:, v : v + 1] for k, x in found.recording.signals.items()}),
-        )
-        for v, name in enumerate("uvw")
-    ]
+    alone = []
+    for v, name in enumerate("uvw"):
+        one = recorded(**{k: x[:, v : v + 1] for k, x in found.recording.signals.items()})
+        alone.append(monitor_recording("r", Rule(text, (name,)), one))
     np.testing.assert_array_equal(np.min([one.body for one in alone], axis=0), found.body)
 
 
 def test_the_first_and_the_worst_may_be_different_vehicles():
     margin = np.ones((10, 2))
     margin[3, 0], margin[6, 1] = -0.5, -2.0
-    found = monitor_recording(
-        "r", Rule("forall o in others: always (safe(o) > 0)", ("car", "van")), recorded(safe=margin)
-    )
+    rule = Rule("forall o in others: always (safe(o) > 0)", ("car", "van"))
+    found = monitor_recording("r", rule, recorded(safe=margin))
     assert (found.first.sample, found.first.vehicles, found.first.robustness) == (3, {"o": "car"}, -0.5)
     assert (found.worst.sample, found.worst.vehicles, found.worst.robustness) == (6, {"o": "van"}, -2.0)
     assert (found.first.formula, found.first.value) == ("safe(car) > 0", -0.5)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from avrare.analysis.rates.allocation import LEAST, allocate
 from avrare.analysis.rates.combination import (
@@ -33,8 +34,6 @@ def test_one_scene_of_known_exposure_has_the_interval_of_its_probability():
 
 
 def test_jeffreys_intervals_are_those_of_scipy():
-    from scipy import stats
-
     p = from_rollouts(12, 400, 0, 0.9, False)
     assert (p.low, p.high) == pytest.approx(stats.beta.interval(0.9, 12.5, 388.5))
     e = from_count(7, 20.0, 0.9)

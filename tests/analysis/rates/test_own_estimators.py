@@ -290,15 +290,8 @@ def test_warnings_are_told(catalogue, capsys):
 
 
 def result(**fields):
-    return plain_result(
-        "dry",
-        failures=2,
-        probability=0.02,
-        interval=(0.01, 0.03),
-        rollouts=400,
-        health={"rounding": "r", "model_unknown": "m"},
-        **fields,
-    )
+    fields |= {"failures": 2, "probability": 0.02, "interval": (0.01, 0.03), "rollouts": 400}
+    return plain_result("dry", health={"rounding": "r", "model_unknown": "m"}, **fields)
 
 
 def test_counts_of_an_ensemble_do_not_stand_for_its_models():

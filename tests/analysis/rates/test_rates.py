@@ -214,10 +214,7 @@ thresholds:
 
 def test_scenes_without_exposures_give_shares_of_cells(catalogue):
     read = load_catalogue(catalogue(GRID))
-    estimates = [
-        dict.fromkeys(read.rules, SceneEstimate(plain_result(failures=failures, rollouts=100)))
-        for failures in (20, 60)
-    ]
+    estimates = [seen(read, failures, 100)[0] for failures in (20, 60)]
     rates = compute(read, estimates)
     assert list(rates.rates[0].totals) == ["cell"]
     assert rates.rates[0].totals["cell"].value == pytest.approx(0.75 * 0.2 + 0.25 * 0.6)
@@ -232,6 +229,5 @@ def test_a_share_of_cells_is_told_from_a_rate(catalogue, capsys):
     mixed = GRID.replace("cells: 30", "exposure: {per_hour: 2.0}")
     assert "a share of cells is not a rate" in refused(catalogue(mixed))
     assert "give the scene's exposure; or" in refused(catalogue(GRID.replace(", cells: 30", "")))
-    assert "give one of per_hour, per_km and per_cell" in refused(
-        catalogue(GRID.replace('per_cell: "< 0.5"', 'per_cell: "< 0.5", per_km: "< 1"'))
-    )
+    both = GRID.replace('per_cell: "< 0.5"', 'per_cell: "< 0.5", per_km: "< 1"')
+    assert "give one of per_hour, per_km and per_cell" in refused(catalogue(both))
