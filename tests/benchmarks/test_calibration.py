@@ -68,9 +68,8 @@ def test_the_perching_glider_flies_as_that_of_its_plugin():
 @pytest.mark.parametrize("name", [one.name for one in problems().values() if one.probability > 1e-3])
 def test_monte_carlo_agrees(name):
     problem, rows = problems()[name], 20_000
-    failures = (
-        problem.robustness(np.random.default_rng(5).standard_normal((rows, problem.dimension))) <= 0
-    ).sum()
+    tapes = np.random.default_rng(5).standard_normal((rows, problem.dimension))
+    failures = (problem.robustness(tapes) <= 0).sum()
     expected = rows * problem.probability
     assert abs(failures - expected) < 5.0 * expected**0.5
 
@@ -93,11 +92,9 @@ def test_the_full_run_has_ten_answers_but_fewer_where_they_are_dear_or_a_variant
         keys = wanted(seeds, BUDGETS, quick=False, only=f"^{tool} walk_3.8$")
         return Counter((setting, budget) for _, setting, _, budget, _ in keys)
 
-    tuned = {("tuned", budget): 1 for budget in BUDGETS}
-    assert count(None) == {
-        **tuned,
-        **{("recommended", b): n for b, n in zip(BUDGETS, (10, 10, 1), strict=True)},
-    }
+    answers = {("tuned", budget): 1 for budget in BUDGETS}
+    answers |= {("recommended", budget): n for budget, n in zip(BUDGETS, (10, 10, 1), strict=True)}
+    assert count(None) == answers
     assert list(count(None, "verifai cross-entropy").values()) == [10, 3, 1]
     assert set(count(3).values()) == {3}
 
@@ -126,9 +123,8 @@ def test_every_tool_has_an_adapter():
 
 
 def cell(estimate, low, high, warnings=(), seed=0, tool="avrare mc", evaluations=1000.0):
-    return cells.Cell(
-        tool, "1", "recommended", "walk_2.5", 1000, seed, estimate, low, high, warnings, evaluations, 0.1, ""
-    )
+    found = estimate, low, high, warnings, evaluations, 0.1, ""
+    return cells.Cell(tool, "1", "recommended", "walk_2.5", 1000, seed, *found)
 
 
 def test_first_is_the_cheapest_that_may_be_trusted():
@@ -185,9 +181,8 @@ def test_kept_cells_are_made_again(tmp_path, turn):
         if one.estimate and one.low and one.seconds < 2.0 and interpreter(TOOLS[one.tool].environment)
     ]  # fmt: skip
     tool = random.Random(turn).choice(sorted({one.tool for one in cheap}))
-    old = random.Random(turn).choice(
-        sorted((one for one in cheap if one.tool == tool), key=lambda one: one.key)
-    )
+    mine = sorted((one for one in cheap if one.tool == tool), key=lambda one: one.key)
+    old = random.Random(turn).choice(mine)
     maker = runner.Runner(tmp_path, 600.0)
     again = maker.cell(old.key)
     for worker in maker.workers.values():

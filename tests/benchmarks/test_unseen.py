@@ -57,8 +57,7 @@ def test_monte_carlo_agrees(name, rows):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in CASES],
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in CASES]
 )
 def test_a_probability_is_computed_again(name):
     assert CASES[name].exact() == pytest.approx(stored()[name], rel=2e-3)
