@@ -1,7 +1,6 @@
 """``auto``: a pilot chooses the estimator; what counts is as unbiased as without the choice."""
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -25,35 +24,16 @@ from avrare.testing.faulty_systems import Counting, Killed, Mortal, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
 from avrare.testing.static_problems import four_branch
 from avrare.testing.walk_problems import walk
+from estimates import estimate_through_kills, plain
 
 pytestmark = pytest.mark.filterwarnings("ignore::avrare.base.errors.HealthWarning")
+HOPELESS = "always (x > 2e-3)"
 FREQUENT, RARE = "always (x < 2.5)", "always (x < 8)"
 STEPS = 20
 
 
-@dataclass(frozen=True)
-class _Sum:
-    total: np.ndarray
-    t: np.ndarray
-
-
-class Scrambled:
-    """System whose failures no score and no proposal lead to: the last digits of a sum decide."""
-
-    noise_size = 1
-
-    def __init__(self, steps, probability):
-        self.steps, self.probability = steps, probability
-
-    def initial(self, noise):
-        return _Sum(noise[:, 0], np.zeros(len(noise)))
-
-    def step(self, state, noise):
-        return _Sum(state.total + noise[:, 0], state.t + 1)
-
-    def signals(self, state):
-        x = np.mod(state.total * 1e4, 1.0) / self.probability
-        return {"x": np.where(state.t < self.steps, 2.0, x)}
+def plains(results):
+    return [plain(one) for one in results.values()]
 
 
 def problem(*limits, system=None, chunk=None, steps=STEPS):
@@ -61,10 +41,8 @@ def problem(*limits, system=None, chunk=None, steps=STEPS):
     return avrare.Problem(system or Walk(scale=0.5), specifications, steps=steps, chunk=chunk)
 
 
-def plain(results):
-    return [
-        (json.loads(one.to_json()) | {"seconds": 0}, one.failures.noise.tobytes()) for one in results.values()
-    ]
+def stuck(system=None):
+    return problem(HOPELESS, system=system or Scrambled(5), steps=5)
 
 
 def chosen(result):
@@ -131,15 +109,13 @@ def test_cost_is_honest_and_budget_kept():
 
 
 def test_a_budget_of_rollouts_counts_branches():
-    problem = avrare.Problem(Scrambled(5, 2e-3), avrare.stl("always (x > 1)"), steps=5)
-    result = avrare.estimate(problem, "auto", seed=2, budget="rollouts=6000")
+    result = avrare.estimate(stuck(), "auto", seed=2, budget="rollouts=6000")
     assert len(chosen(result)["tried"]) > 2
     assert 5900 <= result.rollouts <= 6000
 
 
 def test_falls_back_where_nothing_pays():
-    system = Scrambled(5, 2e-3)
-    result = avrare.estimate(problem("always (x > 1)", system=system, steps=5), "auto", seed=2, rollouts=6000)
+    result = avrare.estimate(stuck(), "auto", seed=2, rollouts=6000)
     assert result.estimator == "mc"
     assert chosen(result)["tried"][0]["estimator"] == "mc"
     assert {"is", "ams"} <= {one["estimator"] for one in chosen(result)["tried"]}
@@ -157,28 +133,24 @@ def test_a_plateau_is_left_to_monte_carlo():
 
 @pytest.mark.parametrize("limits", [(FREQUENT, RARE), (FREQUENT,)])
 def test_chunks_and_order_change_no_bit(limits):
-    large, small = (
-        avrare.estimate_all(problem(*limits, chunk=size), "auto", seed=4, rollouts=5000)
-        for size in (4096, 333)
-    )
-    assert plain(large) == plain(small)
+    cut = (problem(*limits, chunk=size) for size in (4096, 333))
+    large, small = (avrare.estimate_all(one, "auto", seed=4, rollouts=5000) for one in cut)
+    assert plains(large) == plains(small)
 
 
 @pytest.mark.slow
 def test_killed_it_goes_on(tmp_path):
     both = problem(FREQUENT, RARE, chunk=500)
     whole = avrare.estimate_all(both, "auto", seed=4, rollouts=5000)
-    folder, lives, deaths = tmp_path / "kept", 500, 0
-    for _ in range(50):
-        mortal = problem(FREQUENT, RARE, chunk=500, system=Mortal(Walk(scale=0.5), lives))
-        try:
-            results = avrare.estimate_all(mortal, "auto", seed=4, rollouts=5000, checkpoint=folder)
-            break
-        except Killed:
-            deaths += 1
+
+    def attempt(kills):
+        mortal = problem(FREQUENT, RARE, chunk=500, system=Mortal(Walk(scale=0.5), 500))
+        return avrare.estimate_all(mortal, "auto", seed=4, rollouts=5000, checkpoint=tmp_path / "kept")
+
+    results, deaths = estimate_through_kills(attempt)
     assert deaths > 1
-    assert plain(results) == plain(whole)
-    assert not folder.exists()
+    assert plains(results) == plains(whole)
+    assert not (tmp_path / "kept").exists()
 
 
 def test_cross_check_is_of_another_family():
@@ -226,7 +198,6 @@ def test_the_pilot_forecasts_the_failures_at_which_it_stops():
 def test_a_part_that_breaks_is_told(part, monkeypatch):
     """Pass the error on: a full disk or a damaged file is no reason to take another estimator."""
     monkeypatch.setattr("avrare.estimation.choice.auto.pays", lambda gain: True)
-    stuck = problem("always (x > 1)", system=Scrambled(5, 2e-3), steps=5)
 
     def execute(problem, estimator, settings, name):
         if name.endswith(f"+{part}"):
@@ -234,7 +205,7 @@ def test_a_part_that_breaks_is_told(part, monkeypatch):
         return run(problem, estimator, SerialExecutor(), settings)
 
     with pytest.raises(SaveError, match="no space"):
-        Auto(AutoConfig(rollouts=6000)).estimate_by(stuck, Settings(seed=2), execute)
+        Auto(AutoConfig(rollouts=6000)).estimate_by(stuck(), Settings(seed=2), execute)
 
 
 def test_a_damaged_chunk_of_a_part_is_told(tmp_path):
@@ -262,8 +233,7 @@ def test_a_part_that_cannot_begin_is_passed_over():
     class Closed(Scrambled):
         lacks = MappingProxyType({"branches": "its states are out of reach"})
 
-    stuck = problem("always (x > 1)", system=Closed(5, 2e-3), steps=5)
-    result = avrare.estimate(stuck, "auto", seed=2, rollouts=6000)
+    result = avrare.estimate(stuck(Closed(5)), "auto", seed=2, rollouts=6000)
     tried = {one["estimator"]: one["reason"] for one in chosen(result)["tried"]}
     assert result.estimator == "mc"
     assert "out of reach" in tried["ams"]
@@ -307,9 +277,8 @@ def test_the_pilot_counts_in_the_bound_and_contradicts(monkeypatch):
 
 def test_monte_carlo_as_a_second_witness_draws_tapes_of_its_own(monkeypatch):
     seeds = []
-    monkeypatch.setattr(
-        auto._Work, "_monte_carlo", lambda self, *_: seeds.append(self.settings.seed) or [None]
-    )
+    draw = lambda self, *_: seeds.append(self.settings.seed) or [None]  # noqa: E731
+    monkeypatch.setattr(auto._Work, "_monte_carlo", draw)
     frequent = replace(avrare.estimate(problem(RARE), "ess", seed=1), probability=1.0)
     work = auto._Work(problem(RARE), Settings(seed=1), None, Aim(0.2, 50_000.0), AutoConfig())
     work._second_witness(frequent, problem(RARE), [])
@@ -325,9 +294,8 @@ def test_witnesses_that_disagree_send_the_budget_to_the_one_that_finds_more(monk
     monkeypatch.setattr(auto._Work, "_second_witness", lambda *_: high)
     monkeypatch.setattr(auto, "in_doubt", lambda result: True)
     repeated = []
-    monkeypatch.setattr(
-        auto._Work, "_repeat", lambda self, witness, *_: repeated.append(witness.estimator) or high
-    )
+    repeat = lambda self, witness, *_: repeated.append(witness.estimator) or high  # noqa: E731
+    monkeypatch.setattr(auto._Work, "_repeat", repeat)
     result = avrare.estimate(rarer, "auto", seed=1, rollouts=40_000)
     assert repeated == ["ams"]
     assert result.probability == pytest.approx(high.probability)

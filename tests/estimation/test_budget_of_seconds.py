@@ -38,10 +38,8 @@ def estimate(monkeypatch):
     monkeypatch.setattr(loop.time, "perf_counter", lambda: clock[0])
 
     def run_for(seconds, batch, row, journal=None, stop=None):
-        problem = avrare.Problem(
-            Clocked(clock, batch, row), avrare.stl("always (x < 0.5)"), steps=STEPS, chunk=200
-        )
-        settings = Settings(budget=Budget("seconds", seconds))
+        formula, settings = avrare.stl("always (x < 0.5)"), Settings(budget=Budget("seconds", seconds))
+        problem = avrare.Problem(Clocked(clock, batch, row), formula, steps=STEPS, chunk=200)
         return run(problem, MonteCarlo(McConfig()), SerialExecutor(), settings, None, journal, stop)[0]
 
     return run_for

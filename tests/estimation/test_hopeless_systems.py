@@ -32,9 +32,8 @@ class Late(Walk):
 def test_an_estimate_in_which_every_rollout_breaks_down_ends_soon(estimator, how):
     system = Counting(Late(how))
     problem = avrare.Problem(system, avrare.stl("always (x < 3)"), steps=20, chunk=200)
-    with pytest.raises(
-        EveryRolloutBroke, match="each of the first 200 rollouts ended in an error: "
-    ) as caught:
+    words = "each of the first 200 rollouts ended in an error: "
+    with pytest.raises(EveryRolloutBroke, match=words) as caught:
         avrare.estimate(problem, estimator, budget="rollouts=20000")
     assert ("there is no road" if how == "raise" else "NaN in signal x") in caught.value.message
     assert "validate --build" in caught.value.hint

@@ -27,9 +27,8 @@ def monte_carlo(task, settings=None, progress=None, **options):
 
 def test_progress_counts_every_chunk():
     seen = []
-    (result,) = monte_carlo(
-        problem(chunk=10, system=odd_systems.Odometer()), progress=seen.append, rollouts=95
-    )
+    task = problem(chunk=10, system=odd_systems.Odometer())
+    (result,) = monte_carlo(task, progress=seen.append, rollouts=95)
     rollouts = [info.rollouts for info in seen]
     assert rollouts == sorted(rollouts)
     assert set(rollouts) == {10, 20, 30, 40, 50, 60, 70, 80, 90, 95}

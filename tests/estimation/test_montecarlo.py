@@ -1,6 +1,7 @@
-"""Monte Carlo: unbiased, covering, honest about cost and errors."""
+"""Monte Carlo: unbiased, covering, honest about cost and errors, and stopped by what is seen."""
 
 import math
+from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
@@ -9,21 +10,25 @@ import pytest
 import avrare
 import odd_systems
 from avrare.base.errors import UsageError
+from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
-from avrare.estimation.result.intervals import clopper_pearson, inverse_binomial
+from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
+from avrare.estimation.monte_carlo.stopping_rules import AtThreshold
+from avrare.estimation.plan.settings import Settings
+from avrare.estimation.result.intervals import anytime, clopper_pearson, inverse_binomial
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear
 
 
 def walk(limit=2.5, system=None, steps=100, **keywords):
-    return avrare.Problem(
-        system or systems.Walk(), avrare.stl(f"always (x < {limit})"), steps=steps, **keywords
-    )
+    formula = avrare.stl(f"always (x < {limit})")
+    return avrare.Problem(system or systems.Walk(), formula, steps=steps, **keywords)
 
 
-def coin(probability):
-    """Return a problem that fails with a given probability, at once."""
-    return linear(-NormalDist().inv_cdf(probability), dim=1).problem()
+def coin(probability, chunk=4096):
+    """Return a problem that fails with the given probability, at once."""
+    return linear(-NormalDist().inv_cdf(probability), dim=1).problem(chunk=chunk)
 
 
 @pytest.mark.parametrize("rollouts", [1, 7, 300])
@@ -37,10 +42,6 @@ def test_failures_are_kept_up_to_a_limit():
     result = avrare.estimate(walk(0.1), rollouts=2000)
     assert result.failures.count > 1000
     assert len(result.failures.robustness) == len(result.failures.noise) == 100
-
-
-def test_counters_are_summed():
-    assert avrare.estimate(walk(system=odd_systems.Odometer()), rollouts=30).counts == {"steps": 3000}
 
 
 def test_scores_over_time_are_not_kept():
@@ -108,18 +109,6 @@ def test_stopping_at_a_relative_error_is_unbiased_and_keeps_its_confidence(proba
     assert covered > 0.9 - 4 * math.sqrt(0.09 / len(results))
 
 
-@pytest.mark.slow
-def test_the_stop_does_not_depend_on_chunks_or_workers():
-    results = [
-        avrare.estimate(walk(1.5, chunk=chunk), relative_error=0.2, workers=workers)
-        for chunk, workers in ((64, 1), (64, 2), (1000, 1))
-    ]
-    kept = [{**r.to_dict(), "seconds": 0, "rollouts": 0, "simulated_steps": 0} for r in results]
-    assert kept[0] == kept[1] == kept[2]
-    assert results[0].failures.count == 27
-    assert results[0].rollouts >= results[0].diagnostics["used_rollouts"]
-
-
 def test_a_rule_that_is_never_broken_stops_at_the_maximum_of_rollouts():
     result = avrare.estimate(walk(99.0), relative_error=0.1, rollouts=300)
     assert (result.rollouts, result.probability) == (300, 0.0)
@@ -144,3 +133,114 @@ def test_interval_after_a_planned_stop_is_exact():
         covered += chance * (low <= p <= high)
     assert confidence <= covered + 1e-9 < confidence + 0.06
     assert inverse_binomial(3, 3, 0.9)[1] == 1.0
+
+
+def none(n):
+    return np.zeros(n, dtype=bool)
+
+
+@pytest.mark.parametrize("p", [0.002, 0.02, 0.3])
+def test_the_true_probability_is_rarely_excluded_at_any_look(p):
+    rule, rng = AtThreshold(p, confidence=0.9), np.random.default_rng(int(1e4 * p))
+    wrong = [bool(rule.at(rng.random(6000) < p, none(6000))) for _ in range(500)]
+    assert 0 < np.mean(wrong) < 0.1
+
+
+@pytest.mark.parametrize(("p", "threshold"), [(0.01, 0.02), (0.04, 0.02), (0.0, 1e-3)])
+def test_the_decision_is_on_the_right_side(p, threshold):
+    rng = np.random.default_rng(7)
+    rule = AtThreshold(threshold, confidence=0.95)
+    right = 0
+    for _ in range(200):
+        failed = rng.random(30_000) < p
+        stop = rule.at(failed, none(30_000))
+        assert stop
+        low, high = rule.interval(stop)(int(failed[:stop].sum()), stop, 0.95)
+        right += high < threshold if p < threshold else low > threshold
+    assert right >= 0.95 * 200 - 4 * np.sqrt(200 * 0.05)
+
+
+def test_the_stop_is_the_first_interval_that_excludes_the_threshold():
+    failed = np.random.default_rng(1).random(4000) < 0.004
+    stop = AtThreshold(0.01, 0.95).at(failed, none(4000))
+    bounds = [anytime(int(failed[:n].sum()), n, 0.95, around=0.01) for n in range(1, stop + 1)]
+    inside = [low <= 0.01 <= high for low, high in bounds]
+    assert inside == [True] * (stop - 1) + [False]
+
+
+def test_without_failures_it_costs_little_more_than_one_planned_look():
+    stop = AtThreshold(1e-3, 0.95).at(none(10_000), none(10_000))
+    assert 3000 < stop < 5000  # a single planned look needs 2,995
+
+
+def test_errors_delay_the_decision_as_possible_failures():
+    broken = np.arange(6000) % 50 == 0
+    assert AtThreshold(1e-2, 0.95).at(none(6000), broken) == 0
+    assert AtThreshold(1e-1, 0.95).at(none(6000), broken) > 0
+    low, high = anytime(0, 6000, 0.95, errors=120, around=1e-2)
+    assert low == 0.0
+    assert high > 0.02
+
+
+def test_the_sequence_of_a_certain_failure():
+    low, high = anytime(50, 50, 0.95, around=0.5)
+    assert 0.8 < low < 1.0
+    assert high == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "options", "failures"),
+    [(walk, {"relative_error": 0.2}, 27), (coin, {"threshold": 0.1, "seed": 3}, None)],
+)
+def test_the_stop_does_not_depend_on_chunks_or_workers(case, options, failures):
+    at = 1.5 if case is walk else 0.05
+    results = [
+        avrare.estimate(case(at, chunk=chunk), workers=workers, **options)
+        for chunk, workers in ((64, 1), (64, 2), (1000, 1))
+    ]
+    kept = [{**r.to_dict(), "seconds": 0, "rollouts": 0, "simulated_steps": 0} for r in results]
+    assert kept[0] == kept[1] == kept[2]
+    assert results[0].failures.count == (failures or results[0].failures.count)
+    assert results[0].diagnostics["used_rollouts"] <= results[0].rollouts
+
+
+def test_a_threshold_at_the_probability_ends_at_the_maximum_of_rollouts():
+    result = avrare.estimate(coin(0.5), threshold=0.5, rollouts=500, seed=1)
+    assert result.rollouts == 500
+    assert result.interval[0] < 0.5 < result.interval[1]
+
+
+def test_two_ways_to_stop_are_refused():
+    with pytest.raises(UsageError, match="choose one"):
+        avrare.estimate(coin(0.5), threshold=0.5, relative_error=0.1)
+    with pytest.raises(UsageError, match="leave runs at 1"):
+        avrare.estimate(coin(0.5), threshold=0.5, runs=3)
+
+
+@pytest.mark.parametrize("threshold", [1e-9, 1e-15, 1e-17, 1e-300])
+def test_a_tiny_threshold_does_not_give_certainty(threshold):
+    """Check a mixture all near 0: its interval is that of a flat likelihood, -log(0.05) / n."""
+    low, high = anytime(0, 100_000, 0.95, around=threshold)
+    assert low == 0.0
+    assert high == pytest.approx(-np.log(0.05) / 100_000, rel=1e-3)
+    low, high = anytime(3, 1000, 0.95, around=threshold)
+    assert 0.1 * threshold < low < threshold
+    assert 0.01 < high < 1.0
+
+
+@pytest.mark.slow
+def test_the_number_of_looks_is_limited():
+    looks = []
+
+    class Counting(AtThreshold):
+        def at(self, violated, error):
+            looks.append(len(violated))
+            return super().at(violated, error)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("avrare.estimation.monte_carlo.monte_carlo.AtThreshold", Counting)
+        result = avrare.estimate(coin(0.3, chunk=10), threshold=0.303, rollouts=60_000, seed=1)
+    assert len(looks) < 120
+    assert sum(looks) < 30 * result.rollouts
+    assert all(after <= max(before + 64, before * 17 // 16) for before, after in pairwise(looks[:-1]))

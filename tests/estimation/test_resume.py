@@ -1,7 +1,5 @@
 """An estimate from Python that is stopped in the midst goes on, to the same bits."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -19,28 +17,12 @@ from avrare.testing import faulty_systems as systems
 from avrare.worlds.capabilities import probe
 from avrare_estimators.importance.config import IsConfig
 from avrare_estimators.importance.importance_sampling import ImportanceSampling
-
-OPTIONS = {
-    "mc": {"rollouts": 400},
-    "ams": {"particles": 60, "discard": 10, "runs": 2},
-    "is": {"rollouts": 300, "proposal": {"name": "gaussian", "mean": 0.3}},
-    "smc": {"particles": 40, "runs": 2, "pilot": 200, "stages": 1, "times": 3},
-}
+from estimates import plain
 
 
 def problem(lives=10**9, limit=0.9, steps=20, chunk=25, **options):
-    return avrare.Problem(
-        systems.Mortal(systems.Walk(**options), lives),
-        avrare.stl(f"always (x < {limit})"),
-        steps=steps,
-        chunk=chunk,
-    )
-
-
-def plain(result):
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.failures.noise.tobytes(), result.robustness.tobytes()
+    system = systems.Mortal(systems.Walk(**options), lives)
+    return avrare.Problem(system, avrare.stl(f"always (x < {limit})"), steps=steps, chunk=chunk)
 
 
 def test_killed_after_every_batch(tmp_path):
@@ -72,9 +54,8 @@ def test_another_call_is_refused(tmp_path, change, told):
     with pytest.raises(avrare.UsageError) as caught:
         avrare.estimate(problem(), **{**call, **change})
     assert told in caught.value.message
-    assert plain(avrare.estimate(problem(), **call)) == plain(
-        avrare.estimate(problem(), seed=4, rollouts=400)
-    )
+    whole = avrare.estimate(problem(), seed=4, rollouts=400)
+    assert plain(avrare.estimate(problem(), **call)) == plain(whole)
 
 
 @pytest.mark.parametrize(
@@ -119,9 +100,8 @@ def test_rows_that_depend_on_their_neighbours_are_run_as_they_were(tmp_path):
             return {"x": super().step(state, noise)["x"] + 1e-9 * len(noise)}
 
     def sociable(lives):
-        return avrare.Problem(
-            systems.Mortal(Sociable(), lives), avrare.stl("always (x < 0.9)"), steps=20, chunk=25
-        )
+        system = systems.Mortal(Sociable(), lives)
+        return avrare.Problem(system, avrare.stl("always (x < 0.9)"), steps=20, chunk=25)
 
     with pytest.raises(systems.Killed):
         avrare.estimate(sociable(50), rollouts=200, checkpoint=tmp_path / "kept")
@@ -146,7 +126,7 @@ def test_the_step_that_differs_is_named(tmp_path):
         return avrare.Problem(Late(shift), avrare.stl("always (x < 0.9)"), steps=20, chunk=25)
 
     stop = iter([False, False, True])
-    estimator = ImportanceSampling(IsConfig(**OPTIONS["is"]))
+    estimator = ImportanceSampling(IsConfig(rollouts=300, proposal={"name": "gaussian", "mean": 0.3}))
     journal = Checkpoint.open(tmp_path / "own", {}).journal("it")
     with pytest.raises(Interrupted):
         run(late(0.0), estimator, SerialExecutor(), Settings(), journal=journal, stop=lambda: next(stop))
