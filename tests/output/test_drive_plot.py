@@ -22,12 +22,10 @@ def axes(tmp_path, monkeypatch):
     def draw(places, y, end):
         road = Road(lane_centres=(0.0, 4.0), lane_width=4.0, end=end)
         scene = Scene(0.1, road, 4.0, 2.0, ("other",), *np.array([[4.0], [2.0]]), np.array([True]))
-        frames = [
-            Frame(
-                t, World(np.array([t]), vehicles(x, 0.0), vehicles([x + 30.0], [y]), np.zeros(1)), *[None] * 3
-            )
-            for t, x in enumerate(places)
-        ]
+        frames = []
+        for t, x in enumerate(places):
+            world = World(np.array([t]), vehicles(x, 0.0), vehicles([x + 30.0], [y]), np.zeros(1))
+            frames.append(Frame(t, world, *[None] * 3))
         drawn = []
         monkeypatch.setattr(figures.Figure, "savefig", lambda self, *_, **__: drawn.append(self))
         plot_drive(frames, scene, "title").save(tmp_path / "drive.png")

@@ -9,6 +9,10 @@ from avrare.cli.main import main
 from avrare.output.report import render_report
 
 
+def first_card(html):
+    return html[html.index('id="verdict"') : html.index('id="estimates"')]
+
+
 @pytest.fixture
 def folder(made, tmp_path):
     return shutil.copytree(made, tmp_path / "run")
@@ -64,14 +68,12 @@ def test_what_is_decisive_and_when_it_was_lost_are_shown(analysed):
 
 
 def test_the_first_card_says_what_happens_and_what_helps_or_that_it_was_not_looked_for(folder, analysed):
-    page = render_report(analysed)
-    card = page[page.index('id="verdict"') : page.index('id="estimates"')]
+    card = first_card(render_report(analysed))
     assert "What happens: x &lt; 1 is violated first, at about" in card
     best = json.loads((analysed / "why.json").read_text())["attribution"]["left"]["perfect"][0]
     assert f"What helps most: {best['perfect']} {best['text']}." in card
     (analysed / "why.json").unlink()
-    page = render_report(analysed)
-    card = page[page.index('id="verdict"') : page.index('id="estimates"')]
+    card = first_card(render_report(analysed))
     assert "Not looked for: the causes and what would help." in card
 
 

@@ -1,12 +1,13 @@
-"""The report as a file: whole, safe, and honest about what it cannot show."""
+"""The report as a file: whole, safe, and honest about what it cannot show; and its templates."""
 
-import dataclasses
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 from avrare.analysis.page.build import build_report
 from avrare.analysis.page.model import ReportModel
@@ -16,6 +17,10 @@ from avrare.output.html.page import render_page
 from avrare.output.report import render_report
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
+
+
+def first_card(html):
+    return html[html.index('id="verdict"') : html.index('id="estimates"')]
 
 
 def films(html):
@@ -48,10 +53,9 @@ def test_a_model_of_drives_read_from_json_renders_the_same_page(lane_change):
 
 def test_numbers_that_are_not_finite_are_read_back(made):
     model = build_report(Run.read(made))
-    estimate = dataclasses.replace(model.sections[0].estimate, seconds=math.inf)
-    model = dataclasses.replace(
-        model, sections=(dataclasses.replace(model.sections[0], estimate=estimate), *model.sections[1:])
-    )
+    first, *others = model.sections
+    first = replace(first, estimate=replace(first.estimate, seconds=math.inf))
+    model = replace(model, sections=(first, *others))
     assert ReportModel.from_json(model.to_json()) == model
 
 
@@ -69,22 +73,19 @@ def test_every_estimate_is_in_the_table(made):
 
 
 def test_the_first_lines_say_whether_each_threshold_holds(plane, tamper):
-    shown = render_report(plane)
-    summary = shown[shown.index('id="verdict"') : shown.index('id="estimates"')]
+    summary = first_card(render_report(plane))
     assert "The threshold holds." in summary
     assert "; allowed is less than 90 %: it holds." in summary
     estimates = json.loads((plane / "result.json").read_text())["estimates"]
-    for entry, (verdict, low, high) in zip(
-        estimates, [("fail", 0.002, 0.004), ("inconclusive", 0.0005, 0.02)], strict=True
-    ):
+    known = [("fail", 0.002, 0.004), ("inconclusive", 0.0005, 0.02)]
+    for entry, (verdict, low, high) in zip(estimates, known, strict=True):
         entry |= {"verdict": verdict, "probability": (low * high) ** 0.5, "interval": [low, high]}
     tamper(plane, "result.json", estimates=estimates)
     text = (plane / "scenario.yaml").read_text()
     bound = "- specification: slow\n  probability: < 1e-3\n  confidence: 0.95\n"
     assert "thresholds:\n- specification: left\n  probability: < 0.9\n" in text
     (plane / "scenario.yaml").write_text(text.replace("thresholds:\n", f"thresholds:\n{bound}"))
-    summary = render_report(plane)
-    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    summary = first_card(render_report(plane))
     assert "0 of 2 thresholds hold, 1 is exceeded, 1 is undecided." in summary
     assert "broken in 1 in 350 rollouts of 2 s (1 in 500 to 1 in 250, 95 % confidence)" in summary
     assert "allowed is less than 1 in 1,000: undecided" in summary
@@ -93,8 +94,7 @@ def test_the_first_lines_say_whether_each_threshold_holds(plane, tamper):
 def test_without_thresholds_the_report_says_how_to_set_one(plane, tamper):
     estimates = json.loads((plane / "result.json").read_text())["estimates"]
     tamper(plane, "result.json", estimates=[{**one, "verdict": None} for one in estimates])
-    summary = render_report(plane)
-    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    summary = first_card(render_report(plane))
     assert "No threshold is set, so there is no verdict" in summary
     assert "thresholds: [{specification: left, probability: &#34;&lt; 1e-3&#34;}]" in summary
 
@@ -103,8 +103,7 @@ def test_a_known_exposure_gives_rates(plane):
     text = (plane / "scenario.yaml").read_text()
     exposure = "exposure: {count: 40, hours: 500.0}\n"
     (plane / "scenario.yaml").write_text(text + exposure)
-    summary = render_report(plane)
-    summary = summary[summary.index('id="verdict"') : summary.index('id="estimates"')]
+    summary = first_card(render_report(plane))
     p = json.loads((plane / "result.json").read_text())["estimates"][0]["probability"]
     assert f"On the road: once in {format_amount_in_words(1 / (40 / 500 * p))} hours (" in summary
     assert "This scene is met 0.08 times per hour (0.058 – 0.11), counted 40 times." in summary
@@ -155,17 +154,10 @@ def test_a_replay_has_its_road_vehicles_and_observations(lane_change):
     assert len(film["plan"][1]) > 5
     assert len(film["predicted"][1]) == 3
     assert "perception of cut_in" in html
-    for caption in (
-        "Error of cut_in as seen [m]",
-        "Distance to ",
-        "Speed [m/s]",
-        "Acceleration of the ego",
-        "Jerk",
-    ):
+    for caption in ("Error of cut_in as seen [m]", "Distance to ", "Speed [m/s]", "Acceleration of", "Jerk"):
         assert caption in html
-    assert html.count("Robustness if the noise ended here") == len(
-        re.findall(r">Lost at t = [\d.]+ s: with", html)
-    )
+    lost = re.findall(r">Lost at t = [\d.]+ s: with", html)
+    assert html.count("Robustness if the noise ended here") == len(lost)
     assert len(html) < 3_000_000
 
 
@@ -206,3 +198,36 @@ def test_each_number_leads_to_its_command(made):
     anchors = set(re.findall(r' id="([^"]+)"', html))
     assert set(re.findall(r' href="#([^"]+)"', html)) <= anchors
     assert re.search(r"avrare replay --run \S+ --specification left --failure \d+ --lost", html)
+
+
+def render(source, **values):
+    return load_templates().from_string(source).render(values)
+
+
+def test_text_and_attributes_are_escaped_and_markup_is_not():
+    values = {"a": "q\"'", "b": "a < b & c", "c": Markup("<b>x</b>")}
+    found = render('<p class="{{ a }}">{{ b }}{{ c }}{{ 3 }}</p>', **values)
+    assert found == '<p class="q&#34;&#39;">a &lt; b &amp; c<b>x</b>3</p>'
+
+
+def test_a_name_cannot_command_a_terminal_or_turn_the_text_around():
+    found = render('<p title="{{ a }}">{{ b }}</p>', a="\x07", b="\x1b[31mred\u202e\n")
+    assert found == '<p title="\\x07">\\x1b[31mred\\u202e\n</p>'
+
+
+def test_names_that_are_joined_or_made_a_part_of_text_are_escaped():
+    source = '{{ several | join(" · ") }} {{ name | replace("_", " ") }}'
+    found = render(source, several=["<", "\x07"], name="<_")
+    assert found == "&lt; · \\x07 &lt; "
+
+
+def test_no_text_ends_a_block_of_data():
+    block = render("{{ it | data | safe }}", it={"name": "</script><script>alert(1)"})
+    assert "<" not in block
+    assert json.loads(block) == {"name": "</script><script>alert(1)"}
+    with pytest.raises(ValueError, match="JSON"):
+        render("{{ it | data | safe }}", it=math.nan)
+
+
+def test_line_ends_and_indents_of_a_template_are_no_part_of_the_page():
+    assert render("<ul>\n  <li>{{ a }}</li>\n</ul>\n", a="x\n  y") == "<ul><li>x\n  y</li></ul>"

@@ -34,13 +34,6 @@ def test_a_result_is_one_readable_line(split):
     assert "few_roots" in repr(replace(split, health={"few_roots": "a reason"}))
 
 
-def test_all_specifications_at_once_equal_one_at_a_time(several):
-    assert list(several) == ["below_1.0", "below_1.5"]
-    for bound in (1.0, 1.5):
-        alone = avrare.estimate(walk(bound), rollouts=500, seed=3)
-        assert several[f"below_{bound}"].probability == alone.probability
-
-
 def test_table_is_plain_rows(several):
     rows = several.table()
     assert [row["specification"] for row in rows] == list(several)
@@ -80,8 +73,7 @@ def test_trace_takes_a_problem_with_a_tape_or_a_result_with_a_number(split):
 
 
 @pytest.mark.parametrize(
-    ("noise", "message"),
-    [(np.zeros((40, 1)), r"shape \(40, 1\)"), (np.zeros((2, 41, 1)), "one tape, not 2")],
+    ("noise", "message"), [(np.zeros((40, 1)), r"shape \(40, 1\)"), (np.zeros((2, 41, 1)), "one tape, not 2")]
 )
 def test_trace_refuses_what_does_not_fit(noise, message):
     with pytest.raises(avrare.UsageError, match=message):
@@ -105,28 +97,15 @@ def test_report_shows_the_failure_and_how_to_make_it_again(split, tmp_path):
 
 
 def test_a_pickled_result_has_lost_its_problem_and_says_so(split):
-    copy = pickle.loads(pickle.dumps(split.origin and _without_function(split)))
+    copy = pickle.loads(pickle.dumps(split.origin and replace(split, interval_at=_interval)))
     with pytest.raises(avrare.UsageError, match="does not know its problem"):
         copy.trace()
     with pytest.raises(avrare.UsageError, match="does not know its problem"):
         copy.report("nowhere.html")
 
 
-def _without_function(result):
-    import dataclasses
-
-    return dataclasses.replace(result, interval_at=_interval)
-
-
 def _interval(confidence):
     return 0.0, 1.0
-
-
-def test_progress_is_called_after_every_chunk():
-    seen = []
-    problem = avrare.Problem(systems.Walk(), avrare.stl("always (x < 1)"), steps=40, chunk=100)
-    avrare.estimate(problem, rollouts=500, progress=lambda info: seen.append(info.rollouts))
-    assert sorted(set(seen)) == [100, 200, 300, 400, 500]
 
 
 OF_A_PATH = ("run", "rate", "validate", "check", "why", "replay", "monitor", "report")

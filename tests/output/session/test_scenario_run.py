@@ -59,18 +59,11 @@ def test_a_string_is_one_setting(scenario):
             avrare.sensitivity(scenario, specification="in_lane", **options)
 
 
-UNGUARDED = """
-import avrare
-avrare.run("drive.yaml", out="here", workers=2)
-"""
-
-
 def test_an_unguarded_script_gets_one_error(scenario, monkeypatch):
-    Path("script.py").write_text(UNGUARDED)
+    Path("script.py").write_text('import avrare\navrare.run("drive.yaml", out="here", workers=2)\n')
     monkeypatch.setenv("PYTHONPATH", str(TOY))
-    done = subprocess.run(
-        [sys.executable, "script.py"], capture_output=True, text=True, timeout=60, check=False
-    )
+    words = [sys.executable, "script.py"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
     assert done.stderr.count("Traceback") == 1
     assert "put the call under `if __name__" in done.stderr.splitlines()[-1]
