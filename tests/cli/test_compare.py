@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from avrare.analysis.compare import study
 from avrare.cli.main import main
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
@@ -31,8 +32,7 @@ REPETITION = {
 
 def test_a_comparison_says_beforehand_how_long_it_takes(capsys):
     words = ["compare", "problem:d_rw_L2.5", "--estimators", "mc", "--repeat", "2"]
-    words += ["--budget", "rollouts=200"]
-    assert main([*words, "--plain"]) == 0
+    assert main([*words, "--budget", "rollouts=200", "--plain"]) == 0
     assert capsys.readouterr().err.startswith("2 estimates of 200 rollouts: under 1 s or more\n")
 
 
@@ -64,8 +64,6 @@ def test_problem_without_an_id_lists_reference_problems(capsys):
 
 
 def test_an_interruption_shows_finished_repetitions_and_exits_2(monkeypatch, capsys, tmp_path):
-    from avrare.analysis.compare import study
-
     real, calls = study.run, []
 
     def run(*args):
@@ -90,11 +88,7 @@ def test_an_interruption_shows_finished_repetitions_and_exits_2(monkeypatch, cap
         (["problem:d_rw_L2.5", "--estimators", "mc"], 4, "--budget is required"),
         (["problem:d_rw_L2.5", "--estimators", "mc", "--budget", "steps=99"], 4, "mc: a budget of steps=99"),
         (["problem:d_rw_L2.5", "--estimators", "amss", *SMALL], 5, "'ams'"),
-        (
-            ["problem:d_rw_L2.5", "--estimators", "mc", *SMALL, "--set", "scenario.steps=3"],
-            4,
-            "setting scenario.KEY",
-        ),
+        ([*WALK[1:], *SMALL, "--set", "scenario.steps=3"], 4, "setting scenario.KEY"),
         (["problem:d_rw_L2.5", "--estimators", "ce", *SMALL], 4, "no estimator can take"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL], 4, "choose one"),
         ([LANE_CHANGE, "--estimators", "mc", *SMALL, "--specification", "no_colision"], 4, "no_collision"),

@@ -48,14 +48,8 @@ def test_a_number_with_a_unit_is_no_number_of_a_formula(text):
         (("--until", "threshold=7"), "--until threshold: should be less"),
         (("--learned", "learned.json"), "--learned: the scenario's estimator has no such option"),
         (("--set", "seed=-1"), "--set seed: should be greater"),
-        (
-            ("--workers", "x"),
-            "avrare run: --workers must be a whole number, not 'x'\nhint: see avrare run --",
-        ),
-        (
-            ("--budget", "500"),
-            "budget '500' is not understood\nhint: write steps=1e6, rollouts=1000 or",
-        ),
+        (("--workers", "x"), "avrare run: --workers must be a whole number, not 'x'\nhint: see avrare run"),
+        (("--budget", "500"), "budget '500' is not understood\nhint: write steps=1e6, rollouts=1000 or"),
     ],
 )
 def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
@@ -63,8 +57,7 @@ def test_a_mistake_in_an_option_is_told_by_its_name(said, words, start):
 
 
 @pytest.mark.parametrize(
-    ("option", "names"),
-    [(("--learned", "learned.json"), "is"), (("--until", "threshold=1e-3"), "auto, mc")],
+    ("option", "names"), [(("--learned", "learned.json"), "is"), (("--until", "threshold=1e-3"), "auto, mc")]
 )
 def test_an_option_that_the_estimator_lacks_names_those_that_have_it(said, option, names):
     hint = said("run", "t.yaml", "--estimator", "ce", *option).splitlines()[1]
@@ -93,12 +86,6 @@ def test_an_infinite_memory_is_refused(said, estimator):
     assert "estimator.memory: should be a finite number, found inf" in error
 
 
-def test_a_class_is_no_system():
-    with pytest.raises(UsageError, match="Walk is a class, not a system") as caught:
-        avrare.Problem(Walk, stl("always (x < 1)"), steps=3)
-    assert caught.value.hint == "give an object of it, such as Walk()"
-
-
 @pytest.mark.parametrize("budget", [-1, 0, 2.5, float("nan"), "600"])
 def test_a_search_needs_rollouts(budget):
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
@@ -106,18 +93,17 @@ def test_a_search_needs_rollouts(budget):
         avrare.falsify(problem, budget=budget)
 
 
-def test_noise_that_is_nan_is_refused():
-    problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
-    for take in (partial(avrare.trace, problem), problem.robustness):
-        with pytest.raises(UsageError, match="the noise holds NaN"):
-            take([[float("nan")]] * 4)
+NO_ARRAY = "the noise is no array of numbers"
 
 
-@pytest.mark.parametrize("noise", ["worst", [[1.0], "x"], {}])
-def test_noise_that_is_no_array_is_refused(noise):
+@pytest.mark.parametrize(
+    ("noise", "told"),
+    [("worst", NO_ARRAY), ([[1.0], "x"], NO_ARRAY), ({}, NO_ARRAY), ([[float("nan")]] * 4, "holds NaN")],
+)
+def test_noise_that_is_no_array_of_numbers_is_refused(noise, told):
     problem = avrare.Problem(Walk(), stl("always (x < 1)"), steps=3)
     for take in (partial(avrare.trace, problem), problem.robustness):
-        with pytest.raises(UsageError, match="the noise is not an array of numbers"):
+        with pytest.raises(UsageError, match=told):
             take(noise)
 
 

@@ -11,8 +11,6 @@ from avrare.cli.main import main
 from avrare.plugin.component import KINDS
 
 ROOT = Path(__file__).parents[2]
-
-
 TOOLS = Path(sys.executable).parent
 
 
@@ -30,6 +28,14 @@ def make(kind, folder, name):
     return source
 
 
+def install(source, name):
+    """Give a package the metadata of an installed one."""
+    info = source / f"avrare_{name}-0.1.0.dist-info"
+    info.mkdir()
+    (info / "entry_points.txt").write_text(f"[avrare]\n{name} = avrare_{name}\n")
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: avrare-{name}\nVersion: 0.1.0\n")
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """Write one package of each kind: kind -> source folder; each with the metadata of an installed one."""
@@ -38,10 +44,7 @@ def packages(tmp_path_factory):
     sources["plain"] = make("controller --no-driving", folder, "qplain")
     sources["pair"] = make("simulator,controller", folder, "qpair")
     for kind, source in sources.items():
-        info = source / f"avrare_q{kind}-0.1.0.dist-info"
-        info.mkdir()
-        (info / "entry_points.txt").write_text(f"[avrare]\nq{kind} = avrare_q{kind}\n")
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: avrare-q{kind}\nVersion: 0.1.0\n")
+        install(source, f"q{kind}")
     return sources
 
 
@@ -54,9 +57,8 @@ def path(packages):
 def test_their_own_tests_pass(packages, path):
     tests = [source.parent / "tests" for source in packages.values()]
     options = ["-q", "--import-mode=importlib", "-p", "no:cacheprovider", "-p", "no:randomly"]
-    done = run(
-        [sys.executable, "-m", "pytest", *options, "--rootdir", tests[0].parents[1], *tests], PYTHONPATH=path
-    )
+    options += ["--rootdir", tests[0].parents[1]]
+    done = run([sys.executable, "-m", "pytest", *options, *tests], PYTHONPATH=path)
     summary = done.stdout.splitlines()[-1]
     assert done.returncode == 0, done.stdout
     assert "skipped" not in summary
@@ -91,14 +93,10 @@ def test_the_next_commands_are_printed(tmp_path, capsys):
 def test_a_template_with_more_noise_passes_its_tests(tmp_path):
     source = make("simulator --kind controller", tmp_path, "more")
     file = source / "avrare_more" / "simulator.py"
-    text = (
-        file.read_text().replace("noise_size = 1", "noise_size = 2").replace('("gust",)', '("gust", "rain")')
-    )
+    text = file.read_text().replace("noise_size = 1", "noise_size = 2")
+    text = text.replace('("gust",)', '("gust", "rain")')
     file.write_text(text.replace("noise[:, 0]", "(noise[:, 0] + noise[:, 1])"))
-    info = source / "avrare_more-0.1.0.dist-info"
-    info.mkdir()
-    (info / "entry_points.txt").write_text("[avrare]\nmore = avrare_more\n")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: avrare-more\nVersion: 0.1.0\n")
+    install(source, "more")
     path = os.pathsep.join(map(str, [source, ROOT]))
     done = run([sys.executable, "-m", "pytest", "-q", source.parent], PYTHONPATH=path)
     assert done.returncode == 0, done.stdout
@@ -135,20 +133,7 @@ def test_a_command_that_was_killed_can_be_repeated(tmp_path, monkeypatch, call):
     assert [path.name for path in tmp_path.iterdir()] == ["avrare-mine"]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "",
-        "../up",
-        "Mine",
-        "é",
-        "a--b",
-        "-",
-        "x" * 25,
-        "avrare-",
-        "a\nb",
-    ],
-)
+@pytest.mark.parametrize("name", ["", "../up", "Mine", "é", "a--b", "-", "x" * 25, "avrare-", "a\nb"])
 def test_bad_names_get_one_clear_line(name, tmp_path, capsys):
     assert main(["new", "plugin", f"--out={tmp_path}", "--kind", "tracker", "--", name]) == 4
     lines = capsys.readouterr().err.splitlines()

@@ -13,16 +13,10 @@ from avrare.plugin.registry import Registry
 
 HEAVY = {"torch", "pyro", "casadi", "matplotlib", "plotly", "ray", "pandas", "numba", "gymnasium", "scipy"}
 GRACE = RuleParameter("grace", "3", "s", "time to react", "[X20]")
+PARTS = (GRACE, RuleParameter("mode", "calm", "", "how", ""))
 FORMULA = "near(o) = gap(o) < 2\nalways not near(o)"
 CARDS = [
-    RuleCard(
-        name="R_A",
-        title="keep away",
-        text="Keep away from [all] others.\n  Always.",
-        formula=FORMULA,
-        parameters=(GRACE, RuleParameter("mode", "calm", "", "how", "")),
-        source="[X20] section 2",
-    ),
+    RuleCard("R_A", "keep away", "Keep away from [all] others.\n  Always.", FORMULA, PARTS, "[X20] part 2"),
     RuleCard("R_B", "stop", "Stop.", "eventually (speed < 0.1)", (), "ours"),
 ]
 
@@ -41,9 +35,7 @@ def no_cards():
 
 class Plugin:
     def __init__(self, name, rules):
-        self.part = Component(
-            "specification", name, "json:JSONDecoder", "json:loads", "for tests", rules=rules
-        )
+        self.part = Component("specification", name, "json:JSONDecoder", "json:loads", "a test", rules=rules)
 
     @hookimpl
     def avrare_components(self):
@@ -79,7 +71,7 @@ def test_a_card_shows_everything(offer, capsys):
     for words in (
         "R_A  keep away", "  Keep away from [all] others. Always.\n", "    near(o) = gap(o) < 2\n",
         "    always not near(o)\n", "  grace  3 s   time to react; [X20]\n", "  mode   calm  how\n",
-        "plugin: book, dist-book 1.0", "source: [X20] section 2",
+        "plugin: book, dist-book 1.0", "source: [X20] part 2",
     ):  # fmt: skip
         assert words in out
     assert "R_B" not in out

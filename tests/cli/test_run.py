@@ -133,7 +133,7 @@ def test_a_few_errors_are_told_beside_the_want_of_failures(drive, capsys):
         ("run one.yaml two.yaml --no-pictures", ["one/result.json", "two/result.json"]),
         ("check one.yaml two.yaml", ["check.json", "one/result.json"]),
         (
-            "compare one.yaml --specification in_lane --estimators mc --budget rollouts=500 --no-pictures",
+            "compare one.yaml --specification in_lane --estimators mc --budget steps=500",
             ["comparison.json"],
         ),
     ],

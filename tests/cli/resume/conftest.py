@@ -101,22 +101,31 @@ def inside(night, monkeypatch):
 
 
 @pytest.fixture
-def interrupted(night, monkeypatch):
-    """Run a command that is asked to stop once so many chunks are done."""
+def stopping(monkeypatch):
+    """Run a command, which is interrupted after so many chunks, and return how many it has saved."""
 
-    def interrupt(chunks, *words):
-        write = checkpoint.FileJournal.write
-        done = []
+    def run(words, chunks=None):
+        write, done = checkpoint.FileJournal.write, []
 
-        def counting(self, stage, index, *rest):
-            write(self, stage, index, *rest)
-            done.append(index)
+        def counting(self, *rest):
+            write(self, *rest)
+            done.append(rest)
             if len(done) == chunks:
-                os.kill(os.getpid(), 2)
+                os.kill(os.getpid(), signal.SIGINT)
 
         with monkeypatch.context() as patch:
             patch.setattr(checkpoint.FileJournal, "write", counting)
-            assert main(["run", *map(str, words), "--no-pictures"]) == 2
-        assert len(done) == chunks
+            assert main(words) == (0 if chunks is None else 2)
+        return len(done)
+
+    return run
+
+
+@pytest.fixture
+def interrupted(stopping):
+    """Run a command that is asked to stop once so many chunks are done."""
+
+    def interrupt(chunks, *words):
+        assert stopping(["run", *map(str, words), "--no-pictures"], chunks) == chunks
 
     return interrupt

@@ -1,12 +1,8 @@
 """Attribution, sensitivity and requirements that are killed go on, and end with the same bytes."""
 
-import os
-import signal
-
 import pytest
 
 from avrare.cli.main import main
-from avrare.estimation.loop import checkpoint
 
 COMMANDS = {
     "why": ["why", "night", "--specification", "near", "--fresh", "40"],
@@ -29,27 +25,6 @@ def finished(inside):
     text = (inside.folder / "walk.yaml").read_text()
     (inside.folder / "walk.yaml").write_text(text.replace("scale: 0.1", "scale: 0.2").replace("400", "100"))
     return inside
-
-
-@pytest.fixture
-def stopping(monkeypatch):
-    """Run a command, which is interrupted after so many chunks, and return how many it has saved."""
-
-    def run(words, chunks=None):
-        write, done = checkpoint.FileJournal.write, []
-
-        def counting(self, *rest):
-            write(self, *rest)
-            done.append(rest)
-            if len(done) == chunks:
-                os.kill(os.getpid(), signal.SIGINT)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(checkpoint.FileJournal, "write", counting)
-            assert main(words) == (0 if chunks is None else 2)
-        return len(done)
-
-    return run
 
 
 @pytest.mark.parametrize("command", COMMANDS)

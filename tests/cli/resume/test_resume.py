@@ -5,11 +5,13 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import avrare
 from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
+from avrare.output.terminal.progress_line import Progress
 
 
 @pytest.fixture(autouse=True)
@@ -25,9 +27,7 @@ def test_progress_continues_where_it_stopped(night, interrupted, monkeypatch):
     scenario = night.scenario()
     interrupted(7, scenario, "--out", "torn")
     seen = []
-    monkeypatch.setattr(
-        "avrare.output.terminal.progress_line.Progress.__call__", lambda self, info: seen.append(info)
-    )
+    monkeypatch.setattr(Progress, "__call__", lambda self, info: seen.append(info))
     assert run("--out", "torn", "--resume") == 0
     assert [info.rollouts for info in seen[:9]] == [10, 20, 30, 40, 50, 60, 70, 80, 90]
 
@@ -40,11 +40,8 @@ def test_finished_chunks_are_not_run_again(night, interrupted, monkeypatch):
     assert run(*words, "--out", "whole") == 0
     interrupted(130, *words, "--out", "torn")  # 40 chunks for each of four estimates
     assert (Path("torn") / "one" / "result.json").exists()
-    written = []
-    write = checkpoint.FileJournal.write
-    monkeypatch.setattr(
-        checkpoint.FileJournal, "write", lambda *args: (written.append(args[0].folder.name), write(*args))
-    )
+    written, write, journal = [], checkpoint.FileJournal.write, checkpoint.FileJournal
+    monkeypatch.setattr(journal, "write", lambda *args: (written.append(args[0].folder.name), write(*args)))
     assert run("--out", "torn", "--resume") == 0
     assert written == ["far"] * 30
     for name in ("one", "two"):
@@ -127,9 +124,10 @@ def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
 
 def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
+    own = avrare.__version__
     monkeypatch.setattr("avrare.base.version.__version__", "0.2.0")
     assert run("--out", "torn", "--resume") == 4
-    assert f'scenarios.walk.versions.avrare "{avrare.__version__}" -> "0.2.0"' in capsys.readouterr().err
+    assert f'scenarios.walk.versions.avrare "{own}" -> "0.2.0"' in capsys.readouterr().err
 
 
 def test_changed_code_is_found_by_replaying_a_rollout(night, interrupted, capsys, monkeypatch):
@@ -147,10 +145,8 @@ def test_an_interrupted_run_is_not_overwritten(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
     assert run(scenario, "--out", "torn") == 4
-    assert (
-        "torn: contains an interrupted run\nhint: resume with avrare run --out torn --resume;"
-        in capsys.readouterr().err
-    )
+    told = "torn: contains an interrupted run\nhint: resume with avrare run --out torn --resume;"
+    assert told in capsys.readouterr().err
     assert len(night.saved("torn")) == 2
 
 
@@ -207,17 +203,14 @@ def test_a_full_disk(night, capsys, monkeypatch):
     assert night.result("torn") == night.result("whole")
 
 
-def test_leftovers_of_a_killed_process_are_removed(night, interrupted):
+def test_leftovers_of_a_killed_process_are_removed(night, interrupted, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
     first = night.saved("torn")[0]
     (first.parent / f".{first.name}.x1y2").write_bytes(b"half a fi")
-    write, seen = checkpoint.FileJournal.write, []
-    checkpoint.FileJournal.write = lambda *args: (seen.append(sorted(first.parent.glob(".*"))), write(*args))
-    try:
-        assert run("--out", "torn", "--resume") == 0
-    finally:
-        checkpoint.FileJournal.write = write
-    assert seen[0] == []
+    write, seen, journal = checkpoint.FileJournal.write, [], checkpoint.FileJournal
+    monkeypatch.setattr(journal, "write", lambda *args: (seen.extend(first.parent.glob(".*")), write(*args)))
+    assert run("--out", "torn", "--resume") == 0
+    assert seen == []
 
 
 @pytest.mark.parametrize("several", [False, True])
@@ -228,20 +221,15 @@ def test_a_refused_run_leaves_nothing(night, several):
     assert not list(Path().glob("runs/*"))
     assert run(*words, "--budget", "rollouts=10", "--out", "kept") == 4
     assert not Path("kept").exists()
-    assert not Path("kept/checkpoint").exists()
 
 
 def test_only_one_process_resumes_in_a_folder(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
-    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).hold():
-        for words in (
-            ["--out", "torn", "--resume"],
-            [scenario, "--out", "torn", "--resume"],
-            [scenario, "--out", "torn"],
-        ):
+    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
+        for words in (["--resume"], [scenario, "--resume"], [scenario]):
             capsys.readouterr()
-            assert run(*words) == 4
+            assert run(*words, "--out", "torn") == 4
             assert "another process is using this folder" in capsys.readouterr().err
     assert len(night.saved("torn")) == 2
     assert run("--out", "torn", "--resume") == 0
@@ -304,3 +292,32 @@ def test_a_folder_with_an_interrupted_run_inside_is_not_finished(night, interrup
     assert run("--out", "both/two", "--resume") == 0
     assert run("--out", "both", "--resume") == 0
     assert "already finished" in capsys.readouterr().err
+
+
+def test_the_file_of_another_chunk_is_refused(night, interrupted, capsys):
+    interrupted(4, night.scenario(), "--out", "torn")
+    first, *_, last = night.saved("torn")
+    last.write_bytes(first.read_bytes())
+    assert run("--out", "torn", "--resume") == 4
+    assert "belongs to another estimate" in capsys.readouterr().err
+
+
+def test_nothing_is_unpickled(night, interrupted, capsys):
+    interrupted(2, night.scenario(), "--out", "torn")
+    path = night.saved("torn")[1]
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    np.savez(path, **{**arrays, "messages": np.array([{"an": "object"}], dtype=object)})
+    assert run("--out", "torn", "--resume") == 4
+    assert "damaged: it holds something else than arrays" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 1}', '{"schema": 1, "task": 3, "about": {}}'])
+def test_a_damaged_index_is_refused(night, interrupted, capsys, text):
+    interrupted(2, night.scenario(), "--out", "torn")
+    Path("torn/checkpoint/checkpoint.json").write_text(text)
+    assert run("--out", "torn", "--resume") == 4
+    err = capsys.readouterr().err
+    reason = "this is not a checkpoint" if text.startswith('{"') else "cannot be read: "
+    assert f"checkpoint.json: {reason}" in err
+    assert "start afresh in another folder" in err
