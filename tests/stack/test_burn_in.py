@@ -98,9 +98,8 @@ def test_a_proposal_starts_from_the_burn_in_of_the_target():
     weighted = WeightedLoop(loop, proposal, SamplingLaw())
     start = weighted.initial(noise)
     assert not start.log_weight.any()
-    for one, other in zip(
-        batch.leaves(start.loop.track), batch.leaves(loop.initial(noise).track), strict=True
-    ):
+    tracks = (batch.leaves(track) for track in (start.loop.track, loop.initial(noise).track))
+    for one, other in zip(*tracks, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -108,17 +107,14 @@ def test_a_proposal_starts_from_the_burn_in_of_the_target():
 def test_the_density_ratio_of_another_model_counts_the_burn_in(persistence):
     settings = (*BURNING, "simulator.ego.x=-20.0", "tracker.burn_in=0.5", "steps=1")
     model = "perception={{plugin: parametric, persistence: {}, detection_range: {}}}"
-    loaded, other = (
-        LoadedScenario(load(str(SCENARIO), (model.format(persistence, far), *settings))) for far in (54, 56)
-    )
+    blocks = (model.format(persistence, far) for far in (54, 56))
+    loaded, other = (LoadedScenario(load(str(SCENARIO), (block, *settings))) for block in blocks)
     problem = loaded.problem(("no_collision",))
     rng = np.random.default_rng(5)
     tapes = rng.standard_normal((4000, 2, problem.noise_size))
     weight = np.exp(log_ratios(problem, [other.stack.loop.perception], tapes)[:, 0])
-    exists = [
-        loop.tracker.estimate(loop.initial(tapes[:, 0]).track).exists[:, 0]
-        for loop in (problem.system, other.stack.loop)
-    ]
+    loops = (problem.system, other.stack.loop)
+    exists = [loop.tracker.estimate(loop.initial(tapes[:, 0]).track).exists[:, 0] for loop in loops]
     spread = np.std(weight * exists[0]) / np.sqrt(len(tapes)) + 0.5 / np.sqrt(len(tapes))
     assert exists[1].mean() > exists[0].mean() + 2.0 * spread / 3.0
     assert np.mean(weight * exists[0]) == pytest.approx(exists[1].mean(), abs=3.0 * spread)

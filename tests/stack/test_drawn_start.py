@@ -7,6 +7,7 @@ from avrare import estimate
 from avrare.base.errors import PluginError
 from avrare.cli.main import main
 from avrare.rollout.loaded_scenario import load
+from avrare.rollout.replay import replay_tape
 
 SCENE = """\
 name: drawn
@@ -110,8 +111,6 @@ def test_a_broken_rule_may_be_kept_as_a_failure(loaded):
 
 
 def test_a_replayed_tape_is_the_same_scene(loaded):
-    from avrare.rollout.replay import replay_tape
-
     problem = loaded().problem("apart")
     tape = noise(5, problem.system.noise_size, seed=3)
     one, other = (replay_tape(problem, tape) for _ in range(2))

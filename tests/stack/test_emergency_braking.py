@@ -43,9 +43,8 @@ def drive(options, speed, place, y=0.0, other_speed=0.0, heading=0.0, accelerati
     for step in range(steps):
         ego = Vehicles(*(np.array([part]) for part in (x, 0.0, heading, v, 0.0)))
         ahead = place + other_speed * DT * (step + np.arange(6.0))
-        action, memory = controller.act(
-            memory, ego, Prediction(ahead[None, None], np.full((1, 1, 6), float(y)))
-        )
+        prediction = Prediction(ahead[None, None], np.full((1, 1, 6), float(y)))
+        action, memory = controller.act(memory, ego, prediction)
         a = float(action.acceleration[0])
         found.append((ahead[0] - x - LENGTH, v, a))
         assert action.yaw_rate[0] == 0.01
@@ -66,10 +65,9 @@ def test_it_begins_where_more_braking_is_needed_after_a_delay_and_along_a_ramp()
 
 
 def test_a_later_begin_hits_and_an_earlier_one_stops_farther_away():
-    nearest = [
-        drive(Aeb(needed_deceleration=needed, delay=delay), 25.0, 150.0)[0].min()
-        for needed, delay in ((3.0, 0.0), (5.0, 0.2), (7.9, 0.5))
-    ]
+    cases = ((3.0, 0.0), (5.0, 0.2), (7.9, 0.5))
+    blocks = (Aeb(needed_deceleration=needed, delay=delay) for needed, delay in cases)
+    nearest = [drive(block, 25.0, 150.0)[0].min() for block in blocks]
     assert nearest[0] > nearest[1] > 0.0 > nearest[2]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare.analysis.check import validation
 from avrare.base.errors import AvrareError, UsageError
 from avrare.cli.main import main
 from avrare.driving import Action, ObservingEgo, Prediction, Road, Scene, Vehicles
@@ -17,6 +18,7 @@ SCENE = Scene(
     names=("near", "lost"), lengths=np.array([4.0, 4.0]), widths=np.array([2.0, 2.0]),
     moving=np.array([True, True]),
 )  # fmt: skip
+NEW = ["new", "scenario", "cart", "--simulator", "gymnasium", "--set", "env=Pendulum-v1"]
 SEEN = """\
 def act(o):
     car = o.others["near"]
@@ -123,10 +125,7 @@ def test_a_file_that_is_missing(tmp_path):
 @pytest.fixture
 def scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert (
-        main(["new", "scenario", "cart", "--simulator", "gymnasium", "--set", "env=Pendulum-v1", "--act"])
-        == 0
-    )
+    assert main([*NEW, "--act"]) == 0
     return tmp_path / "cart.yaml"
 
 
@@ -138,13 +137,12 @@ def test_a_new_scenario_with_a_function_runs_and_belongs_to_its_fingerprint(scen
     assert result.diagnostics is not None
     Path("cart.py").write_text("def act(observation):\n    return 0.0\n")
     assert fingerprint(avrare.load(scenario, ["steps=5"]).definition) != before
-    assert main(["new", "scenario", "cart", "--simulator", "gymnasium", "--set", "env=Pendulum-v1"]) == 4
+    assert main(NEW) == 4
 
 
 def test_what_a_function_raises_is_an_error_of_its_rollout(scenario):
-    Path("cart.py").write_text(
-        "def act(o):\n    if o[0] < 0.0:\n        raise OSError('no map')\n    return 0.0\n"
-    )
+    code = "def act(o):\n    if o[0] < 0.0:\n        raise OSError('no map')\n    return 0.0\n"
+    Path("cart.py").write_text(code)
     result = avrare.estimate(avrare.load(scenario, ["steps=1"]).problem("first"), rollouts=40)
     assert 0 < result.errors < 40
     assert "no map" in result.health["errors"]
@@ -187,8 +185,6 @@ def test_what_a_function_raises_is_told_by_validate_and_no_run_passes(scenario, 
 
 
 def test_a_command_that_is_ended_by_a_part_of_the_stack_has_not_passed(scenario, capsys, monkeypatch):
-    from avrare.analysis.check import validation
-
     monkeypatch.setattr(validation, "load", lambda *_: exit(0))
     assert main(["validate", str(scenario)]) == 5
     assert "a part of the stack ends the program, by exit(0)" in capsys.readouterr().err

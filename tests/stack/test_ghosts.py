@@ -1,6 +1,5 @@
 """Stacks with false detections: what they need, and that their rollouts keep the promises of all rollouts."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,8 @@ import avrare
 from avrare.cli.main import main
 from avrare.driving import Scene
 from avrare.rollout.loaded_scenario import load
-from avrare.testing import faulty_systems as systems
+from avrare.testing.faulty_systems import Mortal
+from estimates import estimate_through_kills, plain
 
 LANE_CHANGE = str(Path(__file__).parents[2] / "scenarios" / "lane_change.yaml")
 GHOSTS = "perception.ghosts={rate: 0.5, persistence: 0.4, forward: [5, 40]}"
@@ -34,34 +34,26 @@ def problem(tmp_path):
     cheap = f"controller={{plugin: function, file: {tmp_path / 'brake.py'}, batched: true}}"
     perception = GHOSTS.replace("perception.ghosts=", "perception={plugin: parametric, ghosts: ") + "}"
 
-    def build(lives=None):
-        found = load(LANE_CHANGE, (perception, ASSOCIATE, cheap, "steps=22", "chunk=8"))
-        built = found.problem("no_abrupt_braking")
-        if lives is not None:
-            built.system = systems.Mortal(built.system, lives)
+    def build(lives):
+        loaded = load(LANE_CHANGE, (perception, ASSOCIATE, cheap, "steps=22", "chunk=8"))
+        built = loaded.problem("no_abrupt_braking")
+        built.system = Mortal(built.system, lives)
         return built
 
     return build
 
 
 def estimate(problem, **options):
-    result = avrare.estimate(problem, "ams", seed=3, particles=8, discard=2, runs=2, **options)
-    content = json.loads(result.to_json())
-    del content["seconds"]
-    return content, result.failures.noise.tobytes(), result.robustness.tobytes()
+    return plain(avrare.estimate(problem, "ams", seed=3, particles=8, discard=2, runs=2, **options))
 
 
 @pytest.mark.slow
 def test_splitting_with_ghosts_that_is_killed_goes_on_to_the_same_bits(problem, tmp_path):
-    whole, lives, deaths = estimate(problem(10**9)), 120, 0
-    while True:
-        try:
-            found = estimate(problem(lives), checkpoint=tmp_path / "kept")
-            break
-        except systems.Killed:
-            lives, deaths = lives + 40, deaths + 1
-    assert deaths > 1
-    assert found == whole
+    found, kills = estimate_through_kills(
+        lambda kills: estimate(problem(120 + 40 * kills), checkpoint=tmp_path / "kept")
+    )
+    assert kills > 1
+    assert found == estimate(problem(np.inf))
 
 
 def test_a_tracker_that_is_told_the_vehicle_is_refused(capsys):

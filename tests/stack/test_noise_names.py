@@ -6,6 +6,7 @@ import pytest
 import avrare
 from avrare import UsageError
 from avrare.cli.main import main
+from plain_systems import Still
 
 TANK = """
 name: tank
@@ -16,19 +17,10 @@ estimator: {plugin: mc, rollouts: 5}
 """
 
 
-class Gusts:
+class Gusts(Still):
     """A system with two noise numbers."""
 
     noise_size = 2
-
-    def initial(self, noise):
-        return noise[:, 0]
-
-    def step(self, state, noise):
-        return state + noise[:, 1]
-
-    def signals(self, state):
-        return {"x": state}
 
 
 def problem(**members):
@@ -72,9 +64,8 @@ def test_a_problem_refuses_declarations_of_another_type(members, words):
 
 
 def test_declarations_that_fit_are_accepted():
-    assert problem(warnings={"coarse": "a warning"}, lacks={"noise": "a clock"}).system.warnings == {
-        "coarse": "a warning"
-    }
+    warnings = {"coarse": "a warning"}
+    assert problem(warnings=warnings, lacks={"noise": "a clock"}).system.warnings == warnings
     assert problem(warnings={}, lacks={}, scene=None).scene is None
 
 

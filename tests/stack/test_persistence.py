@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import avrare
+import toy_closed_loop as toy
 from avrare.base import batch
-from avrare.driving import Action, Observation, Road, Scene, Vehicles
+from avrare.driving import Observation
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.stack.closed_loop import ClosedLoop
@@ -17,33 +18,13 @@ from avrare_gp_pem.config import NaivePemConfig
 from avrare_gp_pem.runtime.models import build_naive
 
 STEPS, DT, TAU = 8, 0.1, 0.3
-ONE = np.ones(1)
-SCENE = Scene(DT, Road((0.0,), 3.5), 4.5, 1.8, ("parked",), 4.5 * ONE, 1.8 * ONE, np.zeros(1, bool))
+SCENE = dataclasses.replace(toy.scene(), dt=DT)
 
 
-@dataclass(frozen=True)
-class Place:
-    """Ego and one parked vehicle; ``lost`` adds up what the controller asks for."""
-
-    ego: Vehicles
-    others: Vehicles
-    lost: np.ndarray
-
-
-class Line:
+class Line(toy.Line):
     """Another vehicle stands 10 m ahead."""
 
-    scene, dt, noise_size = SCENE, DT, 2
-
-    def reset(self, noise):
-        zero, one = np.zeros(len(noise)), np.zeros((len(noise), 1))
-        return Place(Vehicles(*[zero] * 5), Vehicles(one + 10.0, one, one, one, one), zero)
-
-    def step(self, world, action, noise):
-        return dataclasses.replace(world, lost=world.lost + action.acceleration)
-
-    def signals(self, world):
-        return {"lost": world.lost}
+    dt, noise_size = DT, 2
 
 
 class LastError:
@@ -57,18 +38,6 @@ class LastError:
 
     def predict(self, track, steps):
         return track
-
-
-class Believes:
-    """Asks for the error that was heard last."""
-
-    horizon = 0
-
-    def start(self, n):
-        return np.zeros(n)
-
-    def act(self, memory, ego, prediction):
-        return Action(prediction, np.zeros_like(prediction)), memory
 
 
 @dataclass(frozen=True)
@@ -98,7 +67,7 @@ def naive(position=TAU):
 
 
 def problem(perception, formula="always (lost < 9)", chunk=1024):
-    loop = ClosedLoop(Line(), perception, LastError(), Believes())
+    loop = ClosedLoop(Line(SCENE), perception, LastError(), toy.Believes())
     return avrare.Problem(loop, avrare.stl(formula), STEPS, chunk=chunk)
 
 

@@ -54,10 +54,8 @@ def test_a_part_that_cannot_be_built_names_the_place(build, name):
     source, reason, place = SOURCES[name]
     with pytest.raises(PluginError) as raised:
         build(source)
-    assert (
-        f"simulator 'odd' {'' if name in ('none', 'members') else 'of avrare-odd '}{reason}"
-        in raised.value.message
-    )
+    owner = "" if name in ("none", "members") else "of avrare-odd "
+    assert f"simulator 'odd' {owner}{reason}" in raised.value.message
     assert place in raised.value.message
     assert "avrare plugins --check odd" in raised.value.hint
 

@@ -72,9 +72,8 @@ def test_the_controller_sees_the_signals_and_workers_change_no_bit(load, code):
     state = stack.loop.step(stack.loop.initial(np.zeros((3, 1))), np.ones((3, 1)))
     later = stack.loop.step(state, np.zeros((3, 1)))
     np.testing.assert_allclose(stack.loop.signals(later)["x"], 0.9)
-    one, two = (
-        avrare.estimate(load(code).problem("near"), "mc", rollouts=40, workers=workers) for workers in (1, 2)
-    )
+    problem = load(code).problem("near")
+    one, two = (avrare.estimate(problem, "mc", rollouts=40, workers=workers) for workers in (1, 2))
     assert 0 < one.probability < 1
     np.testing.assert_array_equal(one.robustness, two.robustness)
 
@@ -113,12 +112,7 @@ def test_mistakes_of_the_file_are_told(load, code, settings, message):
 @pytest.mark.parametrize(
     ("old", "new", "message", "hint"),
     [
-        (
-            "seen[:, :1]",
-            "seen.speed",
-            "the controller breaks down",
-            "the signals x: give the simulator's state",
-        ),
+        ("seen[:, :1]", "seen.speed", "the controller breaks down", "the signals x: give the simulator's"),
         ("action[:, 0]", "action.force", "the stack breaks down", "the controller's action, an array (1, 1)"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Parts that do not fit each other are refused, with the place."""
+"""Parts that do not fit each other are refused, with the place; controllers that see the truth."""
 
 import math
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 
 from avrare import FormulaError, estimate
 from avrare.cli.main import main
-from avrare.driving import Observation
+from avrare.driving import Action, Observation
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
 from avrare.stack.closed_loop import LoopState
@@ -76,11 +76,48 @@ def test_the_first_part_with_a_nan_is_named(seen, predicted, told):
     """Leave out what a slot without a detection has, which is NaN by definition."""
     x = np.array([seen])
     state = LoopState(SimpleNamespace(ego=0.0), Observation(np.array([[True, False]]), x, x, x), None, None)
-    loop = SimpleNamespace(
-        controller=True,
-        show=lambda world: world.ego,
-        predict=lambda state: np.full(1, predicted),
-        act=lambda state: (math.nan, None),
-    )
+    parts = {"predict": lambda state: np.full(1, predicted), "act": lambda state: (math.nan, None)}
+    loop = SimpleNamespace(controller=True, show=lambda world: world.ego, **parts)
     assert _find_nan(loop, [state, state]) == (told, 0)
     assert _find_nan(loop, [state]) is None
+
+
+class Watcher:
+    """Controller without a base class that keeps the last prediction."""
+
+    horizon = 2
+
+    def __init__(self, sees_truth):
+        self.sees_truth = sees_truth
+
+    def start(self, n):
+        return None
+
+    def act(self, memory, ego, prediction):
+        self.seen = prediction
+        zeros = np.zeros_like(ego.x)
+        return Action(zeros, zeros), None
+
+
+def loop_of(watcher):
+    vehicle = {"name": "car", "x": 50.0, "y": 1.75, "speed": 10.0}
+    options = {"dt": 0.2, "ego": {"x": 0.0, "y": 1.75, "speed": 20.0}, "vehicles": [vehicle]}
+    return ClosedLoop(build(SingleTrackConfig.model_validate(options)), controller=watcher)
+
+
+def test_a_controller_that_sees_the_truth_needs_no_tracker():
+    watcher = Watcher(sees_truth=True)
+    loop = loop_of(watcher)
+    noise = np.zeros((3, loop.noise_size))
+    state = loop.step(loop.initial(noise), noise)
+    loop.step(state, noise)
+    np.testing.assert_allclose(watcher.seen.x[:, 0], np.tile([52.0, 54.0, 56.0], (3, 1)))
+    np.testing.assert_allclose(watcher.seen.y, 1.75)
+
+
+def test_another_controller_gets_what_the_tracker_says():
+    watcher = Watcher(sees_truth=False)
+    loop = loop_of(watcher)
+    noise = np.zeros((3, loop.noise_size))
+    loop.step(loop.initial(noise), noise)
+    assert watcher.seen is None

@@ -90,10 +90,9 @@ def estimate(system, estimator="mc", **options):
     return avrare.estimate(problem, estimator, **{**sizes[estimator], **quiet, **options})
 
 
-@pytest.mark.parametrize(
-    "system", [InPlace(), InNoise(), InPlaceRarely(), InPlaceWhereItCan(), InPlaceBehindTheView()]
-)
-def test_a_step_that_changes_what_it_is_given_is_refused_by_splitting_alone(system):
+@pytest.mark.parametrize("kind", [InPlace, InNoise, InPlaceRarely, InPlaceWhereItCan, InPlaceBehindTheView])
+def test_a_step_that_changes_what_it_is_given_is_refused_by_splitting_alone(kind):
+    system = kind()
     with pytest.raises(avrare.UsageError, match=r"ams must continue rollouts from others.* a step changes"):
         estimate(system, "ams")
     result, sound = estimate(system), estimate(Walk())
@@ -111,10 +110,7 @@ def test_the_line_that_writes_is_named():
         (lambda x: 1e-3 * np.random.normal(size=len(x)), r"it reads numpy\.random"),
         (lambda x: 1e-3 * random.random(), r"it reads the module random at test_determinism\.py:\d+"),
         (lambda x: random.gauss(0.0, 1e-3), r"it reads the module random at test_determinism\.py:\d+"),
-        (
-            lambda x: 1e-6 * (time.perf_counter() % 1.0),
-            r"it reads time\.perf_counter at test_determinism",
-        ),
+        (lambda x: 1e-6 * (time.perf_counter() % 1.0), r"it reads time\.perf_counter at test_determinism"),
         (lambda x: 1e-3 * GENERATOR.normal(), "it keeps a state of its own"),
     ],
 )
@@ -174,10 +170,9 @@ def test_it_goes_unnoticed():
 
 
 def test_each_health_warning_reaches_python():
-    with pytest.warns(avrare.HealthWarning) as told:
+    with pytest.warns(avrare.HealthWarning) as caught:
         result = estimate(Adds(lambda x: time.time()))
     assert set(result.health) == {"not_deterministic", "all_failed"}
-    assert [str(one.message) for one in told] == [
-        f"specification: {name}: {text}" for name, text in result.health.items()
-    ]
-    assert {one.filename for one in told} == {__file__}
+    expected = [f"specification: {name}: {text}" for name, text in result.health.items()]
+    assert [str(warning.message) for warning in caught] == expected
+    assert {warning.filename for warning in caught} == {__file__}

@@ -33,13 +33,10 @@ def folder(tmp_path):
 
 
 def run(folder, *words):
-    environment = {
-        **os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(folder)]), "OMP_NUM_THREADS": "1",
-        "AVRARE_PLUGINS": "avrare,estimators,gymnasium",
-    }  # fmt: skip
-    return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+    path = os.pathsep.join([str(ROOT), str(folder)])
+    variables = {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "AVRARE_PLUGINS": "avrare,estimators,gymnasium"}
+    options = {"env": os.environ | variables, "capture_output": True, "text": True, "check": False}
+    return subprocess.run([sys.executable, *words], cwd=folder, **options)
 
 
 @pytest.mark.slow

@@ -42,9 +42,8 @@ def test_other_estimators_accept_worlds(toys):
 
 
 def test_a_nondeterministic_world_is_refused_by_splitting_before_anything_runs(toys):
-    with pytest.raises(
-        UsageError, match=r"ams must continue rollouts from others.*signal 'x' differs from step"
-    ):
+    words = r"ams must continue rollouts from others.*signal 'x' differs from step"
+    with pytest.raises(UsageError, match=words):
         estimate(as_system(toys.Careless), **AMS)
     assert estimate(as_system(toys.Careless), "mc", rollouts=20).errors == 0
 
@@ -57,18 +56,17 @@ def test_a_world_that_is_nondeterministic_later_is_refused_at_the_first_branch(t
 def test_a_world_whose_reset_leaves_traces_needs_reuse_false(toys):
     with pytest.raises(UsageError, match="continue rollouts from others"):
         estimate(as_system(toys.Leaky), **AMS)
-    assert plain(estimate(as_system(toys.Leaky, reuse=False), **AMS)) == plain(
-        estimate(as_system(toys.Walk), **AMS)
-    )
+    systems = as_system(toys.Leaky, reuse=False), as_system(toys.Walk)
+    found, expected = (plain(estimate(system, **AMS)) for system in systems)
+    assert found == expected
 
 
 @pytest.mark.parametrize(
     ("name", "reason"), [("Entangled", "signal 'x' differs"), ("Brittle", "it raises AssertionError")]
 )
 def test_deep_copies_that_do_not_continue_like_the_world_are_refused(toys, name, reason):
-    with pytest.raises(
-        UsageError, match=f"copy of the world by deepcopy does not continue like the world.*{reason}"
-    ):
+    words = f"copy of the world by deepcopy does not continue like the world.*{reason}"
+    with pytest.raises(UsageError, match=words):
         estimate(as_system(getattr(toys, name), copy="deepcopy"), **AMS)
     found = plain(estimate(as_system(getattr(toys, name)), **AMS))
     assert found == plain(estimate(as_system(toys.Walk), **AMS))
@@ -94,6 +92,5 @@ def test_an_estimator_names_missing_capabilities_before_anything_runs(toys):
         require(system, "ams", ("branches",))
     with pytest.raises(UsageError, match="ess must choose the noise"):
         require(as_system(toys.Careless), "ess", ("noise",))
-    require(
-        avrare.Problem(toys.BatchWalk(), avrare.stl("x < 1"), steps=1).system, "ess", ("noise", "branches")
-    )
+    batched = avrare.Problem(toys.BatchWalk(), avrare.stl("x < 1"), steps=1).system
+    require(batched, "ess", ("noise", "branches"))

@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -101,15 +102,5 @@ def test_a_step_that_swallows_exceptions_is_still_interrupted():
 
 
 def test_a_limit_needs_the_main_thread(toys):
-    caught = []
-
-    def run():
-        try:
-            estimate(toys.Walk, step_timeout=1.0)
-        except UsageError as error:
-            caught.append(str(error))
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    assert "main thread" in caught[0]
+    with ThreadPoolExecutor() as threads, pytest.raises(UsageError, match="main thread"):
+        threads.submit(estimate, toys.Walk, step_timeout=1.0).result()

@@ -1,16 +1,18 @@
-"""Worlds one at a time are one system of values."""
+"""Worlds one at a time are one system of values, with noise on what they see and do, and drawn options."""
 
 import pickle
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import avrare
 from avrare.base import batch
 from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.worlds import Worlds, as_system
+from avrare.worlds import Channel, Noisy, Worlds, as_system
+from avrare.worlds.drawn_worlds import DrawnWorlds
 
 STEPS = 12
 COPIES = ("replay", "deepcopy", "hook")
@@ -165,3 +167,114 @@ def test_arrays_given_to_a_world_are_read_only(toys):
     result = avrare.estimate(problem, "mc", rollouts=10)
     assert result.errors == 10
     assert "read-only" in result.health["errors"]
+
+
+@pytest.mark.parametrize(
+    ("law", "reference"),
+    [("normal", stats.norm(0, 2)), ("uniform", stats.uniform(-2, 4)), ("laplace", stats.laplace(0, 2))],
+)
+def test_a_channel_has_its_law(law, reference):
+    normals = np.array([-3.0, -1.0, -0.1, 0.4, 1.7, 6.0])
+    found = Channel(6, 2.0, law)(normals)
+    np.testing.assert_allclose(found, reference.isf(stats.norm.sf(normals)), rtol=1e-9)
+
+
+def test_every_channel_reads_its_own_numbers(toys):
+    channels = {"action": Channel(1, 10.0), "observation": Channel(1, 100.0), "initial": Channel(1, 1000.0)}
+    system = as_system(lambda: Noisy(toys.Displaced(), **channels), toys.Push())
+    assert system.noise_size == 4
+    own, action, observation, initial = np.eye(4)
+    zero = np.zeros(4)
+    rows = np.stack([zero, own, action, observation, initial])
+    state = system.initial(rows)
+    np.testing.assert_array_equal(state.world.signals["x"], [0.0, 0.1, 0.0, 0.0, 1000.0])
+    np.testing.assert_array_equal(state.world.seen[:, 0], [0.0, 0.1, 0.0, 100.0, 1000.0])
+    start = system.initial(np.zeros((5, 4)))
+    after = system.step(start, rows)
+    np.testing.assert_allclose(after.world.signals["x"], [0.0, 0.1, 10.0, 0.0, 0.0])
+    np.testing.assert_allclose(after.world.seen[:, 0], [0.0, 0.1, 10.0, 100.0, 0.0])
+    acting = system.step(state, np.zeros((5, 4)))  # on what was seen
+    np.testing.assert_allclose(acting.world.signals["x"][3], -10.0)
+
+
+@pytest.mark.parametrize("copy", ["hook", "deepcopy", "replay"])
+def test_a_noisy_world_is_copied_with_its_noise(toys, copy):
+    class Both(toys.Hooked):
+        def displace(self, delta):
+            self.x += float(delta[0])
+
+    system = as_system(lambda: Noisy(Both(), observation=Channel(1, 1.0)), toys.Push(), copy=copy)
+    noise = np.random.default_rng(0).normal(size=(3, 5, 2))
+    state = system.initial(noise[:, 0])
+    courses = []
+    for _ in range(3):
+        on = system.step(system.step(state, noise[:, 1]), noise[:, 2])
+        courses.append(np.concatenate([on.world.seen, on.world.signals["x"][:, None]], axis=1))
+    np.testing.assert_array_equal(courses[0], courses[1])
+    np.testing.assert_array_equal(courses[0], courses[2])
+
+
+def test_arguments_that_do_not_fit_are_refused(toys):
+    with pytest.raises(UsageError, match="no displace"):
+        Noisy(toys.Walk(), initial=Channel(1))
+    system = as_system(lambda: Noisy(toys.Walk(), action=Channel(2)), toys.Push())
+    with pytest.raises(UsageError, match="noise on 2 numbers of an action, which has 1"):
+        system.step(system.initial(np.zeros((1, 3))), np.zeros((1, 3)))
+
+
+class Drifting:
+    """A walk with a drift of its own."""
+
+    noise_size = 1
+
+    def __init__(self):
+        self.options = {"drift": 0.0}
+
+    def assign(self, values):
+        self.options |= values
+
+    def reset(self, noise):
+        self.x, self.drift = float(noise[0]), self.options["drift"]
+
+    def step(self, action, noise):
+        self.x += self.drift + float(noise[0])
+
+    def signals(self):
+        return {"x": self.x}
+
+    def snapshot(self):
+        return self.x, self.drift
+
+    def restore(self, snapshot):
+        self.x, self.drift = snapshot
+
+
+def drive(worlds, world, noise):
+    for row in noise:
+        world = worlds.step(world, None, row)
+    return world
+
+
+@pytest.mark.parametrize("copy", ["replay", "deepcopy", "hook"])
+def test_branches_keep_their_numbers(copy):
+    worlds = DrawnWorlds(Drifting, copy=copy).drawing({"drift": None})
+    assert worlds.noise_size == 1
+    noise = np.random.default_rng(0).standard_normal((7, 3, 1))
+    drift = np.array([0.0, 10.0, 20.0])
+    start = worlds.reset_drawn(noise[0], {"drift": drift})
+    middle = drive(worlds, start, noise[1:4])
+    order = np.array([2, 2, 0])
+    copies = batch.take(middle, order)
+    end = drive(worlds, copies, noise[4:])
+    expected = noise[:4].sum(axis=0)[order, 0] + noise[4:].sum(axis=0)[:, 0] + 6 * drift[order]
+    np.testing.assert_allclose(worlds.signals(end)["x"], expected)
+    elsewhere, again = pickle.loads(pickle.dumps((worlds, copies)))  # as workers do
+    found = elsewhere.signals(drive(elsewhere, again, noise[4:]))
+    np.testing.assert_array_equal(found["x"], worlds.signals(end)["x"])
+
+
+def test_without_draws_nothing_changes():
+    worlds = DrawnWorlds(Drifting)
+    noise = np.random.default_rng(0).standard_normal((3, 2, 1))
+    end = drive(worlds, worlds.reset(noise[0]), noise[1:])
+    np.testing.assert_allclose(worlds.signals(end)["x"], noise.sum(axis=0)[:, 0])

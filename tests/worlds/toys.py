@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 
+from avrare.testing import faulty_systems as systems
+
 
 class Walk:
     """x += 0.1 w, from 0.1 w."""
@@ -166,16 +168,8 @@ class Push:
         return {"acted": memory}
 
 
-class BatchWalk:
+class BatchWalk(systems.Walk):
     """``Walk`` as a system of arrays."""
 
-    noise_size = 1
-
     def initial(self, noise):
-        return {"x": 0.1 * noise[:, 0]}
-
-    def step(self, state, noise):
-        return {"x": state["x"] + 0.1 * noise[:, 0]}
-
-    def signals(self, state):
-        return state
+        return {"x": self.move(0.0, noise)}
