@@ -16,10 +16,9 @@ def repository(tmp_path, monkeypatch):
     folder.mkdir()
 
     def git(*words, check=True):
-        identity = ("-c", "user.name=n", "-c", "user.email=e")
-        return subprocess.run(
-            ["git", *identity, *words], cwd=folder, check=check, capture_output=True, text=True
-        ).stdout.strip()
+        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *words]
+        done = subprocess.run(command, cwd=folder, check=check, capture_output=True, text=True)
+        return done.stdout.strip()
 
     git("init", "-q")
     (folder / "s.yaml").write_text("name: a\n")

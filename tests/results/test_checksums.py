@@ -21,6 +21,7 @@ specifications:
 estimator: {plugin: mc, rollouts: 100}
 thresholds: [{specification: near, probability: "< 0.9"}]
 """
+READ = {"result": lambda path: Run.read(path.parent), "baseline": baseline_files.read}
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +29,8 @@ def night(tmp_path_factory):
     """Return a folder with a scenario, its run and its baseline, and the text of each of their files."""
     folder = tmp_path_factory.mktemp("night")
     (folder / "walk.yaml").write_text(WALK)
-    assert (
-        main(["run", str(folder / "walk.yaml"), "--out", str(folder / "run"), "--quiet", "--no-pictures"])
-        == 0
-    )
+    words = ["--out", str(folder / "run"), "--quiet", "--no-pictures"]
+    assert main(["run", str(folder / "walk.yaml"), *words]) == 0
     assert main(["check", str(folder / "walk.yaml"), "--save", "--quiet"]) == 0
     return folder
 
@@ -82,15 +81,14 @@ def nudged(content, path):
 
 @pytest.mark.parametrize("kind", ["result", "baseline"])
 def test_every_change_of_a_value_is_noticed(kind, request):
-    path = request.getfixturevalue(kind)
-    read = (lambda: Run.read(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
+    path, read = request.getfixturevalue(kind), READ[kind]
     content = json.loads(path.read_text())
     places, refused = list(leaves(content)), 0
     assert len(places) > 20
     for place in places:
         path.write_text(json.dumps(nudged(content, place)))
         with pytest.raises(UsageError) as caught:
-            read()
+            read(path)
         assert str(path) in caught.value.message
         assert "restore the file" in caught.value.hint or "run the scenario again" in caught.value.hint
         refused += "its checksum does not fit" in caught.value.message
@@ -99,15 +97,14 @@ def test_every_change_of_a_value_is_noticed(kind, request):
 
 @pytest.mark.parametrize("kind", ["result", "baseline"])
 def test_another_layout_wall_time_or_an_old_file_is_read(kind, request):
-    path = request.getfixturevalue(kind)
-    read = (lambda: Run.read(path.parent)) if kind == "result" else (lambda: baseline_files.read(path))
+    path, read = request.getfixturevalue(kind), READ[kind]
     content = json.loads(path.read_text())
     slower = copy.deepcopy(content)
     slower["estimates"][0]["seconds"] += 100.0
     old = {key: value for key, value in content.items() if key not in (CHECKSUM, "files")}
     for one in (dict(reversed(content.items())), slower, old):
         path.write_text(json.dumps(one))
-        read()
+        read(path)
 
 
 def test_commands_name_the_file(night, result, baseline, capsys):

@@ -83,6 +83,10 @@ def test_any_damaged_byte_of_an_archive_is_reported_or_harmless(tmp_path):
     assert zlib.error in {type(error.__cause__.__cause__) for error in told}
 
 
+def store(path, fields):
+    np.savez(path, **{f"left.{key}": value for key, value in fields.items()})
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -93,11 +97,9 @@ def test_any_damaged_byte_of_an_archive_is_reported_or_harmless(tmp_path):
 )  # fmt: skip
 def test_failures_with_inconsistent_shapes(tmp_path, changes):
     fields = {"noise": np.zeros((2, 5, 1)), "robustness": np.zeros(2), "count": np.array(7)}
-    np.savez(tmp_path / "failures.npz", **{f"left.{key}": value for key, value in fields.items()})
+    store(tmp_path / "failures.npz", fields)
     assert read_failures(tmp_path)["left"].count == 7
-    np.savez(
-        tmp_path / "failures.npz", **{f"left.{key}": value for key, value in {**fields, **changes}.items()}
-    )
+    store(tmp_path / "failures.npz", fields | changes)
     with pytest.raises(UsageError, match="left is damaged"):
         read_failures(tmp_path)
 
@@ -108,11 +110,9 @@ def test_failures_with_inconsistent_shapes(tmp_path, changes):
 )
 def test_invalid_stored_rollouts(tmp_path, changes):
     fields = {"robustness": np.zeros(2), "worst": np.zeros((5, 1)), "worst_robustness": np.array(0.5)}
-    np.savez(tmp_path / "rollouts.npz", **{f"left.{key}": value for key, value in fields.items()})
+    store(tmp_path / "rollouts.npz", fields)
     assert read_rollouts(tmp_path)["left"].worst.robustness == 0.5
-    np.savez(
-        tmp_path / "rollouts.npz", **{f"left.{key}": value for key, value in {**fields, **changes}.items()}
-    )
+    store(tmp_path / "rollouts.npz", fields | changes)
     with pytest.raises(UsageError, match="left is damaged"):
         read_rollouts(tmp_path)
 

@@ -1,13 +1,18 @@
-"""Folders of runs and the files in them."""
+"""Folders of runs and the files in them; atomic writes: what they remove, and what they leave alone."""
 
 import json
+import os
+from pathlib import Path
 
 import pytest
 
 import avrare
+from avrare.base.atomic_files import remove_torn, write_atomic, write_text
 from avrare.base.errors import UsageError
+from avrare.base.plot import Plot
 from avrare.base.stored_files import digest
 from avrare.cli.main import main
+from avrare.output.plots import make_figure
 from avrare.results.run import Run
 from avrare.results.run_folder import make_folder, make_new_folder
 from avrare.results.stored_failures import select_failing
@@ -38,11 +43,7 @@ def test_runs_of_the_same_second_have_separate_folders(tmp_path, monkeypatch):
 
 
 def test_a_named_folder_is_reused(tmp_path):
-    assert (
-        make_folder(tmp_path, "drive", several=False)
-        == make_folder(tmp_path, "drive", several=False)
-        == tmp_path
-    )
+    assert [make_folder(tmp_path, "drive", several=False) for _ in range(2)] == [tmp_path, tmp_path]
     assert make_folder(tmp_path, "drive", several=True) == tmp_path / "drive"
 
 
@@ -102,9 +103,8 @@ def test_a_changed_artifact_is_named(run):
     folder = run(*LEARNED)
     content = json.loads((folder / "learned.json").read_text())
     (folder / "learned.json").write_text(json.dumps(content))
-    assert Run.read(folder).changes == (
-        f"{folder}/learned.json: it was changed after the run, or is missing",
-    )
+    words = f"{folder}/learned.json: it was changed after the run, or is missing"
+    assert Run.read(folder).changes == (words,)
 
 
 def test_results_of_a_problem_are_written_without_a_scenario(tmp_path):
@@ -137,3 +137,52 @@ def test_a_result_of_another_format_is_refused(run):
     file.write_text(file.read_text().replace('"schema": 1', '"schema": 2'))
     with pytest.raises(UsageError, match="its format is 2, and this version of avrare reads 1"):
         Run.read(folder)
+
+
+@pytest.fixture
+def torn(tmp_path, monkeypatch):
+    """Return a temporary file whose writer was killed."""
+
+    def die(*_):
+        raise MemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", die)
+        patch.setattr(os, "unlink", lambda _: None)
+        with pytest.raises(MemoryError):
+            write_text(tmp_path / "result.json", "half")
+    (found,) = tmp_path.iterdir()
+    return found
+
+
+def test_only_own_temporary_files_are_removed(tmp_path, torn):
+    others = [tmp_path / name for name in (".editor.tmp", ".result.json.abcdefgh.tmp", "x.avrare_1.tmp")]
+    for other in others:
+        other.write_text("of another program")
+    remove_torn(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(others)
+
+
+def test_a_link_at_the_place_of_a_file_is_replaced_and_not_followed(tmp_path):
+    mine, link = tmp_path / "mine", tmp_path / "result"
+    mine.write_text("precious")
+    plot = Plot(make_figure(1.0, 1.0))
+    for write in (lambda: write_atomic(link, b"new"), lambda: plot.save(link)):
+        link.unlink(missing_ok=True)
+        link.symlink_to(mine)
+        write()
+        assert not link.is_symlink()
+        assert mine.read_text() == "precious"
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="a matter of Unix")
+def test_a_device_is_written_to_and_not_replaced():
+    ours, theirs = os.openpty()
+    try:
+        path = Path(os.ttyname(theirs))
+        write_text(path, "told")
+        assert os.read(ours, 100) == b"told"
+        assert path.is_char_device()
+    finally:
+        os.close(ours)
+        os.close(theirs)

@@ -1,12 +1,15 @@
-"""Every check notices what it is for, and says so in one line."""
+"""Every check notices what it is for, and says so in one line; what importing each description costs."""
 
+import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import lanelet_scenes
 from avrare.base.errors import PluginError, UsageError
+from avrare.cli import plugins
 from avrare.cli.main import main
 from avrare.plugin.component import KINDS, Component
 from avrare.plugin.registry import Registry, Row, default_registry
@@ -14,6 +17,7 @@ from avrare.testing.conformance import Check, Subject, checks_of, examine
 from avrare.testing.conformance.behaviour_checks import Exercise
 
 HERE = Path(__file__).parent
+MONTE_CARLO = "avrare.estimation.monte_carlo"
 
 WRONG = {
     "description_is_light": ("simulator", {"config": "heavy:Weighted"}),
@@ -53,11 +57,8 @@ WRONG = {
 
 GOOD = {
     "simulator": ("wrong:Weighted", "wrong:good"),
-    "estimator": (
-        "avrare.estimation.monte_carlo.config:McConfig",
-        "avrare.estimation.monte_carlo.monte_carlo:build",
-    ),
-    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.work:build"),
+    "estimator": (f"{MONTE_CARLO}.config:McConfig", f"{MONTE_CARLO}.monte_carlo:build"),
+    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.serial:build"),
 }
 
 
@@ -148,13 +149,8 @@ def test_an_error_of_the_simulator_is_not_a_need_for_an_action(factory, reason):
     assert {one.reason for one in outcomes if one.status == "failed"} == {reason}
 
 
-PARTS = [
-    row
-    for row in default_registry().rows()
-    if row.component
-    and row.kind not in ("estimator", "executor")
-    and row.name != "mpc"  # that solves for long
-]
+PARTS = [row for row in default_registry().rows() if row.component]
+PARTS = [row for row in PARTS if row.kind not in ("estimator", "executor") and row.name != "mpc"]  # too slow
 
 
 @pytest.mark.slow
@@ -255,3 +251,28 @@ def test_a_plugin_that_does_not_load_is_exit_5(capsys, monkeypatch):
     monkeypatch.setattr("avrare.cli.plugins.default_registry", lambda: registry)
     assert main(["plugins", "--check", "avrare-tested"]) == PluginError.exit_code
     assert "it has no hook avrare_components" in capsys.readouterr().err
+
+
+def rows(capsys, *words):
+    assert main(["plugins", "--json", *words]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_times_are_shown_on_demand(capsys):
+    timed = rows(capsys, "--timing")
+    assert all(row["import_seconds"] is not None for row in timed if row["distribution"] == "avrare-imm")
+    assert {row["import_seconds"] for row in timed if row["distribution"] == "avrare"} == {None}
+    plain = [{key: row[key] for key in row if key != "import_seconds"} for row in timed]
+    assert plain == rows(capsys)
+
+
+def test_a_slow_import_is_the_one_that_is_shown(monkeypatch):
+    clock = iter([0.0, 0.25, 1.0, 1.5])
+    monkeypatch.setattr(plugins.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [point("slow"), point("slower")])
+    monkeypatch.delenv("AVRARE_PLUGINS", raising=False)
+    assert plugins._import_seconds() == {"avrare-slow": 0.25, "avrare-slower": 0.5}
+
+
+def point(name):
+    return SimpleNamespace(name=name, dist=SimpleNamespace(name=f"avrare-{name}"), load=lambda: None)

@@ -49,12 +49,6 @@ def hidden():
 Hidden = hidden()
 
 
-class Demanding(Options):
-    model_config = ConfigDict(json_schema_extra={"examples": [{"weight": 2.0}]})
-
-    weight: float = Field(description="a pure number")
-
-
 class Insatiable(Options):
     weight: float = Field(description="a pure number")
 
@@ -293,10 +287,8 @@ class Forgetful(Drift):
     """Keeps its memory in itself."""
 
     def follow(self, world, noise, memory):
-        kept = getattr(self, "kept", None)
-        observation, self.kept = super().follow(
-            world, noise, memory if kept is None else np.resize(kept, noise.shape)
-        )
+        kept = getattr(self, "kept", memory)
+        observation, self.kept = super().follow(world, noise, np.resize(kept, noise.shape))
         return observation, memory
 
 
