@@ -11,19 +11,9 @@ from avrare_gp_pem.config import Ghosts, GpPemConfig, NaivePemConfig, Parametric
 from avrare_gp_pem.runtime.ghosts import NOISE_PER_GHOST, with_ghosts
 from avrare_gp_pem.runtime.models import build_gp, build_naive, build_parametric
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
+from perception_scenes import follow
 
 SHARED = {"rate": 0.6, "persistence": 0.4, "slots": 2, "forward": (10.0, 30.0), "left": (-4.0, 4.0)}
-
-
-def course(model, world, steps, seed=0):
-    """Return observations of steps 1.., the world standing still, and the memories after them."""
-    noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
-    memory, seen, memories = model.start(noise[0]), [], []
-    for row in noise[1:]:
-        observation, memory = model.follow(world, row, memory)
-        seen.append(observation)
-        memories.append(memory)
-    return noise, seen, memories
 
 
 @pytest.fixture
@@ -48,14 +38,14 @@ def test_their_mean_number_is_the_rate_at_every_step(make, persistence):
     options = SHARED | {"persistence": persistence}
     model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(1))
     world = make.world([[20.0, 0.0, 0.0]], n=6000)
-    _, seen, _ = course(model, world, 4)
+    _, seen, _ = follow(model, world, 4)
     for one in seen:  # 12,000 slots, each with a ghost with probability 0.3
         assert one.detected[:, 1:].sum(axis=1).mean() == pytest.approx(0.6, abs=4 * math.sqrt(0.42 / 6000))
 
 
 def test_they_last_as_long_as_they_should(make, model):
     world = make.world([[20.0, 0.0, 0.0], [30.0, 3.0, 0.0]], n=4000)
-    _, _seen, memories = course(model, world, 6)
+    _, _seen, memories = follow(model, world, 6)
     before, after = memories[2], memories[3]
     same = before.present & after.present & (before.forward == after.forward)
     share = same.sum() / before.present.sum()
@@ -64,7 +54,7 @@ def test_they_last_as_long_as_they_should(make, model):
 
 def test_their_places_are_uniform_where_they_may_be(make, model):
     world = make.world([[20.0, 0.0, 0.0], [30.0, 3.0, 0.0]], ego=(100.0, 5.0, np.pi / 2), n=4000)
-    _, seen, memories = course(model, world, 1)
+    _, seen, memories = follow(model, world, 1)
     x, y = (part[:, 2:][seen[0].detected[:, 2:]] for part in (seen[0].x, seen[0].y))
     forward, left = y - 5.0, 100.0 - x  # the ego looks along y
     exact = memories[0].present
@@ -97,13 +87,12 @@ def test_those_near_vehicles_are_around_them(make, motion):
     model = build_parametric(ParametricPemConfig(ghosts=options), make.scene(2))
     cars = [[200.0, 50.0, np.pi / 2], [300.0, -40.0, 0.0]]
     world = make.world(cars, ego=(100.0, 0.0, 0.3), n=4000)
-    _, seen, memories = course(model, world, 2)
+    _, seen, memories = follow(model, world, 2)
     for one, memory in zip(seen, memories, strict=True):
         x, y = (part[:, 2:][memory.present] for part in (one.x, one.y))
         first, second = (np.hypot(x - cx, y - cy) < 20.0 for cx, cy, _ in cars)
-        size = len(x)
-        for found, share in ((first, 0.25), (second, 0.25)):
-            assert found.mean() == pytest.approx(share, abs=4 * math.sqrt(0.19 / size))
+        for near in (first, second):
+            assert near.mean() == pytest.approx(0.25, abs=4 * math.sqrt(0.19 / len(x)))
         elsewhere = ~first & ~second
         assert (np.hypot(x[elsewhere] - 100.0, y[elsewhere]) < 31.0).all()
         few = 4 / math.sqrt(2 * first.sum())
@@ -127,7 +116,7 @@ def test_places_of_data_are_drawn_around_them(make):
     plain = build_parametric(ParametricPemConfig(), make.scene(0))
     model = with_ghosts(plain, law, make.scene(0), 0.3)
     world = make.world(np.zeros((0, 3)), n=3000)
-    _, _, memories = course(model, world, 1)
+    _, _, memories = follow(model, world, 1)
     present = memories[0].present
     place = np.stack([memories[0].forward[present], memories[0].left[present]], axis=-1)
     nearest = np.abs(place[:, None] - points).sum(axis=2).argmin(axis=1)
@@ -149,10 +138,8 @@ def test_perfect_noise_has_none(make, model):
 @pytest.mark.parametrize("lasting", [{}, {"detection": 0.4}])
 def test_the_density_ratio_has_mean_one_and_gives_the_other_law(make, changed, lasting):
     world, n = make.world([[20.0, 0.0, 0.0]], n=20_000), 20_000
-    models = [
-        build_parametric(ParametricPemConfig(ghosts=SHARED | part, persistence=lasting), make.scene(1))
-        for part in ({}, changed)
-    ]
+    configs = (ParametricPemConfig(ghosts=SHARED | part, persistence=lasting) for part in ({}, changed))
+    models = [build_parametric(config, make.scene(1)) for config in configs]
     noise = np.random.default_rng(5).standard_normal((4, n, models[0].noise_size))
     memory, other_memory = (model.start(noise[0]) for model in models)
     total, seen = np.zeros(n), None
@@ -167,10 +154,8 @@ def test_the_density_ratio_has_mean_one_and_gives_the_other_law(make, changed, l
 
 
 def test_ghosts_that_last_have_no_ratio_under_ghosts_that_never_do(make):
-    fresh, lasting = (
-        build_parametric(ParametricPemConfig(ghosts={"rate": 0.3, "persistence": one}), make.scene(1))
-        for one in (0.0, 0.5)
-    )
+    configs = (ParametricPemConfig(ghosts={"rate": 0.3, "persistence": time}) for time in (0.0, 0.5))
+    fresh, lasting = (build_parametric(config, make.scene(1)) for config in configs)
     world = make.world([[20.0, 0.0, 0.0]], n=50)
     noise = np.random.default_rng(3).standard_normal((2, 50, fresh.noise_size))
     for own, other, known in ((fresh, lasting, False), (lasting, fresh, True)):

@@ -1,16 +1,19 @@
-"""Both models behind the same interface."""
+"""All models behind the same interface."""
 
 import dataclasses
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from avrare.base.batch import take
 from avrare.base.errors import UsageError
-from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
-from avrare_gp_pem.runtime.models import build_gp, build_parametric
+from avrare_gp_pem.config import GpPemConfig, NaivePemConfig, ParametricPemConfig
+from avrare_gp_pem.runtime.models import build_gp, build_naive, build_parametric
 from avrare_gp_pem.runtime.store import FOLDER
 from avrare_gp_pem.runtime.student_t import student
+from perception_scenes import change_file
 
 FIELDS = ("detected", "x", "y", "speed_x")
 
@@ -56,19 +59,15 @@ def test_detection_frequency_is_the_probability(build, make, distance):
     model, n = build(make.scene(1)), 20000
     world = make.world([[distance, 0.0, 0.0]], n=n)
     probability = model.law(take(world, slice(0, 1))).detect.item()
-    _, observation = draws(model, world)
-    assert (
-        abs(observation.detected.mean() - probability)
-        < 4 * np.sqrt(probability * (1 - probability) / n) + 1e-9
-    )
+    error = np.sqrt(probability * (1 - probability) / n)
+    assert abs(draws(model, world)[1].detected.mean() - probability) < 4 * error + 1e-9
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.2])
 def test_spread_of_errors_is_the_predicted_one(build, make, heading):
     model, n = build(make.scene(1)), 100000
     world = make.turned(make.world([[25.0, 2.0, 0.0]], n=n), heading)
-    law = model.law(take(world, slice(0, 1)))
-    _, seen = draws(model, world)
+    law, (_, seen) = model.law(take(world, slice(0, 1))), draws(model, world)
     dx, dy = world.others.x - seen.x, world.others.y - seen.y
     cos, sin = np.cos(heading), np.sin(heading)
     for axis, error in enumerate((cos * dx + sin * dy, cos * dy - sin * dx)):
@@ -137,10 +136,43 @@ def test_weather_multiplies_errors_and_the_odds_of_a_miss(build, make):
     ids=str,
 )
 def test_damaged_laws_of_errors_are_refused(make, tmp_path, change):
-    with np.load(FOLDER / "measured.npz") as file:
-        arrays = dict(file)
-    assert change.keys() <= arrays.keys()
-    path = tmp_path / "damaged.npz"
-    np.savez(path, **(arrays | {name: np.array(value) for name, value in change.items()}))
+    path = Path(shutil.copy(FOLDER / "measured.npz", tmp_path))
+    change_file(path, **change)
     with pytest.raises(UsageError, match="degrees of freedom not from 1 to 30"):
         build_gp(GpPemConfig(model=str(path)), make.scene(1))
+
+
+def test_half_is_missed_and_errors_have_unit_size(make):
+    world = make.random(20000, 3)
+    _, seen = draws(build_naive(NaivePemConfig(), make.scene(3)), world)
+    assert seen.detected.mean() == pytest.approx(0.5, abs=0.01)
+    for true, read in ((world.others.x, seen.x), (world.others.y, seen.y)):
+        error = (read - true)[seen.detected]
+        assert error.mean() == pytest.approx(0.0, abs=0.03)
+        assert error.std() == pytest.approx(1.0, abs=0.02)
+        assert np.isnan(read[~seen.detected]).all()
+
+
+def test_log_prob_is_the_density(make):
+    config = NaivePemConfig(detection=0.3, sd=0.7, speed_sd=0.2)
+    model, world = build_naive(config, make.scene(1)), make.random(50, 1)
+    noise, seen = draws(model, world)
+    seen_density = np.log(0.3) - 1.5 * np.log(2 * np.pi) - np.log(0.7 * 0.7 * 0.2)
+    seen_density = seen_density - 0.5 * (noise[:, 1:] ** 2).sum(axis=1)
+    expected = np.where(seen.detected[:, 0], seen_density, np.log(0.7))
+    assert 0 < seen.detected.mean() < 1
+    np.testing.assert_allclose(model.log_prob(world, seen), expected, rtol=1e-9)
+
+
+def test_weights_of_a_real_model_have_mean_one(make):
+    """Check E_q[p/q] = 1 of one observation, over what the target reports, with its misses and its tails."""
+    scene, world = make.scene(1), make.world([[25.0, 2.0, 0.3]], n=200_000)
+    config = ParametricPemConfig(longitudinal_scale=(0.5, 0.0), lateral_scale=(0.5, 0.0))
+    target = build_parametric(config, scene)
+    proposal = build_naive(NaivePemConfig(sd=1.5), scene)
+    _, seen = draws(proposal, world)
+    weights = np.exp(target.log_prob(world, seen) - proposal.log_prob(world, seen))
+    error = weights.std() / np.sqrt(len(weights))
+    assert error < 0.05
+    # heavy tails beyond what was drawn: a little below 1, never above
+    assert -0.1 < weights.mean() - 1 < 4 * error

@@ -1,6 +1,7 @@
 """Errors of the speed across the road and of headings."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from avrare.base.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig, ParametricPemConfig
 from avrare_gp_pem.runtime.models import build_gp, build_parametric
 from avrare_gp_pem.runtime.persistence import PersistentPem
+from avrare_gp_pem.runtime.store import load, locate, save
 
 HEADING = {"flips": 0.2, "scale": (0.05, 0.0), "dof": 4.0}
 BOTH = {"speed_y_sd": 0.4, "heading": HEADING}
@@ -61,9 +63,8 @@ def test_headings_may_last_and_come_from_the_data(make):
     assert isinstance(model, PersistentPem)
     np.testing.assert_array_equal(model.correlation[:8], 0.0)
     np.testing.assert_allclose(model.correlation[8:], math.exp(-0.1))
-    assert [name for name in model.noise_names if "heading" in name] == [
-        "flip of heading of car0", "heading error of car0", "flip of heading of car1", "heading error of car1"
-    ]  # fmt: skip
+    names = [f"{kind} of car{k}" for k in range(2) for kind in ("flip of heading", "heading error")]
+    assert [name for name in model.noise_names if "heading" in name] == names
 
 
 def test_perfect_noise_turns_nothing(make):
@@ -75,13 +76,13 @@ def test_perfect_noise_turns_nothing(make):
 
 
 def test_ratios_of_other_options_stay_and_those_of_these_are_refused(make):
-    models = [
-        build_parametric(ParametricPemConfig(**BOTH, **part), make.scene(1))
-        for part in ({}, {"miss_scale": 1.2})
-    ]
-    plain = [
-        build_parametric(ParametricPemConfig(**part), make.scene(1)) for part in ({}, {"miss_scale": 1.2})
-    ]
+    models, plain = (
+        [
+            build_parametric(ParametricPemConfig(**more, miss_scale=scale), make.scene(1))
+            for scale in (1.0, 1.2)
+        ]
+        for more in (BOTH, {})
+    )
     world = make.world([[30.0, 1.0, 0.1]], n=5)
     noise = np.random.default_rng(2).standard_normal((5, 7))
     ratio, _ = models[0].log_ratio(world, noise, None, models[1], None)
@@ -93,10 +94,6 @@ def test_ratios_of_other_options_stay_and_those_of_these_are_refused(make):
 
 
 def test_a_model_without_headings_in_its_data_says_so(make, tmp_path):
-    from dataclasses import replace
-
-    from avrare_gp_pem.runtime.store import load, locate, save
-
     save(tmp_path / "a.npz", replace(load(locate("measured")), yaw=None))
     with pytest.raises(UsageError, match="no measured errors of heading"):
         build_gp(GpPemConfig(model=str(tmp_path / "a.npz"), heading="measured"), make.scene(1))

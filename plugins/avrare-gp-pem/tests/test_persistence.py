@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy import stats
 
 from avrare.base.batch import take
 from avrare.base.errors import ScenarioError, UsageError
@@ -16,6 +17,7 @@ from avrare_gp_pem.runtime import store
 from avrare_gp_pem.runtime.models import build_gp, build_naive
 from avrare_gp_pem.runtime.persistence import PersistentPem
 from avrare_gp_pem.runtime.variant import MeasuredPersistence
+from perception_scenes import follow
 
 FIELDS = ("detected", "x", "y", "speed_x")
 LANE_CHANGE = Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml"
@@ -27,18 +29,10 @@ def naive(scene, **persistence):
     return build_naive(NaivePemConfig(persistence=persistence), scene)
 
 
-def course(model, world, steps, seed=0):
-    """Return observations and latent numbers of steps 1.., the world standing still."""
-    noise = np.random.default_rng(seed).standard_normal((steps + 1, len(world.step), model.noise_size))
-    memory, seen, latents = model.start(noise[0]), [], []
-    for row in noise[1:]:
-        before = [leaf.tobytes() for leaf in vars(memory).values()]
-        observation, after = model.follow(world, row, memory)
-        assert [leaf.tobytes() for leaf in vars(memory).values()] == before
-        memory = after
-        seen.append(observation)
-        latents.append(model.latent(memory))
-    return noise, seen, np.stack(latents)
+def course(model, world, steps):
+    """Return noise, observations and latent numbers of steps 1.., the world standing still."""
+    noise, seen, memories = follow(model, world, steps)
+    return noise, seen, np.stack([model.latent(memory) for memory in memories])
 
 
 @pytest.mark.parametrize("persistence", [{}, {"detection": 0.0, "position": 0.0, "speed": 0.0}])
@@ -69,8 +63,6 @@ def test_a_channel_that_is_off_keeps_its_bits(build, make):
 
 
 def test_every_observation_has_the_law_of_the_model_itself(build, make):
-    from scipy import stats
-
     n, scene = 4000, make.scene(1)
     world = make.world([[40.0, 2.0, 0.3]], n=n)
     plain = build(scene)
@@ -101,8 +93,6 @@ def test_runs_of_misses_grow_and_their_share_does_not(make):
 
 
 def test_a_lasting_part_stays_and_every_number_is_standard_normal(make):
-    from scipy import stats
-
     n, dt = 40_000, 0.1
     model = naive(make.scene(1), **LASTING)
     _, _, latents = course(model, make.world([[20.0, 0.0, 0.0]], n=n), 21)
@@ -131,16 +121,14 @@ def test_measured_persistence_is_that_of_the_model_file(tmp_path, make):
     measured = MeasuredPersistence(np.array([0.9, 0.3]), np.array([0.6, 0.1]))
     store.save(tmp_path / "a.npz", replace(fitted, persistence=measured))
     given = {"detection": 0.9, "detection_lasting": 0.3, "position": 0.6, "position_lasting": 0.1}
-    one, other = (
-        build_gp(GpPemConfig(model=str(tmp_path / "a.npz"), persistence=option), make.scene(2))
-        for option in ("measured", given)
+    configs = (
+        GpPemConfig(model=str(tmp_path / "a.npz"), persistence=part) for part in ("measured", given, {})
     )
+    one, other, plain = (build_gp(config, make.scene(2)) for config in configs)
     assert isinstance(one, PersistentPem)
     for name in ("correlation", "innovation", "lasting"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    assert not isinstance(
-        build_gp(GpPemConfig(model=str(tmp_path / "a.npz")), make.scene(2)), PersistentPem
-    )  # only when asked
+    assert not isinstance(plain, PersistentPem)  # only when asked
 
 
 @pytest.mark.parametrize("value", [-0.1, float("inf"), float("nan")])

@@ -9,12 +9,10 @@ from avrare.rollout.weighted_problem import log_ratios
 from avrare_gp_pem.runtime import normal
 
 SCENARIO = "scenarios/lane_change_published.yaml"
+LASTING = "perception.persistence={detection: 0.5, position: 0.4, detection_lasting: 0.2}"
 MODELS = {
     "parametric": ["perception.plugin=parametric"],
-    "persistent": [
-        "perception.plugin=parametric",
-        "perception.persistence={detection: 0.5, position: 0.4, detection_lasting: 0.2}",
-    ],
+    "persistent": ["perception.plugin=parametric", LASTING],
     "measured": ["perception.model=measured", "perception.persistence=measured"],
 }
 
@@ -76,11 +74,8 @@ def test_the_noise_of_a_perfect_detector_sees_every_vehicle():
 def test_the_moved_tape_makes_another_detector_observe_the_same(change):
     problem, other = load("persistent").problem("no_collision"), perception("persistent", *change)
     own, tapes = problem.system.perception, draw_tapes(problem, 6, 0, 40)
-    state, memory = (
-        problem.system.initial(tapes[:, 0]),
-        other.start(tapes[:, 0, problem.system.world_noise :]),
-    )
-    moved = 0.0
+    state, moved = problem.system.initial(tapes[:, 0]), 0.0
+    memory = other.start(tapes[:, 0, problem.system.world_noise :])
     for step in range(1, 6):
         before, state = state.latent, problem.system.step(state, tapes[:, step])
         _, memory = own.log_ratio(state.world, tapes[:, step], before, other, memory)

@@ -17,17 +17,15 @@ SEEN = {"speed_sd": 0.0, "error_scale": 1e-9}
 
 
 def parametric(scene, **options):
-    """Return the model whose errors have no mean."""
     return build_parametric(ParametricPemConfig(**options), scene)
 
 
 def follow(model, world, steps, seed=0):
     """Return the observations of ``steps`` steps in one world, all vehicles detected, and the memories."""
     rng = np.random.default_rng(seed)
-    n = len(world.ego.x)
 
     def draw():
-        noise = rng.standard_normal((n, model.noise_size))
+        noise = rng.standard_normal((len(world.ego.x), model.noise_size))
         noise[:, [k for k, name in enumerate(model.noise_names) if "detection" in name]] = -8.0
         return noise
 
@@ -46,10 +44,8 @@ def test_nothing_is_added_without_the_options(build, make):
 
 
 def test_other_noise_keeps_its_place(build, make):
-    plain, more = (
-        build(make.scene(2)),
-        build(make.scene(2), common={"sd": (0.0, 0.0)}, pose={"sd": (0.0, 0.0)}),
-    )
+    exact = {"sd": (0.0, 0.0)}
+    plain, more = build(make.scene(2)), build(make.scene(2), common=exact, pose=exact)
     assert more.noise_names[:8] == plain.noise_names
     assert more.noise_size == len(more.noise_names) == len(more.perfect_noise) == 8 + 2 + 3
     world, noise = make.random(30, 2), np.random.default_rng(1).standard_normal((30, 13))

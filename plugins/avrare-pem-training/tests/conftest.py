@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from avrare_pem_training.table import make_table
 from perception_scenes import make, pointpillars
 
 __all__ = ["make", "pointpillars"]
@@ -10,8 +11,6 @@ __all__ = ["make", "pointpillars"]
 
 def made_up_drive(n, artefact=False, rate=None, seed=0):
     """Return rows with a known law: logistic detection, Student-t errors along and across; flips of yaw."""
-    from avrare_pem_training.table import make_table
-
     rng = np.random.default_rng(seed)
     distance, bearing = rng.uniform(3, 80, n), rng.uniform(-np.pi, np.pi, n)
     yaw = rng.uniform(-np.pi, np.pi, n)

@@ -9,6 +9,7 @@ from avrare.base.errors import UsageError
 from avrare_gp_pem.config import GpPemConfig
 from avrare_gp_pem.runtime.models import build_gp
 from avrare_gp_pem.runtime.store import load, locate, save
+from avrare_pem_training.cleaning import clean
 
 
 def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
@@ -34,7 +35,6 @@ def test_members_are_kept_in_the_file(tmp_path, make, pointpillars):
 def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
     from avrare_pem_training import pipeline
     from avrare_pem_training.bootstrap import fit_ensemble
-    from avrare_pem_training.cleaning import clean
 
     recipes = []
 
@@ -51,15 +51,13 @@ def test_refits_search_for_no_schedule_of_their_own(drive, monkeypatch):
     steps = int(lines[0].rpartition(" ")[2])
     assert steps > 12  # the first schedule was too short
     assert recipes[0] == recipe
-    assert (
-        recipes[1] == recipes[2] == replace(recipe, epochs=steps // 12, least_steps=steps, least_gain=np.inf)
-    )
+    longer = replace(recipe, epochs=steps // 12, least_steps=steps, least_gain=np.inf)
+    assert recipes[1] == recipes[2] == longer
 
 
 @pytest.mark.slow
 def test_refits_scatter_as_the_data_leave_them(drive):
     from avrare_pem_training.bootstrap import fit_ensemble
-    from avrare_pem_training.cleaning import clean
     from avrare_pem_training.pipeline import RECIPES, FitPlan, fit_model
 
     recipe = replace(RECIPES["logistic"][0], members=3, epochs=8, least_steps=250, least_gain=np.inf)
@@ -68,10 +66,9 @@ def test_refits_scatter_as_the_data_leave_them(drive):
         data, plan = clean(drive(rows)), FitPlan("logistic", recipe=recipe)
         model = fit_ensemble(fit_model(data, plan, {}, lambda line: None), data, 6, lambda line: None)
         assert len(model.ensemble) == 6
-        scales = np.array(
-            [np.log(one.clean.base_scale[:, 0] + 30 * one.clean.base_scale[:, 1]) for one in model.ensemble]
-        )
-        own = np.log(model.clean.base_scale[:, 0] + 30 * model.clean.base_scale[:, 1])
+        bases = (one.clean.base_scale for one in (model, *model.ensemble))
+        own, *others = (np.log(base[:, 0] + 30 * base[:, 1]) for base in bases)
+        scales = np.array(others)
         assert np.abs(scales.mean(axis=0) - own).max() < 4 * scales.std(axis=0).max()
         spreads.append(scales.std(axis=0).mean())
     assert 1.5 < spreads[0] / spreads[1] < 7.0

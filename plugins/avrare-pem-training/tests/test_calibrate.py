@@ -7,7 +7,10 @@ import pytest
 
 from avrare_gp_pem.runtime.features import Box
 from avrare_gp_pem.runtime.observation_model import ObservationLaw
+from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import Variant
+from avrare_pem_training.calibration import UnseenRows, _ErrorsUnderLaws, _fit_error, calibrate
+from avrare_pem_training.scores import error_fits
 
 ROWS = 3000
 
@@ -34,19 +37,14 @@ def variant():
 
 
 def unseen(errors, detected=None):
-    from avrare_pem_training.calibration import UnseenRows
-
     latents = np.zeros((len(errors), 5))
     seen = np.ones(len(errors), bool) if detected is None else detected
-    return UnseenRows(
-        latents, latents, np.full(len(errors), 20.0), seen, np.where(seen[:, None], errors, np.nan)
-    )
+    errors = np.where(seen[:, None], errors, np.nan)
+    return UnseenRows(latents, latents, np.full(len(errors), 20.0), seen, errors)
 
 
 def shares(calibrated, errors):
     """Return seen and own shares beyond 4 scales and 4 standard deviations, of both errors."""
-    from avrare_pem_training.scores import error_fits
-
     one = np.full((len(errors),), 1.0)
     law = calibrated.law(Box(0 * one, 20 * one, 1.5 * one, 4.5 * one, 1.8 * one, 1.7 * one, 4 * one), 0.0)
     assert isinstance(law, ObservationLaw)
@@ -55,8 +53,6 @@ def shares(calibrated, errors):
 
 
 def test_a_true_student_law_is_found_with_its_scale_and_detection():
-    from avrare_pem_training.calibration import calibrate
-
     rng = np.random.default_rng(0)
     errors = rng.standard_t([2.5, 4.0], (ROWS, 2)) * [0.3, 0.08]
     detected = rng.uniform(size=ROWS) < 0.7
@@ -67,8 +63,6 @@ def test_a_true_student_law_is_found_with_its_scale_and_detection():
 
 
 def test_far_tails_are_found_that_no_student_law_has():
-    from avrare_pem_training.calibration import _ErrorsUnderLaws, _fit_error, calibrate
-
     rng = np.random.default_rng(1)  # like a Student-t with 2 degrees of freedom, then ever less
     errors = np.sinh(0.5 * np.arcsinh(rng.standard_t(2, (ROWS, 2)))) / 0.5 * [0.2, 0.1]
     rows = unseen(errors)
@@ -93,8 +87,6 @@ def nearby(power):
 
 
 def test_lighter_tails_nearby_are_found():
-    from avrare_pem_training.calibration import calibrate
-
     distance, errors = nearby(0.3)
     found = calibrate(variant(), replace(unseen(errors), distance=distance))
     near, far = np.exp(found.tail.sum(axis=1)), np.exp(found.tail[:, 0])
@@ -102,8 +94,6 @@ def test_lighter_tails_nearby_are_found():
     one = np.ones((1, 2))
     box = Box(0 * one, np.array([[5.0, 40.0]]), *(size * one for size in (1.5, 4.5, 1.8, 1.7, 4)))
     law = found.law(box, 0.0)
-    from avrare_gp_pem.runtime.student_t import student
-
     tail = 2 * student(law.dof[0]).upper_tail(1.6 / law.scale[0, :, 0], law.power[0, :, 0])
     seen = [(np.abs(errors[where, 0]) > 1.6).mean() for where in (distance < 8, distance > 20)]
     assert tail[0] < 0.01
@@ -112,8 +102,6 @@ def test_lighter_tails_nearby_are_found():
 
 
 def test_misses_nearby_have_an_offset_that_few_rows_do_not_move():
-    from avrare_pem_training.calibration import calibrate
-
     rng = np.random.default_rng(5)
     distance = rng.uniform(0, 60, ROWS)
     detected = (rng.uniform(size=ROWS) < 0.9) | (distance < 20)
@@ -124,8 +112,6 @@ def test_misses_nearby_have_an_offset_that_few_rows_do_not_move():
 
 
 def test_calibration_reads_no_errors_of_the_missed():
-    from avrare_pem_training.calibration import calibrate
-
     rng = np.random.default_rng(2)
     errors, detected = rng.standard_t(3, (2000, 2)), rng.uniform(size=2000) < 0.5
     rows = unseen(errors, detected)

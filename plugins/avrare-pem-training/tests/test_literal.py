@@ -11,6 +11,9 @@ from avrare_gp_pem.runtime.features import LITERAL
 from avrare_gp_pem.runtime.models import build_gp
 from avrare_gp_pem.runtime.store import load, locate, save
 from avrare_gp_pem.runtime.student_t import student
+from avrare_pem_training.cleaning import clean
+from avrare_pem_training.scores import evaluate
+from avrare_pem_training.table import make_table
 
 Z = np.linspace(-6, 6, 41)
 
@@ -23,9 +26,8 @@ def test_normal_errors_have_the_normal_law(power):
     np.testing.assert_allclose(z, Z, atol=1e-12)
     np.testing.assert_allclose(law.upper_tail(np.abs(drawn), k), stats.norm.sf(np.abs(Z)), rtol=1e-10)
     slope = np.cosh(k * np.arcsinh(Z)) / np.cosh(np.arcsinh(Z))  # of the value in z
-    density = law.truncated_log_density(
-        drawn, np.full_like(Z, np.inf), None if power is None else np.full_like(Z, k)
-    )
+    powers = None if power is None else np.full_like(Z, k)
+    density = law.truncated_log_density(drawn, np.full_like(Z, np.inf), powers)
     np.testing.assert_allclose(density, stats.norm.logpdf(Z) - np.log(slope), atol=1e-10)
 
 
@@ -33,11 +35,8 @@ def test_the_shipped_model_is_the_papers():
     model = load(locate("literal"))
     assert model.delivered is not None
     for variant in (model.clean, model.delivered):
-        assert (
-            variant.inputs
-            == LITERAL
-            == ("right", "forward", "yaw", "length", "width", "height", "visibility")
-        )
+        names = ("right", "forward", "yaw", "length", "width", "height", "visibility")
+        assert variant.inputs == LITERAL == names
         assert np.isinf(variant.dof).all()
         assert len(variant.latents.detection.inducing) == len(variant.latents.error.inducing) == 100
         assert variant.latents.error.factor.ndim == 3
@@ -61,11 +60,8 @@ def test_its_density_is_that_of_its_draws(make):
 
 @pytest.mark.slow
 def test_a_fit_finds_normal_errors(drive, tmp_path):
-    from avrare_pem_training.cleaning import clean
     from avrare_pem_training.fit_gp import Schedule
     from avrare_pem_training.pipeline import FitPlan, fit_model
-    from avrare_pem_training.scores import evaluate
-    from avrare_pem_training.table import make_table
 
     rows = vars(drive(1500)).copy()
     errors = np.random.default_rng(1).normal(0, [[0.4], [0.2]], (2, 1500))

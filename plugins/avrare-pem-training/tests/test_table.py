@@ -30,9 +30,8 @@ def test_a_good_file(tmp_path):
 
 def test_optional_columns_and_detected_boxes(tmp_path):
     header = "detected,width,length,yaw,forward,right,detected_right,detected_forward,detected_yaw,note"
-    rows = read_table(
-        file(tmp_path, header, "1,1.8,4.5,3.1,20,1,0.75,20.5,-3.1,hello", "0,1.8,4.5,3.1,20,1,,,,")
-    )
+    lines = ("1,1.8,4.5,3.1,20,1,0.75,20.5,-3.1,hello", "0,1.8,4.5,3.1,20,1,,,,")
+    rows = read_table(file(tmp_path, header, *lines))
     np.testing.assert_allclose([rows.error_right[0], rows.error_forward[0]], [0.25, -0.5])
     np.testing.assert_allclose(rows.error_yaw[0], 6.2 - 2 * np.pi)
     np.testing.assert_array_equal([rows.height[0], rows.visibility[0]], [1.7, 4.0])
@@ -74,9 +73,8 @@ def test_a_missing_column_has_a_hint(tmp_path, header, hint):
     ],
 )  # fmt: skip
 def test_a_broken_file_names_the_line(tmp_path, lines, message):
-    path = file(tmp_path, *lines) if lines else tmp_path / "data.csv"
-    if not lines:
-        path.write_text("")
+    path = file(tmp_path, *lines)
+    path.write_text(path.read_text() if lines else "")
     with pytest.raises(UsageError) as caught:
         read_table(path)
     assert message in caught.value.message
@@ -101,11 +99,8 @@ def test_two_files_without_and_with_names(tmp_path):
     assert (rows.right[0], rows.forward[0], rows.visibility[0], rows.error_forward[0]) == (1, 20, 3, 0.2)
     named = "# Format: <loc_x> <loc_z> <rot> <dim_l> <dim_w> <occluded>\n"
     labels = "# Format: <detected> <err_loc_x> <err_loc_z> <err_rot>\n"
-    rows = convert(
-        *pair(
-            tmp_path, named + "1 20 0.5 4.5 1.8 0\n2 9 0 4 2 2\n", labels + "1 0.1 0.2 0\n0 -1000 -1000 -1000"
-        )
-    )
+    named, labels = named + "1 20 0.5 4.5 1.8 0\n2 9 0 4 2 2\n", labels + "1 0.1 0.2 0\n0 -1000 -1000 -1000"
+    rows = convert(*pair(tmp_path, named, labels))
     np.testing.assert_array_equal(rows.visibility, [4, 1])
     np.testing.assert_array_equal(rows.error_right, [0.1, np.nan])
     np.testing.assert_array_equal(rows.height, [1.7, 1.7])

@@ -4,28 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from avrare.cli.main import main
+from avrare.driving import Vehicles, World
+from avrare_gp_pem.config import Persistence
 from avrare_gp_pem.runtime.features import Box
+from avrare_gp_pem.runtime.observation_model import ObservationLaw
+from avrare_gp_pem.runtime.persistence import with_persistence
 from avrare_gp_pem.runtime.variant import MeasuredPersistence
+from avrare_pem_training.persistence import bivariate_normal, fit_persistence, track_pairs
 from avrare_pem_training.table import make_table, read_table, write_table
 from avrare_pem_training.tracks import link_by_size
+from perception_scenes import make_scene
 
 
 def table(right, forward, length, yaw=0.3):
     one = np.ones(len(right))
-    return make_table(
-        {
-            "right": np.asarray(right, float),
-            "forward": np.asarray(forward, float),
-            "yaw": yaw * one,
-            "length": np.asarray(length, float),
-            "width": 1.8 * one,
-            "detected": one,
-            "error_right": 0 * one,
-            "error_forward": 0 * one,
-        }
-    )
+    columns = {"right": right, "forward": forward, "length": length, "yaw": yaw * one, "width": 1.8 * one}
+    columns |= {"detected": one, "error_right": 0 * one, "error_forward": 0 * one}
+    return make_table({name: np.asarray(values, float) for name, values in columns.items()})
 
 
 def test_boxes_of_one_size_are_one_track_until_they_jump():
@@ -67,8 +65,6 @@ def test_convert_with_a_period_links(tmp_path, capsys):
 
 
 def test_pairs_are_all_within_a_track_and_not_too_far_apart():
-    from avrare_pem_training.persistence import track_pairs
-
     rows = table([0] * 6, [10] * 6, [4] * 6)
     rows = replace(rows, track=np.array([1, 2, 1, 1, np.nan, 2]), time=np.array([0, 0, 2.0, 9.0, 0, 3.0]))
     pairs = track_pairs(rows)
@@ -79,10 +75,6 @@ def test_pairs_are_all_within_a_track_and_not_too_far_apart():
 
 @pytest.mark.parametrize("correlation", [-0.7, 0.0, 0.3, 0.9, 0.99])
 def test_bivariate_normal_probability(correlation):
-    from scipy.stats import multivariate_normal
-
-    from avrare_pem_training.persistence import bivariate_normal
-
     points = np.array([[0.0, 0.0], [1.2, -0.4], [-2.0, -1.5], [2.5, 3.0]])
     exact = multivariate_normal(cov=[[1, correlation], [correlation, 1]]).cdf(points)
     ours = bivariate_normal(*points.T, np.full(len(points), correlation))
@@ -95,36 +87,25 @@ class Known:
     frame = "vehicle"
 
     def law(self, rows, speed_sd):
-        from avrare_gp_pem.runtime.observation_model import ObservationLaw
-
-        shape = (len(rows.right),)
-        two = np.ones((*shape, 2))
-        return ObservationLaw(
-            np.full(shape, 0.8), np.full(shape, 0.2), 0 * two, two * [0.2, 0.1], (3.0, 2.5), 8.0, speed_sd
-        )
+        one = np.ones(len(rows.right))
+        two = np.stack([one, one], axis=1)
+        tails = ((3.0, 2.5), 8.0, speed_sd)
+        return ObservationLaw(0.8 * one, 0.2 * one, 0 * two, two * [0.2, 0.1], *tails)
 
 
 def persistent_log(tracks, frames, persistence, seed=0):
     """Return rows of vehicles that stand still, drawn with the noise of the runtime's own persistence."""
-    from avrare.driving import Road, Scene, Vehicles, World
-    from avrare_gp_pem.config import Persistence
-    from avrare_gp_pem.runtime.persistence import with_persistence
-
     zero, one = np.zeros(tracks), np.ones((tracks, 1))
-    scene = Scene(
-        0.5, Road((0.0,), 3.5), 4.5, 1.8, ("car",), 4.5 * np.ones(1), 1.8 * np.ones(1), np.ones(1, bool)
-    )
+    scene = replace(make_scene(1), dt=0.5)
     world = World(zero.astype(int), Vehicles(*[zero] * 5), Vehicles(20 * one, *[0 * one] * 4), zero)
 
     class Pem:
         noise_size = 4
 
         def observe(self, world, noise):
-            rows = table(zero, zero, zero)
-            law = Known().law(rows, 0.0)
-            boxed = replace(
-                law, **{name: getattr(law, name)[:, None] for name in ("detect", "miss", "location", "scale")}
-            )
+            law = Known().law(table(zero, zero, zero), 0.0)
+            columns = ("detect", "miss", "location", "scale")
+            boxed = replace(law, **{name: getattr(law, name)[:, None] for name in columns})
             return boxed.draw(world, noise)
 
     model = with_persistence(Pem(), Persistence(**persistence), scene)
@@ -145,8 +126,6 @@ def persistent_log(tracks, frames, persistence, seed=0):
 
 
 def test_the_persistence_of_a_log_is_found():
-    from avrare_pem_training.persistence import fit_persistence
-
     truth = {"detection": 0.9, "detection_lasting": 0.3, "position": 0.6, "position_lasting": 0.15}
     found = fit_persistence(Known(), persistent_log(1500, 9, truth))
     assert isinstance(found, MeasuredPersistence)
