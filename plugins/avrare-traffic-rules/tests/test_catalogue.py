@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from avrare.logic.formula import stl
 from avrare_traffic_rules.catalogue import rules
@@ -46,18 +47,14 @@ def test_the_parameters_of_a_card_are_those_that_matter(card, lab):
     recorder = Recorder(rule.config)
     rule._setting = type(rule._setting)(recorder, rule._setting.scales, rule._setting.road)
     rule.sample(lab.random(np.random.default_rng(0), 5, 4))
-    entry = read_shipped().rules[card.name]
-    filled = {
-        name for name in Parameters.model_fields if f"{{{name}}}" in read_shipped().complete(entry.formula)
-    }
+    text = read_shipped().complete(read_shipped().rules[card.name].formula)
+    filled = {name for name in Parameters.model_fields if f"{{{name}}}" in text}
     read = recorder.read - ({"others_braking"} if card.name == "R_G3" else set())  # asked of the ego alone
     assert {parameter.name for parameter in card.parameters} == read | filled
 
 
 @EVERY
 def test_defaults_are_as_a_scenario_writes_them(card):
-    import yaml
-
     for parameter in card.parameters:
         written = yaml.safe_load(parameter.default)
         default = getattr(Parameters(), parameter.name)
@@ -78,12 +75,16 @@ def test_the_reference_page_shows_every_rule_and_predicate(tmp_path):
         assert f"| `{name}({', '.join(predicate.arguments)})` | {predicate.text} |" in page
 
 
-def test_the_catalogue_and_the_options_import_nothing_heavy():
+HEAVY = {"torch", "pyro", "casadi", "numba", "scipy", "matplotlib", "pandas", "plotly"}
+CHECK = "; from avrare_traffic_rules.check import check; check(TrafficRuleConfig(rule='R_G1'), 0.1)"
+
+
+@pytest.mark.parametrize(("check", "heavy"), [("", {"numpy", *HEAVY}), (CHECK, HEAVY)])
+def test_the_catalogue_the_options_and_the_check_import_nothing_heavy(check, heavy):
     script = (
         "import sys; from avrare_traffic_rules.catalogue import rules; rules()\n"
-        "from avrare_traffic_rules.config import TrafficRuleConfig; TrafficRuleConfig(rule='R_G1')\n"
-        "print(*sys.modules)"
+        "from avrare_traffic_rules.config import TrafficRuleConfig; TrafficRuleConfig(rule='R_G1')"
+        f"{check}; print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    loaded = {name.split(".")[0] for name in done.stdout.split()}
-    assert not loaded & {"numpy", "torch", "pyro", "casadi", "numba", "scipy", "matplotlib"}
+    assert not {name.split(".")[0] for name in done.stdout.split()} & heavy

@@ -1,7 +1,5 @@
 """Mistakes told without a road, and the same ones when a rule is built."""
 
-import subprocess
-import sys
 import warnings
 
 import pytest
@@ -21,18 +19,20 @@ rules:
   push:
     formula: "forall o in others: always (behind(o, ego) -> gap(o, ego) > 5)"
   bent:
-    formula: "always (speed(ego) > {{speed_limitt}}) and {{gap}} > {{lane_limit}}"
+    formula: "always (speed(ego) > {speed_limitt}) and {gap} > {lane_limit}"
   unread:
     formula: "always wrong(ego)"
-{more}
 """
+
+
+MARKED = "  always slow(ego) -> )\n" + " " * 22 + "^"
 
 
 @pytest.fixture
 def mine(tmp_path):
-    def write(text=None, **more):
+    def write(text=FILE):
         path = tmp_path / "mine.yaml"
-        path.write_text(FILE.format(more=more.get("more", "")) if text is None else text)
+        path.write_text(text)
         return path
 
     return write
@@ -56,9 +56,8 @@ def test_the_shipped_rules_have_no_findings(rule, definitions, dt):
     [
         # the definitions above it do not count as lines, and the mark is below the place
         (
-            "forall o in others: always ahead(o, ego) -> )",
-            "line 1, column 45: unexpected ')': an operand is missing\n"
-            "  forall o in others: always ahead(o, ego) -> )\n" + " " * 46 + "^",
+            "always slow(ego) -> )",
+            f"line 1, column 21: unexpected ')': an operand is missing\n{MARKED}",
             None,
         ),
         ("fast = speed(ego) > 3\nalways (fast and", "line 2, column 17: the formula ends early", None),
@@ -108,10 +107,8 @@ class TestBounds:
         assert told(formula=formula.replace("0.25", "0.2"), cut_in_time=0.25).option == "cut_in_time"
 
     def test_options_that_are_not_bounds_are_not_checked(self):
-        assert (
-            check(TrafficRuleConfig(formula="always speed(ego) < {speed_limit}", speed_limit=0.123), 0.1)
-            == []
-        )
+        config = TrafficRuleConfig(formula="always speed(ego) < {speed_limit}", speed_limit=0.123)
+        assert check(config, 0.1) == []
 
 
 class TestWarnings:
@@ -138,19 +135,15 @@ class TestRulesFiles:
 
     def test_options_in_braces(self, mine):
         findings = check(TrafficRuleConfig(rule="bent", rules_file=mine()), 0.1)
-        assert [finding.message.split("}")[0][:30] for finding in findings] == [
-            "{speed_limitt", "{gap", "the option lane_limit is not a",
-        ]  # fmt: skip
+        begins = [finding.message.split("}")[0][:30] for finding in findings]
+        assert begins == ["{speed_limitt", "{gap", "the option lane_limit is not a"]
         assert {finding.option for finding in findings} == {"rules_file"}
 
     @pytest.mark.parametrize(
         ("lines", "message"),
         [
-            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a uses itself"),
-            (
-                ["a(p, q) = b(p, q)", "b(p, q) = a(p, q)"],
-                "in the definition of a, column 11: b is defined below",
-            ),
+            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a is defined by itself"),
+            (["a(p, q) = b(p, q)", "b(p, q) = a(p, q)"], "of a, column 11: b is defined below"),
             ([f"a{i}(p, q) = a{i - 1}(p, q)" for i in range(1, 2000)], "nested"),
         ],
         ids=["itself", "each other", "a long chain"],
@@ -200,10 +193,8 @@ class TestRulesFiles:
     def test_a_parameter_that_is_not_an_option(self, mine):
         path = mine('rules: {push: {formula: "always stands(ego)", parameters: [cut_in_tim, reaction_time]}}')
         finding = told(rule="push", rules_file=path)
-        assert (
-            finding.message
-            == f"{path}: rules.push.parameters: 'cut_in_tim' is not an option of traffic rules"
-        )
+        words = "'cut_in_tim' is not an option of traffic rules"
+        assert finding.message == f"{path}: rules.push.parameters: {words}"
         assert finding.hint == "did you mean 'cut_in_time'?"
 
     def test_a_rule_that_was_removed_since(self, mine):
@@ -211,14 +202,3 @@ class TestRulesFiles:
         path = mine("rules: {pull: {formula: always speed(ego) > 1}}")
         finding = Finding(f"{path} has no rule 'push'", "known: pull", "rule")
         assert check(config, 0.1) == [finding]
-
-
-def test_the_check_imports_nothing_heavy():
-    script = (
-        "import sys; from avrare_traffic_rules.check import check\n"
-        "from avrare_traffic_rules.config import TrafficRuleConfig\n"
-        "check(TrafficRuleConfig(rule='R_G1'), 0.1); print(*sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    loaded = {name.split(".")[0] for name in done.stdout.split()}
-    assert not loaded & {"torch", "pyro", "casadi", "numba", "scipy", "matplotlib", "pandas", "plotly"}

@@ -32,11 +32,8 @@ def cars(samples, t, n, vehicles):
     """Return the ego and the others of one sample and row."""
     fields = ("x", "y", "heading", "speed", "acceleration")
     ego = Car(*(samples[t][f"ego_{name}"][n] for name in fields), 4.0, 2.0)
-    others = [
-        Car(*(samples[t][f"others_{name}"][n, v] for name in fields), SIZES[0][v], SIZES[1][v])
-        for v in range(vehicles)
-    ]
-    return ego, others
+    rows = [[samples[t][f"others_{name}"][n, v] for name in fields] for v in range(vehicles)]
+    return ego, [Car(*row, SIZES[0][v], SIZES[1][v]) for v, row in enumerate(rows)]
 
 
 def drive(lab, name, vehicles, seed, **options):
@@ -70,9 +67,8 @@ def p_in_front(a, b):
 
 
 def p_single_lane(c):
-    return max(
-        min(p_in_lane(c, one), min(-p_in_lane(c, other) for other in LANES if other != one)) for one in LANES
-    )
+    best, second = sorted((p_in_lane(c, lane) for lane in LANES), reverse=True)[:2]
+    return min(best, -second)
 
 
 def p_cut_in(e, o):

@@ -7,9 +7,9 @@ from avrare.base.batch import take
 from avrare_traffic_rules.rulebook import read_shipped
 
 N, T, V = 8, 50, 4
-RULES = tuple(read_shipped().rules)
+VERDICT = ("robustness", "violated")
 LOOKS_AHEAD = {"R_I5", "R_IN3", "R_IN4", "R_IN5"}
-EVERY = pytest.mark.parametrize("name", RULES)
+EVERY = pytest.mark.parametrize("name", read_shipped().rules)
 DEFINITIONS = pytest.mark.parametrize("definitions", ["recommended", "published"])
 
 
@@ -21,10 +21,8 @@ def follow(rule, samples, n):
         states.append(state)
         verdicts.append(verdict)
         margins.append(rule.margin(state))
-    stack = (
-        np.stack(column, 1) for column in ([v.robustness for v in verdicts], [v.violated for v in verdicts])
-    )
-    return *stack, None if margins[-1] is None else np.stack(margins, 1), states
+    robustness, violated = (np.stack([getattr(v, name) for v in verdicts], 1) for name in VERDICT)
+    return robustness, violated, None if margins[-1] is None else np.stack(margins, 1), states
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from avrare.driving import Lane, Road
 from avrare.driving.reference_line import CurvedLine, Piece
 from avrare_traffic_rules.definitions import RECOMMENDED
 
-AHEAD, ASIDE = {"x": 24.0}, {"y": 5.25}
+AHEAD = {"x": 24.0}
 
 
 def near(expected):
@@ -97,9 +97,8 @@ def test_precedes_is_the_nearest_ahead_in_the_lane(value):
 def test_braking(value):
     assert value("brakes_abruptly", AHEAD, acceleration=-3.0) == near(0.5)
     assert value("brakes_abruptly", AHEAD, acceleration=-1.0) == near(-0.5)
-    relative = value(
-        "brakes_abruptly_relative", *({"acceleration": a} for a in (-2.0, 0.0, 2.0)), acceleration=-3.0
-    )
+    others = [{"acceleration": a} for a in (-2.0, 0.0, 2.0)]
+    relative = value("brakes_abruptly_relative", *others, acceleration=-3.0)
     np.testing.assert_allclose(relative, [-0.5, 0.5, 0.5], atol=1e-12)  # o's own accelerating is no excuse
 
 
@@ -133,10 +132,8 @@ def test_left_of(value, other, expected):
 def test_each_kind_of_slow_traffic_has_its_own_speed_and_size(value):
     row = [{"x": 10.0 * k, "speed": 2.0} for k in range(4)]
     for kind, limit in [("in_congestion", 2.78), ("in_slow_moving_traffic", 8.33), ("in_queue", 16.67)]:
-        assert value(f"{kind}(a)", *row) == near(min((limit - 2.0) / 5.0, 0.6))
-        assert value(f"{kind}(a)", *row, {**row[0], "x": 40.0, "speed": limit}) == near(
-            min((limit - 2.0) / 5.0, 0.6)
-        )
+        expected, last = near(min((limit - 2.0) / 5.0, 0.6)), {**row[0], "x": 40.0, "speed": limit}
+        assert value(f"{kind}(a)", *row) == value(f"{kind}(a)", *row, last) == expected
         assert value(f"{kind}(a)", *row[:3], {**row[3], "speed": limit + 1.0}) == near(-0.2)
     options = {"queue_size": 9, "slow_traffic_size": 9, "congestion_size": 2}
     assert value("in_slow_traffic(a)", *row, options=options) == near((2.78 - 2.0) / 5.0)
@@ -182,9 +179,8 @@ def test_lanes_by_role(value):
 def test_broad_roads(value, lanes, broad):
     road = Road(tuple(3.5 * k for k in range(lanes)), 3.5)
     assert value("on_broad_road(ego)", road=road) == (np.inf if broad else -np.inf)
-    assert value("on_broad_road(ego)", road=road, options={"broad_road": 7.1}) == (
-        np.inf if lanes > 2 else -np.inf
-    )
+    found = value("on_broad_road(ego)", road=road, options={"broad_road": 7.1})
+    assert found == (np.inf if lanes > 2 else -np.inf)
 
 
 def test_keeping_to_a_border_is_asked_of_every_lane_touched(value):
@@ -196,7 +192,6 @@ def test_keeping_to_a_border_is_asked_of_every_lane_touched(value):
     assert value("keeps_left(ego)", y=4.0) == near(-1.5 / 1.75)
 
 
-EVERY_PREDICATE = sorted(RECOMMENDED.predicates)
 ONES, PAIRS = [("ego",), ("o",)], [("ego", "o"), ("o", "ego"), ("o", "p")]
 
 
@@ -209,8 +204,8 @@ def test_shapes_and_rows_bit_for_bit(lab, definitions, vehicles):
     signals = lab.random(rng, n, vehicles)
     signals["others_speed"][::3] *= -1.0
     rows = [{field: array[i : i + 1] for field, array in signals.items()} for i in range(n)]
-    for name in EVERY_PREDICATE:
-        for words in ONES if len(RECOMMENDED.predicates[name].arguments) == 1 else PAIRS:
+    for name, predicate in RECOMMENDED.predicates.items():
+        for words in ONES if len(predicate.arguments) == 1 else PAIRS:
             bound = "".join(f"exists {word} in others: " for word in words if word != "ego")
             rule = lab.rule(None, vehicles, formula=f"{bound}{name}({', '.join(words)})", **options)
             ((key, together),) = rule.sample(signals).items()
@@ -223,9 +218,8 @@ class TestBroadMarking:
     ROAD = Road((-1.75, 1.75, 5.25), 3.5, (0,), broad_markings=(1,))
 
     def both(self, lab, y):
-        return [
-            lab.value(f"{side}_of_broad_marking(ego)", road=self.ROAD, y=y)[0] for side in ("right", "left")
-        ]
+        calls = ("right_of_broad_marking(ego)", "left_of_broad_marking(ego)")
+        return [lab.value(call, road=self.ROAD, y=y)[0] for call in calls]
 
     def test_wholly_on_a_side(self, lab):
         assert self.both(lab, 1.75) == [pytest.approx(0.75 / 1.75), pytest.approx(-2.75 / 1.75)]

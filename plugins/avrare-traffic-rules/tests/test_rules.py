@@ -1,10 +1,12 @@
-"""Whole rules on situations told by hand."""
+"""Whole rules on situations told by hand, with their values and verdicts as worked out on paper."""
 
 import numpy as np
 import pytest
 
 from avrare.driving import Road
 from avrare.driving.geometry import Rectangle, signed_distance
+from avrare_traffic_rules.rulebook import read_shipped
+from traffic_situations import SITUATIONS
 
 # The ego needs 20 + 8 m less what o needs: 5.2 m behind one of 20.5 m/s, 28 m behind a parked one.
 FAR, CLOSE = {"x": 44.0, "speed": 20.0}, {"x": 9.0, "speed": 20.0}
@@ -63,12 +65,8 @@ class TestCollision:
 class TestSpeedLimits:
     def test_the_limits_of_every_lane_touched_apply(self, lab):
         limits = {"lane_limit": (10.0, 25.0, None)}
-        for y, speed, broken in [
-            (1.75, 24.0, False),
-            (1.75, 26.0, True),
-            (5.25, 26.0, False),
-            (3.5, 26.0, True),
-        ]:
+        cases = [(1.75, 24.0, False), (1.75, 26.0, True), (5.25, 26.0, False), (3.5, 26.0, True)]
+        for y, speed, broken in cases:
             assert lab.judge(lab.rule("R_G3", 0, **limits), y=y, speed=speed)[0] == broken, (y, speed)
 
     def test_view_and_braking_limits_are_the_published_speeds_by_default(self, lab):
@@ -77,9 +75,8 @@ class TestSpeedLimits:
             assert lab.judge(rule, speed=20.0)[1] == pytest.approx((limit - 20.0) / 5.0, abs=1e-12)
 
     def test_the_stopping_distance_at_the_limit_is_the_field_of_view(self, lab):
-        rule = lab.rule(
-            "R_G3", 0, field_of_view=70.0, ego_braking=7.0, reaction_time=1.1, braking_distance=1e6
-        )
+        options = {"field_of_view": 70.0, "ego_braking": 7.0, "reaction_time": 1.1, "braking_distance": 1e6}
+        rule = lab.rule("R_G3", 0, **options)
         limit = 20.0 + 5.0 * lab.judge(rule, speed=20.0)[1]
         assert 1.1 * limit + limit**2 / 14.0 == pytest.approx(70.0)
 
@@ -93,9 +90,8 @@ class TestFormulas:
         assert rule.names == ("a",)
 
     def test_a_formula_may_name_vehicles_and_use_definitions_and_parameters(self, lab):
-        rule = lab.rule(
-            None, 2, formula="always (ahead(b, ego) -> gap(ego, b) > {cut_in_time})", cut_in_time=7.0
-        )
+        formula = "always (ahead(b, ego) -> gap(ego, b) > {cut_in_time})"
+        rule = lab.rule(None, 2, formula=formula, cut_in_time=7.0)
         assert lab.judge(rule, {"x": 5.0}, {"x": 9.0}) == (True, -0.5)  # the least: 0.5 units ahead
         assert not lab.judge(rule, {"x": 5.0}, {"x": 12.0})[0]
 
@@ -153,3 +149,36 @@ def test_explain_names_the_ego_where_others_only_exempt(lab):
     braking = lab.signals(behind, aside, acceleration=-3.0)
     assert lab.rule("R_G2", 2).explain(braking) == "R_G2 by the ego (robustness -0.5)"
     assert lab.rule("R_G4", 0).explain(lab.signals(speed=10.0)) == "R_G4 by the ego (robustness -2.22)"
+
+
+IDS = [f"{situation.rule}: {situation.title}" for situation in SITUATIONS]
+BOUNDARIES = [situation for situation in SITUATIONS if situation.kind == "boundary"]
+
+
+@pytest.mark.parametrize("situation", SITUATIONS, ids=IDS)
+def test_robustness(situation):
+    value, violated = situation.evaluate()
+    assert value == pytest.approx(situation.value, abs=1e-9)
+    if situation.kind != "boundary":
+        assert violated == (situation.kind == "fail")
+        assert (value < 0.0) == violated
+
+
+@pytest.mark.parametrize("situation", BOUNDARIES, ids=[situation.rule for situation in BOUNDARIES])
+def test_a_micrometre_across_the_boundary_changes_the_verdict(situation):
+    assert abs(situation.evaluate()[0]) < 1e-9
+    for amount in (1e-6, -1e-6):
+        value, violated = situation.nudged(amount).evaluate()
+        assert violated == (amount < 0.0)
+        assert np.sign(value) == np.sign(amount)
+        assert abs(value) < 1e-4
+
+
+@pytest.mark.parametrize("rule", read_shipped().rules)
+def test_every_rule_has_all_kinds(rule):
+    found = {situation.kind for situation in SITUATIONS if situation.rule == rule}
+    assert found == {"pass", "fail", "boundary", "exempt"}
+
+
+def test_titles_of_situations_are_unique():
+    assert len(set(IDS)) == len(IDS)

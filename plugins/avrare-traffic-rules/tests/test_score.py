@@ -10,7 +10,7 @@ from avrare.rollout.request import Request
 STEPS = 6
 SCALES = {"longitudinal": 1e-2, "lateral": 1.75e-3, "speed": 5e3, "acceleration": 60.0, "heading": 1e-4}
 """Lengths and headings, which ``cut_in`` and ``left_of`` compare among themselves, shrink alike."""
-TWO_KINDS = "always (speed(ego) < {speed} and forall o in others: distance(ego, o) {scale}> {gap})"
+TWO_KINDS = "always (speed(ego) < 24.5 and forall o in others: distance(ego, o) {scale}> {gap})"
 
 
 class Platoon:
@@ -27,19 +27,15 @@ class Platoon:
     def signals(self, state):
         speed, braking, ahead, beside = state.T
         flat = np.zeros(len(state))
-        ego = (flat, flat + 1.75, flat, 20.0 + speed, braking - 0.5)
-        others = (
-            (30.0 + 3.0 * ahead, flat - 40.0),
-            (flat + 1.75, flat + 5.25),
-            (flat, flat),
-            (20.0 + ahead, 25.0 + beside),
-            (flat, flat),
-        )
-        names = ("x", "y", "heading", "speed", "acceleration")
-        signals = {f"ego_{name}": values for name, values in zip(names, ego, strict=True)}
-        return signals | {
-            f"others_{name}": np.stack(values, axis=1) for name, values in zip(names, others, strict=True)
+        columns = {
+            "x": (flat, 30.0 + 3.0 * ahead, flat - 40.0),
+            "y": (flat + 1.75, flat + 1.75, flat + 5.25),
+            "heading": (flat, flat, flat),
+            "speed": (20.0 + speed, 20.0 + ahead, 25.0 + beside),
+            "acceleration": (braking - 0.5, flat, flat),
         }
+        signals = {f"ego_{name}": ego for name, (ego, *_) in columns.items()}
+        return signals | {f"others_{name}": np.stack(rest, 1) for name, (_, *rest) in columns.items()}
 
 
 def problem(lab, rule, scales=None, score="margin"):
@@ -64,10 +60,7 @@ def test_scales_change_no_order(lab, rule):
 
 def test_an_estimate_keeps_its_bits_in_another_unit(lab):
     """Write one conjunct in metres per second, one in metres or millimetres."""
-    texts = (
-        TWO_KINDS.format(speed=24.5, scale="", gap=12.5),
-        TWO_KINDS.format(speed=24.5, scale="* 1000 ", gap=12500),
-    )
+    texts = [TWO_KINDS.format(scale=scale, gap=gap) for scale, gap in (("", 12.5), ("* 1000 ", 12500))]
     options = {"seed": 3, "runs": 4, "particles": 40, "discard": 4}
     found = [avrare.estimate(problem(lab, text), "ams", **options) for text in texts]
     np.testing.assert_array_equal(found[0].run_probabilities, found[1].run_probabilities)

@@ -207,8 +207,6 @@ _R_IN1 = (
     Situation("R_IN1", "fail", "drives through", -2.0 / 10.0, "no standstill; 2 m across the line",
               ego=Car(x=(2.0, 6.0), speed=4.0), steps=2, road=_STOP),
 )  # fmt: skip
-
-
 _LIGHT = dataclasses.replace(ROAD, light_lines=(12.0,))
 _PASSES = (8.0, 11.0)  # the front is 2 m before the line, then 1 m beyond it
 _YELLOWS = (-8.0, 2.0, 11.0)  # 18 m, 8 m before the line; 1 m beyond it
