@@ -9,8 +9,7 @@ import pytest
 import avrare
 from avrare.base.health_messages import MESSAGES
 from avrare.estimation.checks.result_builder import contradict
-from avrare.estimation.combine.power import LEAST_POWER, power_to_notice
-from avrare.estimation.combine.witnesses import reconcile
+from avrare.estimation.combine.witnesses import LEAST_POWER, power_to_notice, reconcile
 from avrare.estimation.result import intervals
 from avrare.estimation.result.doubts import (
     DOUBTS,

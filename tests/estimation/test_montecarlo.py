@@ -12,11 +12,10 @@ import odd_systems
 from avrare.base.errors import UsageError
 from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
-from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-from avrare.estimation.monte_carlo.stopping_rules import AtThreshold
-from avrare.estimation.plan.settings import Settings
+from avrare.estimation.monte_carlo.monte_carlo import AtThreshold, MonteCarlo
+from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.intervals import anytime, clopper_pearson, inverse_binomial
-from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear
 
@@ -46,10 +45,6 @@ def test_failures_are_kept_up_to_a_limit():
 
 def test_scores_over_time_are_not_kept():
     """Hold a few numbers for each rollout, whatever the number of steps."""
-    from avrare.estimation.loop.loop import run
-    from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
-    from avrare.estimation.plan.plan import Settings
-    from avrare.rollout.executors.work import SerialExecutor
 
     states = []
 

@@ -23,12 +23,10 @@ from avrare.base.number_format import (
     format_typeset,
 )
 from avrare.cli.main import main
-from avrare.estimation.plan.cost_forecast import CostForecast
-from avrare.estimation.plan.plan import Info
+from avrare.estimation.plan.plan import CostForecast, Info
 from avrare.output.terminal.console import make_console, make_table, print_lines, print_table
-from avrare.output.terminal.progress_line import Progress
+from avrare.output.terminal.progress_line import Progress, TimeLeft
 from avrare.output.terminal.result_table import note_lines, result_table, warning_lines
-from avrare.output.terminal.time_left import TimeLeft
 from plain_systems import Still
 
 

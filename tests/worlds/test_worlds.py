@@ -12,7 +12,7 @@ from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.worlds import Channel, Noisy, Worlds, as_system
-from avrare.worlds.drawn_worlds import DrawnWorlds
+from avrare.worlds.worlds_simulator import DrawnWorlds
 
 STEPS = 12
 COPIES = ("replay", "deepcopy", "hook")

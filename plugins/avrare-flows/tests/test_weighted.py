@@ -8,11 +8,12 @@ import pytest
 
 import avrare
 from avrare.base.errors import UsageError
-from avrare.testing.static_problems import Static, Values, row_sum
+from avrare.testing.static_problems import Static
 from avrare_flows import transform_noise, weigh_noise
 from avrare_flows.flow import Flow
 from avrare_flows.laws import Joint
 from avrare_flows.marginals import Exponential, LogNormal, Normal
+from plain_systems import Sum, Total
 
 FORMULA = avrare.stl("total < 10")
 THREE = Joint([Exponential()] * 3)
@@ -20,29 +21,6 @@ EXACT = math.exp(-10.0) * 61.0
 """The sum of three Exp(1) reaches 10."""
 WIDE = Flow("by hand", (), np.zeros(1), np.full(1, 1.2), samples=100)
 """N(0, 1.2^2)."""
-
-
-class Total(Static):
-    def signals(self, state: Values):
-        return {"total": row_sum(state.values)}
-
-
-@dataclass(frozen=True)
-class Place:
-    x: np.ndarray
-
-
-class Walk:
-    noise_size = 1
-
-    def initial(self, noise):
-        return Place(noise[:, 0])
-
-    def step(self, state, noise):
-        return Place(state.x + noise[:, 0])
-
-    def signals(self, state):
-        return {"x": state.x}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +67,8 @@ def test_a_density_up_to_a_constant_suffices():
 def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
     """Take a lognormal, sigma = 1/2: E[|det|, failure] / E[|det|] moves the normal number by sigma."""
     law, far = Joint([LogNormal(0.0, 0.5)]), 3.0
-    problem = avrare.Problem(
-        weigh_noise(Static(1), law, weights="paper"), avrare.stl(f"u0 < {math.exp(0.5 * far)!r}"), 0
-    )
+    system, formula = weigh_noise(Static(1), law, weights="paper"), f"u0 < {math.exp(0.5 * far)!r}"
+    problem = avrare.Problem(system, avrare.stl(formula), 0)
     found = avrare.estimate(problem, "ess", seed=1, runs=20, chains=100)
     tilted = 0.5 * math.erfc((far - 0.5) / math.sqrt(2.0))
     error = found.relative_error * found.probability
@@ -102,23 +79,22 @@ def test_the_papers_weights_are_biased_for_an_exact_flow_and_give_a_warning():
 
 def test_weights_are_those_of_all_rows():
     """Draw a walk of N(0, 1) steps from N(0, 1.2^2); the truth is from N(0, 1) itself."""
-    walk = weigh_noise(Walk(), WIDE, Joint([Normal()]).log_density)
-    result = avrare.estimate(avrare.Problem(walk, avrare.stl("always (x < 6)"), 4), "ess", seed=3, runs=20)
-    plain = avrare.Problem(transform_noise(Walk(), Joint([Normal()])), avrare.stl("always (x < 6)"), 4)
-    truth = avrare.estimate(plain, "ess", seed=4, runs=20)
+
+    def estimate_walk(system, seed, **options):
+        problem = avrare.Problem(system, avrare.stl("always (x < 6)"), 4)
+        return avrare.estimate(problem, "ess", seed=seed, **options)
+
+    result = estimate_walk(weigh_noise(Sum(), WIDE, Joint([Normal()]).log_density), 3, runs=20)
+    truth = estimate_walk(transform_noise(Sum(), Joint([Normal()])), 4, runs=20)
     spread = math.hypot(result.relative_error, truth.relative_error)
     assert abs(math.log(result.probability / truth.probability)) < 3.0 * spread
     assert spread < 0.2
-    unweighted = avrare.estimate(
-        avrare.Problem(transform_noise(Walk(), WIDE), avrare.stl("always (x < 6)"), 4), "ess", seed=3
-    )
-    assert unweighted.probability > 2.0 * truth.probability
+    assert estimate_walk(transform_noise(Sum(), WIDE), 3).probability > 2.0 * truth.probability
 
 
 def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
-    walk = weigh_noise(
-        Walk(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)])
-    ).with_weights()
+    walk = weigh_noise(Sum(), WIDE, Joint([Normal()]).log_density, initial=Joint([Normal(5.0)]))
+    walk = walk.with_weights()
     z = np.random.default_rng(0).standard_normal((6, 3, 1))
     state = walk.initial(z[:, 0])
     assert walk.log_weights(state).tolist() == [0.0] * 6
@@ -132,9 +108,8 @@ def test_the_weight_of_a_tape_is_the_ratio_of_its_densities():
 
 
 def test_a_weight_that_is_not_a_number_is_a_fault():
-    system = weigh_noise(
-        Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0)
-    ).with_weights()
+    system = weigh_noise(Static(1), Joint([Normal()]), lambda x: np.where(x[:, 0] > 0, np.nan, 0.0))
+    system = system.with_weights()
     assert system.faults(system.initial(np.array([[1.0], [-1.0]]))).tolist() == [True, False]
 
 

@@ -1,5 +1,7 @@
 """Association: the assignment against SciPy's, and what swapped and false detections do to tracks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -139,16 +141,8 @@ def test_reported_headings_measure_the_speed_across():
         tracker = build(ImmConfig(start="truth", lateral_speed=kind, lateral_speed_variance=0.01), scene(1))
         track = tracker.start(cars(places[:1]))
         for place in places[1:]:
-            one = seen([place])
-            detected = Observation(
-                one.detected,
-                one.x,
-                one.y,
-                one.speed_x,
-                np.full((1, 1), 1.0),
-                np.full((1, 1), np.arctan(0.05) + np.pi),
-            )
-            track = tracker.update(track, detected)
+            across, heading = np.full((1, 1), 1.0), np.full((1, 1), np.arctan(0.05) + np.pi)
+            track = tracker.update(track, replace(seen([place]), speed_y=across, heading=heading))
         found[kind] = float(tracker.estimate(track).vy[0, 0])
     assert abs(found["velocity"] - 1.0) < abs(found["none"] - 1.0)
     assert found["heading"] == pytest.approx(found["velocity"], abs=0.05)  # half a turn makes no difference

@@ -62,11 +62,8 @@ def test_equals_scalar_loops_with_and_without_detection(models):
     rng = np.random.default_rng(2)
     models = lopsided(models, rng)
     track = begin(models, rng, (4, 3))
-    reference = {
-        (i, j): (track.mean[i, j], track.covariance[i, j], track.probability[i, j])
-        for i in range(4)
-        for j in range(3)
-    }
+    parts = (track.mean, track.covariance, track.probability)
+    reference = {at: [part[at] for part in parts] for at in np.ndindex(4, 3)}
     for _ in range(25):
         measurement, detected = observe(models, rng, (4, 3))
         track = step(models, track, measurement, detected)
@@ -96,11 +93,11 @@ def test_vehicles_do_not_depend_on_each_other(models):
     full = begin(models, rng, (5, 4))
     measurement, detected = observe(models, rng, (5, 4))
     whole = step(models, full, measurement, detected)
-    one = Mixture(full.mean[:, 2:3], full.covariance[:, 2:3], full.probability[:, 2:3])
-    alone = step(models, one, measurement[:, 2:3], detected[:, 2:3])
-    np.testing.assert_array_equal(whole.mean[:, 2:3], alone.mean)
-    np.testing.assert_array_equal(whole.covariance[:, 2:3], alone.covariance)
-    np.testing.assert_array_equal(whole.probability[:, 2:3], alone.probability)
+    names, third = ("mean", "covariance", "probability"), slice(2, 3)
+    one = Mixture(*(getattr(full, name)[:, third] for name in names))
+    alone = step(models, one, measurement[:, third], detected[:, third])
+    for name in names:
+        np.testing.assert_array_equal(getattr(whole, name)[:, third], getattr(alone, name))
 
 
 @BOTH
@@ -110,13 +107,12 @@ def test_forecast_equals_stepping_every_mode(models):
     positions = forecast(look_ahead(models, 20), track)
     assert positions.shape == (3, 2, 21)
     np.testing.assert_array_equal(positions[..., 0], fuse(track)[0][..., 0])
-    for i in range(3):
-        for j in range(2):
-            states = [state.copy() for state in track.mean[i, j]]
-            for k in range(21):
-                expected = sum(q * s[0] for q, s in zip(track.probability[i, j], states, strict=True))
-                assert positions[i, j, k] == pytest.approx(expected, abs=1e-10)
-                states = [F @ s + E for F, s, E in zip(models.dynamics, states, models.offset, strict=True)]
+    for at in np.ndindex(3, 2):
+        states = list(track.mean[at])
+        for k in range(21):
+            expected = sum(q * s[0] for q, s in zip(track.probability[at], states, strict=True))
+            assert positions[at][k] == pytest.approx(expected, abs=1e-10)
+            states = [F @ s + E for F, s, E in zip(models.dynamics, states, models.offset, strict=True)]
 
 
 @BOTH

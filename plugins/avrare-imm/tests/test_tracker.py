@@ -33,9 +33,8 @@ def test_start_knows_the_world_and_the_lane():
     moves = 0.999
     np.testing.assert_allclose(now.lane_probabilities, moves * np.array(lanes))
     np.testing.assert_allclose(track.lateral.probability[0, 0], [*np.tile(moves * matched / 3, 3), 1 - moves])
-    np.testing.assert_allclose(
-        track.longitudinal.probability, np.broadcast_to([moves / 2, moves / 2, 1 - moves], (2, 3, 3))
-    )
+    expected = np.broadcast_to([moves / 2, moves / 2, 1 - moves], (2, 3, 3))
+    np.testing.assert_allclose(track.longitudinal.probability, expected)
 
 
 def test_follows_a_lane_change_better_than_raw_measurements():
@@ -131,15 +130,10 @@ def test_without_lanes_a_crossing_car_is_followed_in_any_direction():
         vx, vy = 9.0 * np.cos(heading), 9.0 * np.sin(heading)
         track = tracker.start(world(zero, zero, zero + heading, zero + 9.0, zero))
         for k in range(1, 31):
-            x, y = vx * plane.dt * k, vy * plane.dt * k
-            seen = Observation(
-                zero == 0.0, x + rng.normal(0, 0.3, zero.shape), y + rng.normal(0, 0.3, zero.shape), zero
-            )
-            track = tracker.update(track, seen)
-        prediction = tracker.predict(track, 20)
-        assert np.abs(prediction.x[..., 0] - x).mean() < 0.4
-        assert np.abs(prediction.y[..., 0] - y).mean() < 0.4
-        moved = np.stack(
-            [prediction.x[..., 20] - prediction.x[..., 0], prediction.y[..., 20] - prediction.y[..., 0]]
-        )
-        np.testing.assert_allclose(moved.mean(axis=(1, 2)) / (20 * plane.dt), [vx, vy], atol=0.8)
+            place = np.array([vx, vy]) * plane.dt * k
+            x, y = (part + rng.normal(0, 0.3, zero.shape) for part in place)
+            track = tracker.update(track, Observation(zero == 0.0, x, y, zero))
+        ahead = np.stack([tracker.predict(track, 20).x, tracker.predict(track, 20).y])
+        assert np.abs(ahead[..., 0] - place[:, None, None]).mean(axis=(1, 2)).max() < 0.4
+        moved = (ahead[..., 20] - ahead[..., 0]).mean(axis=(1, 2))
+        np.testing.assert_allclose(moved / (20 * plane.dt), [vx, vy], atol=0.8)
