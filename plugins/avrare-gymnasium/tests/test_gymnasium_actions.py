@@ -54,9 +54,8 @@ def test_commands_are_clipped_to_the_box():
     moved = actions(BOX, noise(law="uniform", scale=0.25))(commands, np.array([[0.0, 40.0]] * 3))
     np.testing.assert_allclose(moved, [[0.5, -0.75], [1.0, -2.0], [0.0, 0.25]])
     anywhere = actions(BOX, noise(law="random", probability=1.0))(None, np.full((3, 3), 0.5))
-    np.testing.assert_allclose(
-        anywhere, [(2 * stats.norm.cdf(0.5) - 1) * np.array([1.0, 2.0])] * 3, rtol=1e-6
-    )
+    share = 2 * stats.norm.cdf(0.5) - 1
+    np.testing.assert_allclose(anywhere, [[share, 2.0 * share]] * 3, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from gymnasium.envs import registration
 from avrare.base.errors import UsageError
 from avrare.plugin.registry import default_registry
 from avrare.scenario.load import load
+from avrare.stack.builder import build_stack
 from avrare_gymnasium.config import GymnasiumConfig
 from avrare_gymnasium.registration import register_installed
 from avrare_gymnasium.world import build
@@ -62,8 +63,6 @@ def test_an_id_of_an_entry_point_runs_in_a_scenario(installed, tmp_path, point, 
     path = tmp_path / "gusts.yaml"
     path.write_text(SCENARIO % name)
     default_registry.cache_clear()
-    from avrare.stack.builder import build_stack
-
     stack = build_stack(load(path))
     assert stack.loop.noise_size == 1
     assert name in gymnasium.registry

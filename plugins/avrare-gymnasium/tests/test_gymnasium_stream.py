@@ -73,10 +73,8 @@ def test_steps_reseed_a_shared_generator_in_place():
     assert env.unwrapped.np_random is held
     env.unwrapped.np_random = np.random.Generator(np.random.MT19937(0))
     stream.step(env, np.array([0.5]))
-    assert (
-        env.unwrapped.np_random.random()
-        == np.random.Generator(np.random.PCG64(bits(np.array([0.5])))).random()
-    )
+    expected = np.random.Generator(np.random.PCG64(bits(np.array([0.5]))))
+    assert env.unwrapped.np_random.random() == expected.random()
 
 
 def test_a_stream_at_the_reset_does_not_reseed_steps():

@@ -97,6 +97,16 @@ def course(system, noise, state=None, since=0):
     return {name: np.stack([one[name] for one in found], axis=1) for name in found[0]}, state
 
 
+def check_restored(system, noise, whole):
+    """Restore twice in the middle, other rollouts having been there: the course is that of the whole."""
+    _, middle = course(system, noise[:, :6])
+    for _ in range(2):
+        course(system, tape(system, 4, seed=9), middle, 5)
+        again, _ = course(system, noise, middle, 5)
+        for name, values in again.items():  # a time limit among them
+            np.testing.assert_array_equal(values, whole[name][:, 5:])
+
+
 def test_the_simulator_equals_the_bare_environment():
     system = loop(Constant(1), env="CartPole-v1", noise={"stream": {"by": "none"}})
     found, _ = course(system, np.zeros((1, STEPS + 1, 0)))
@@ -130,24 +140,13 @@ def test_a_restored_environment_continues_identically(copy, stream):
         noise={"stream": stream, "observation": {"scale": 0.01}, "action": {"scale": 0.5}},
     )  # fmt: skip
     noise = tape(system, 4)
-    whole, _ = course(system, noise)
-    _, middle = course(system, noise[:, :6])
-    for _ in range(2):
-        course(system, tape(system, 4, seed=9), middle, 5)
-        again, _ = course(system, noise, middle, 5)
-        np.testing.assert_array_equal(again["o2"], whole["o2"][:, 5:])
+    check_restored(system, noise, course(system, noise)[0])
 
 
 def test_an_environment_may_bring_its_own_hook():
     system, replayed = odd(copy="hook"), odd()
     noise = tape(system, 4)
-    whole, _ = course(replayed, noise)
-    _, middle = course(system, noise[:, :6])
-    for _ in range(2):
-        course(system, tape(system, 4, seed=9), middle, 5)
-        again, _ = course(system, noise, middle, 5)
-        for name, values in again.items():  # the time limit among them
-            np.testing.assert_array_equal(values, whole[name][:, 5:])
+    check_restored(system, noise, course(replayed, noise)[0])
     with pytest.raises(UsageError, match="snapshot, restore"):
         pole(copy="hook")
 
@@ -160,22 +159,13 @@ def test_a_hook_does_not_have_to_store_the_generator(by, at, monkeypatch):
     noise = {"stream": {"by": by, "at": at, "numbers": 2}}
     system, replayed = odd(copy="hook", noise=noise), odd(noise=noise)
     tapes = tape(system, 4)
-    whole, _ = course(replayed, tapes)
-    _, middle = course(system, tapes[:, :6])
-    for _ in range(2):
-        course(system, tape(system, 4, seed=9), middle, 5)
-        again, _ = course(system, tapes, middle, 5)
-        for name, values in again.items():
-            np.testing.assert_array_equal(values, whole[name][:, 5:])
+    check_restored(system, tapes, course(replayed, tapes)[0])
 
 
 def test_noise_on_the_start():
     options = {"env": "Pendulum-v1", "signals": {"rate": 2}}
-    noise = {"stream": {"by": "none"}, "initial": {"scale": [0.0, 2.0]}}
-    system, still = (
-        loop(None, noise=noise, **options),
-        loop(None, noise={"stream": {"by": "none"}}, **options),
-    )
+    still = loop(None, noise={"stream": {"by": "none"}}, **options)
+    system = loop(None, noise={"stream": {"by": "none"}, "initial": {"scale": [0.0, 2.0]}}, **options)
     rows = np.array([[5.0, 0.25], [0.0, -1.0]])
     moved = system.signals(system.initial(rows))["rate"]
     expected = still.signals(still.initial(np.zeros((2, 0))))["rate"] + np.array([0.5, -2.0])
@@ -215,7 +205,7 @@ def test_an_environment_that_is_not_deterministic():
         ({"env": "CartPole-v1", "noise": {"observation": {"scale": [1, 2]}}}, "2 scales for 4 numbers"),
         (
             {"env": "CartPole-v1", "noise": {"initial": {"attribute": "wheel", "scale": 1}}},
-            "wheel is not a numeric state",
+            "not a numeric state",
         ),
     ],
 )
@@ -230,10 +220,9 @@ def test_environments_that_cannot_be_built(options, message):
 )
 def test_a_failing_reset_is_reported_before_anything_runs(kind, message, tmp_path):
     path = tmp_path / "odd.yaml"
-    path.write_text(
-        f"name: odd\nsteps: 2\nsimulator: {{plugin: gymnasium, env: Odd-v0, options: {{kind: {kind}}}, "
-        'signals: {x: 0}}\nspecifications: {low: {stl: "always (x < 1)"}}\nestimator: {plugin: mc}\n'
-    )
+    simulator = f"{{plugin: gymnasium, env: Odd-v0, options: {{kind: {kind}}}, signals: {{x: 0}}}}"
+    rest = 'specifications: {low: {stl: "always (x < 1)"}}\nestimator: {plugin: mc}\n'
+    path.write_text(f"name: odd\nsteps: 2\nsimulator: {simulator}\n{rest}")
     with pytest.raises(AvrareError, match=message):
         avrare.load(path).problem("low")
 

@@ -60,10 +60,9 @@ def test_the_lidar(seed):
     sim = simulator(scene="highway", vehicles=12, start_seed=seed)
     environment = bare(sim, seed)
     environment.vehicle.heading = 0.05
+    place = environment.vehicle.position[0]
     for vehicle in environment.road.vehicles:
-        vehicle.position[0] = environment.vehicle.position[0] + 0.35 * (
-            vehicle.position[0] - environment.vehicle.position[0]
-        )
+        vehicle.position[0] = place + 0.35 * (vehicle.position[0] - place)
     observation = LidarObservation(environment, cells=240, maximum_range=60, normalize=False)
     theirs = observation.trace(environment.vehicle.position, environment.vehicle.velocity)
     ego, others = environment.vehicle, vehicles(environment)
@@ -72,9 +71,8 @@ def test_the_lidar(seed):
     box = Rectangle(x, -y, -heading, np.full(len(others), 5.0), np.full(len(others), 2.0))
     rays = directions(240)
     ours, hit = cast(ego.position[:1], -ego.position[1:], box, rays, 60.0)
-    speeds = closing(
-        speed * np.cos(heading), speed * np.sin(-heading), ego.velocity[:1], -ego.velocity[1:], hit, rays
-    )
+    along, across = speed * np.cos(heading), speed * np.sin(-heading)
+    speeds = closing(along, across, ego.velocity[:1], -ego.velocity[1:], hit, rays)
     mirrored = theirs[-np.arange(240)]
     near = mirrored[:, 0] < 60.0
     assert near.sum() > 10

@@ -1,15 +1,14 @@
 """Speeds in bends of roundabout and intersection: a limit of the acceleration, or a warning of its lack."""
 
 import numpy as np
+from highway_runs import simulator
 
 from avrare.driving import Action
-from avrare_highway_env.config import HighwayEnvConfig
-from avrare_highway_env.simulator import HighwayEnvSimulator
 
 
 def lateral(limit):
     """Return the greatest lateral acceleration of drivers on the ring, and the greatest braking of any."""
-    sim = HighwayEnvSimulator(HighwayEnvConfig(scene="roundabout", traffic={"bend_acceleration": limit}))
+    sim = simulator(scene="roundabout", traffic={"bend_acceleration": limit})
     rng = np.random.default_rng(2)
     world, across, braking = sim.reset(rng.standard_normal((3, sim.noise_size))), 0.0, 0.0
     for _ in range(60):
@@ -39,7 +38,7 @@ def test_without_a_limit_the_drivers_are_those_of_highway_env_and_a_warning_says
 def turning(limit):
     """Return the lateral accelerations of those who turn at the intersection while the ego waits."""
     options = {"bend_acceleration": limit, "acceleration_sd": 1.0}
-    sim = HighwayEnvSimulator(HighwayEnvConfig(scene="intersection", vehicles=6, traffic=options))
+    sim = simulator(scene="intersection", vehicles=6, traffic=options)
     rng = np.random.default_rng(2)
     world, across = sim.reset(rng.standard_normal((4, sim.noise_size))), []
     for _ in range(100):

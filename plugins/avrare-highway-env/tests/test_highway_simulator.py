@@ -1,10 +1,11 @@
-"""The simulator as a whole: what its worlds do, and that they depend on their noise alone."""
+"""The simulator as a whole: what its worlds do, that they depend on their noise alone, and drawn options."""
 
 import highway_runs as runs
 import numpy as np
 import pytest
-from highway_runs import numbers, run, same, simulator, steering, tape
+from highway_runs import OPTIONS, numbers, run, same, simulator, steering, tape
 
+from avrare.base import batch
 from avrare.base.batch import concatenate, take
 from avrare.base.errors import UsageError
 from avrare.driving import Action
@@ -52,9 +53,7 @@ def test_an_ego_off_the_road_does_not_arrive():
     sim = simulator(scene="merge", goal=60.0, start_seed=1)
     world = run(sim, tape(sim, 1, 20), lambda t, n: np.array([[0.0, 0.3 if t < 4 else 0.0]]))[-1]
     signals = sim.signals(world)
-    assert signals["over"] == 1.0
-    assert signals["on_road"] == 0.0
-    assert signals["arrived"] == 0.0
+    assert [signals[name][0] for name in ("over", "on_road", "arrived")] == [1.0, 0.0, 0.0]
 
 
 def test_a_crash():
@@ -95,9 +94,8 @@ def test_signals(sim):
 def test_acceleration_is_the_change_of_speed(sim):
     one, other = run(sim, tape(sim, 3, 6))[-2:]
     moving = ~other.over
-    np.testing.assert_allclose(
-        other.ego.acceleration[moving], (other.ego.speed - one.ego.speed)[moving] / sim.dt, atol=1e-9
-    )
+    change = (other.ego.speed - one.ego.speed)[moving] / sim.dt
+    np.testing.assert_allclose(other.ego.acceleration[moving], change, atol=1e-9)
     if sim.config.scene != "intersection":  # whose vehicles change places in the list
         change = (other.others.speed - one.others.speed)[moving] / sim.dt
         np.testing.assert_allclose(other.others.acceleration[moving], change, atol=1e-9)
@@ -115,3 +113,39 @@ def test_an_action_that_is_nan_is_an_error_of_its_rollout():
     for action in (np.full((1, 2), np.nan), Action(np.array([np.nan]), np.zeros(1))):
         with pytest.raises(ValueError, match="action is NaN"):
             sim.step(sim.reset(np.zeros((1, 0))), action, np.zeros((1, 0)))
+
+
+VALUES = {
+    "traffic.desired_speed": (20.0, 26.0, 32.0),
+    "traffic.time_gap": (0.8, 1.5, 2.5),
+    "traffic.acceleration_sd": (0.2, 1.0, 2.0),
+    "ego_speed": (22.0, 25.0, 28.0),
+}
+
+
+def values(*rows):
+    return {name: np.array(own)[list(rows)] for name, own in VALUES.items()}
+
+
+@pytest.mark.parametrize("scene", ["merge", "intersection"])
+def test_rows_have_their_own_values_alone_and_together(scene):
+    options = {**OPTIONS[scene], "traffic": {"acceleration_sd": 1.0}}
+    sim = simulator(**options)
+    noise = np.repeat(tape(sim, 1, 12), 3, axis=0)
+    start = sim.reset_drawn(noise[:, 0], values(0, 1, 2))
+    assert start.ego.speed.tolist() == [22.0, 25.0, 28.0]
+    together = sim.step(start, np.zeros((3, 2)), noise[:, 1])
+    assert len(set(together.others.speed[:, 0].tolist())) == 3
+    for row in range(3):
+        first, second = noise[row : row + 1, 0], noise[row : row + 1, 1]
+        alone = sim.step(sim.reset_drawn(first, values(row)), np.zeros((1, 2)), second)
+        assert same(alone, batch.take(together, [row]))
+        traffic = {name.removeprefix("traffic."): own[row] for name, own in VALUES.items() if "." in name}
+        fixed = simulator(**options | {"ego_speed": VALUES["ego_speed"][row], "traffic": traffic})
+        assert same(fixed.step(fixed.reset(first), np.zeros((1, 2)), second), alone)
+
+
+def test_drivers_reach_the_speed_that_they_desire():
+    sim = simulator(scene="highway", vehicles=2, traffic={"desired_speed": 18.0}, start_seed=3)
+    world = run(sim, tape(sim, 1, 60), lambda t, n: np.zeros((n, 2)))[-1]
+    np.testing.assert_allclose(world.others.speed, 18.0, atol=1.0)

@@ -27,11 +27,6 @@ def straight():
     return simulator(scene="intersection", dt=0.1, vehicles=2).junction
 
 
-@pytest.fixture(scope="module")
-def left():
-    return simulator(scene="intersection", dt=0.1, vehicles=2, way="left").junction
-
-
 def along(x, y, heading, speed, acceleration=0.0):
     """Return states (T, 5) on a straight line from a place."""
     t = 0.1 * np.arange(STEPS)
@@ -101,7 +96,8 @@ def test_areas_of_the_ego_that_goes_straight_on(straight):
     assert WEST + 3 not in areas  # who turns right from the west goes south
 
 
-def test_an_ego_that_turns_left_minds_those_who_come_towards_it(left):
+def test_an_ego_that_turns_left_minds_those_who_come_towards_it():
+    left = simulator(scene="intersection", dt=0.1, vehicles=2, way="left").junction
     reasons = {one.way: one.reason for one in left.road.crossings}
     assert reasons[NORTH + 2] == reasons[NORTH + 3] == "oncoming"
     assert NORTH + 1 not in reasons

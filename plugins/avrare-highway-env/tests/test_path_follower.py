@@ -119,19 +119,12 @@ def test_it_stays_on_a_bend():
 
 def test_exact_predictions_are_as_good_as_the_truth():
     rng = np.random.default_rng(4)
-    crowd = [(x, y, heading, speed) for x, y, heading, speed in zip(
-        rng.uniform(-20, 20, 40), rng.uniform(-20, 40, 40), rng.uniform(-3, 3, 40), rng.uniform(2, 9, 40),
-        strict=True,
-    )]  # fmt: skip
     driver, here = follower(foresight=3.0), (2.0, -30.0, np.pi / 2, 7.0)
-    for other in crowd:
-        seen, times = ego(here, [other]), 0.1 * np.arange(31)
-        x, y, heading, speed = other
-        prediction = Prediction(
-            (x + speed * np.cos(heading) * times)[None, None],
-            (y + speed * np.sin(heading) * times)[None, None],
-        )
-        assert driver.horizon == 30
+    assert driver.horizon == 30
+    for x, y, heading, speed in rng.uniform((-20, -20, -3, 2), (20, 40, 3, 9), (40, 4)):
+        seen, way = ego(here, [(x, y, heading, speed)]), 0.1 * speed * np.arange(31)
+        place = x + way * np.cos(heading), y + way * np.sin(heading)
+        prediction = Prediction(*(part[None, None] for part in place))
         np.testing.assert_allclose(driver.act(None, seen, prediction)[0], driver.act(None, seen, None)[0])
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import highway_runs as runs
 import numpy as np
 import pytest
 from highway_runs import run, simulator, tape
@@ -10,6 +9,7 @@ from highway_runs import run, simulator, tape
 import avrare
 from avrare.base.errors import ScenarioError
 from avrare.stack.builder import build_rule
+from avrare_policy.network import Network, save
 
 SCENARIOS = Path(__file__).parents[3] / "scenarios"
 WORLD = """
@@ -27,17 +27,10 @@ chunk: 3
 @pytest.fixture
 def policy(tmp_path):
     """Return a policy that only ever speeds up, the more the farther its first rays reach."""
-    from avrare_policy.network import Network, save
-
-    weights = np.zeros((6 + 24, 2), dtype=np.float32)
+    weights, two = np.zeros((6 + 24, 2), dtype=np.float32), np.ones(2)
     weights[6:12, 0] = 1.0 / 6.0
-    save(
-        tmp_path / "faster.npz",
-        Network(
-            (weights,), (np.zeros(2, dtype=np.float32),), "relu", np.zeros(30), np.ones(30),
-            np.full(2, -1.0), np.full(2, 1.0), {},
-        ),
-    )  # fmt: skip
+    layers = (weights,), (np.zeros(2, dtype=np.float32),)
+    save(tmp_path / "faster.npz", Network(*layers, "relu", np.zeros(30), np.ones(30), -two, two, {}))
     return tmp_path / "faster.npz"
 
 
@@ -71,13 +64,9 @@ def test_rules_for_straight_roads_are_refused_on_other_roads(tmp_path, policy):
 
 @pytest.mark.parametrize("name", ["merge_lidar", "highway"])
 def test_the_scenarios_run(name):
-    problem = avrare.load(SCENARIOS / f"{name}.yaml", ["steps=4"])
-    world = avrare.load(SCENARIOS / f"{name}.yaml")
-    loop = world.stack.loop
+    loop = avrare.load(SCENARIOS / f"{name}.yaml").stack.loop
     state = loop.initial(np.zeros((2, loop.noise_size)))
     for _ in range(3):
         state = loop.step(state, np.zeros((2, loop.noise_size)))
     assert (loop.signals(state)["x"] > 0.0).all()
     assert not loop.faults(state).any()
-    assert problem.steps == 4
-    assert runs.numbers(state.world)

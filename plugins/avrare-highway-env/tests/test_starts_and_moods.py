@@ -1,4 +1,4 @@
-"""Effects of the noise: starts, moods of the drivers, noise of the rays."""
+"""Effects of the noise: random numbers from the tape, starts, moods of the drivers, noise of the rays."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from avrare_highway_env.config import HighwayEnvConfig
 from avrare_highway_env.sensing import FEATURES
+from avrare_highway_env.tape import TapeRandom
 
 
 def idle(t, n):
@@ -37,9 +38,8 @@ def test_a_fixed_start_needs_no_noise():
 
 
 def test_without_moods_drivers_are_those_of_highway_env():
-    quiet, moody = (
-        simulator(scene="merge", start_seed=1, traffic={"acceleration_sd": sd}) for sd in (0.0, 2.0)
-    )
+    moods = ({"acceleration_sd": sd} for sd in (0.0, 2.0))
+    quiet, moody = (simulator(scene="merge", start_seed=1, traffic=traffic) for traffic in moods)
     assert (quiet.noise_size, moody.noise_size) == (0, 5)
     calm = run(moody, np.zeros((1, 41, 5)), idle)[-1]
     assert same(run(quiet, np.zeros((1, 41, 0)), idle)[-1], calm)
@@ -63,12 +63,8 @@ def test_moods_are_an_ornstein_uhlenbeck_process():
     sim = simulator(scene="merge", start_seed=1, traffic=options)
     noise = tape(sim, 60, 40)
     worlds = run(sim, noise, lambda t, n: np.full((n, 2), -0.01))
-    moods = np.array(
-        [
-            [[thing[1].get("mood", 0.0) for thing in snapshot.objects[1:5]] for snapshot in world.snapshot]
-            for world in worlds[20:]
-        ]
-    )
+    cars = [[snapshot.objects[1:5] for snapshot in world.snapshot] for world in worlds[20:]]
+    moods = np.array([[[car[1].get("mood", 0.0) for car in row] for row in rows] for rows in cars])
     assert moods.std() == pytest.approx(1.5, rel=0.1)
     kept = (moods[1:] * moods[:-1]).mean() / (moods**2).mean()
     assert kept == pytest.approx(np.exp(-0.1 / 0.5), abs=0.05)
@@ -76,9 +72,8 @@ def test_moods_are_an_ornstein_uhlenbeck_process():
 
 
 def test_the_noise_of_the_rays():
-    config = {"cells": 240, "noise_variance": 0.004}
-    clean = simulator(scene="merge", start_seed=1, lidar={"cells": 240})
-    noisy = simulator(scene="merge", start_seed=1, lidar=config)
+    configs = ({"cells": 240, "noise_variance": variance} for variance in (0.0, 0.004))
+    clean, noisy = (simulator(scene="merge", start_seed=1, lidar=config) for config in configs)
     assert (clean.noise_size, noisy.noise_size) == (0, 240)
     numbers = tape(noisy, 100, 0)[:, 0]
     true = clean.reset(np.zeros((1, 0))).ego.observation[0]
@@ -114,3 +109,52 @@ def test_the_noise_changes_observations_and_not_the_world():
 def test_invalid_options_are_refused(options):
     with pytest.raises(ValidationError):
         HighwayEnvConfig.model_validate(options)
+
+
+def numbers(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def test_every_draw_uses_the_next_number():
+    tape = TapeRandom(np.array([0.0, 0.0, 1.5, 0.0, -9.0, 9.0]))
+    assert tape.random() == 0.5
+    assert tape.uniform(-5.0, 5.0) == 0.0
+    assert tape.normal(2.0, 2.0) == 5.0
+    assert tape.integers(3) == 1
+    assert tape.integers(2, 5) == 2
+    assert tape.integers(2, 5) == 4
+    assert tape.used == 6
+
+
+def test_draws_have_the_laws_of_their_names():
+    tape = TapeRandom(numbers(20_000))
+    uniform = np.array([tape.uniform(2.0, 4.0) for _ in range(10_000)])
+    assert uniform.mean() == pytest.approx(3.0, abs=0.02)
+    assert uniform.var() == pytest.approx(4 / 12, abs=0.01)
+    counts = np.bincount([tape.integers(4) for _ in range(10_000)], minlength=4)
+    assert np.abs(counts - 2500).max() < 200
+
+
+def test_choices_with_and_without_replacement():
+    tape = TapeRandom(numbers(4000))
+    names = [tape.choice(["a", "b", "c"]) for _ in range(900)]
+    assert all(200 < names.count(name) < 400 for name in "abc")
+    assert 0 <= tape.choice(np.int64(3)) < 3
+    pairs = [tape.choice(range(4), size=2, replace=False) for _ in range(500)]
+    assert all(a != b for a, b in pairs)
+    assert len({(int(a), int(b)) for a, b in pairs}) == 12
+    doubles = [tape.choice(2, size=2) for _ in range(100)]
+    assert any(a == b for a, b in doubles)
+
+
+def test_beyond_its_end_the_tape_seeds_the_draws():
+    def draws(tape):
+        return [tape.normal() for _ in range(10)]
+
+    one, again, other = (draws(TapeRandom(numbers(3, seed))) for seed in (1, 1, 2))
+    assert one == again
+    assert len(set(one)) == 10
+    assert set(one).isdisjoint(other)
+    assert draws(TapeRandom(np.zeros(0))) == draws(TapeRandom(np.zeros(0)))
+    tail = draws(TapeRandom(np.nextafter(numbers(3, 1), 9.0)))[3:]
+    assert set(tail).isdisjoint(one)
