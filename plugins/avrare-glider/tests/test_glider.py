@@ -37,11 +37,8 @@ def by_lift_and_drag(state, rate):
     v = np.array([vx, vz])
     both = pitch + elevator
     arm = -0.27 * np.array([np.cos(pitch), np.sin(pitch)]) - 0.022 * np.array([np.cos(both), np.sin(both)])
-    tail = (
-        v
-        + 0.27 * turn * np.array([np.sin(pitch), -np.cos(pitch)])
-        + 0.022 * (turn + rate) * np.array([np.sin(both), -np.cos(both)])
-    )
+    tail = v + 0.27 * turn * np.array([np.sin(pitch), -np.cos(pitch)])
+    tail += 0.022 * (turn + rate) * np.array([np.sin(both), -np.cos(both)])
     forces = []
     for area, angle, air in ((0.0885, pitch, v), (0.0147, both, tail)):
         attack = angle - np.arctan2(air[1], air[0])

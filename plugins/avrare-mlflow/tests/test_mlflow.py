@@ -1,6 +1,7 @@
 """Records of run folders in MLflow."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -54,11 +55,7 @@ class Client:
 
         return call
 
-    @property
-    def info(self):
-        from types import SimpleNamespace
-
-        return SimpleNamespace(run_id="r1")
+    info = SimpleNamespace(run_id="r1")
 
 
 def test_numbers_tags_and_files_are_recorded(run, monkeypatch):

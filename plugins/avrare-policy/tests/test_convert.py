@@ -1,5 +1,6 @@
 """Conversion of torch and stable-baselines3 policies."""
 
+import argparse
 import io
 import zipfile
 
@@ -35,8 +36,6 @@ def archive(path, **layers):
 
 
 def run(*words):
-    import argparse
-
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
     return command.execute(parser.parse_args(list(map(str, words))))
@@ -57,11 +56,8 @@ def test_ppo_is_recognised(tmp_path):
     body, head = [torch.nn.Linear(3, 8), torch.nn.Tanh()], [torch.nn.Linear(8, 2)]
     path = archive(tmp_path / "ppo.zip", **{"mlp_extractor.policy_net": body, "action_net": head})
     network, layout = convert(path)
-    assert (layout.name, network.activation, network.squash) == (
-        "PPO or A2C of stable-baselines3",
-        "tanh",
-        False,
-    )
+    assert layout.name == "PPO or A2C of stable-baselines3"
+    assert (network.activation, network.squash) == ("tanh", False)
     seen = np.random.default_rng(1).standard_normal((20, 3))
     wanted = torch.nn.Sequential(*body, *head)(torch.tensor(seen, dtype=torch.float32)).detach().numpy()
     np.testing.assert_allclose(network(seen), wanted, rtol=1e-5, atol=1e-6)

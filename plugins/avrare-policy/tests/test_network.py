@@ -49,50 +49,27 @@ def test_a_saved_network_is_loaded(tmp_path):
     assert path.read_bytes() == first
 
 
-def broken(arrays, name):
-    arrays = dict(arrays)
-    match name:
-        case "no bias":
-            del arrays["b1"]
-        case "shape":
-            arrays["W1"] = arrays["W1"][:-1]
-        case "not finite":
-            arrays["W0"] = np.where(arrays["W0"] > 1.0, np.nan, arrays["W0"])
-        case "activation":
-            arrays["activation"] = np.array("sigmoid")
-        case "scale":
-            arrays["scale"] = np.zeros(7)
-        case "range":
-            arrays["low"] = np.zeros(3)
-        case "format":
-            arrays["format"] = np.array(99)
-        case "text":
-            arrays["W0"] = np.full((7, 16), "x")
-        case "no layers":
-            arrays = {key: value for key, value in arrays.items() if key[0] not in "Wb"}
-    return arrays
+BREAKS = {
+    "no bias": lambda kept: kept.pop("b1"),
+    "shape": lambda kept: kept.update(W1=kept["W1"][:-1]),
+    "not finite": lambda kept: kept.update(W0=np.where(kept["W0"] > 1.0, np.nan, kept["W0"])),
+    "activation": lambda kept: kept.update(activation=np.array("sigmoid")),
+    "scale": lambda kept: kept.update(scale=np.zeros(7)),
+    "range": lambda kept: kept.update(low=np.zeros(3)),
+    "format": lambda kept: kept.update(format=np.array(99)),
+    "text": lambda kept: kept.update(W0=np.full((7, 16), "x")),
+    "no layers": lambda kept: [kept.pop(key) for key in list(kept) if key[0] in "Wb"],
+    "not a policy": lambda kept: kept.update(W0=np.array([{"a": 1}], dtype=object)),
+}
 
 
-NAMES = ["no bias", "shape", "not finite", "activation", "scale", "range", "format", "text", "no layers"]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", BREAKS)
 def test_an_invalid_file_is_refused(tmp_path, name):
     path = tmp_path / "net.npz"
     save(path, network())
     with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files}
-    np.savez(path, **broken(arrays, name))
-    with pytest.raises(UsageError, match=r"net\.npz"):
-        load(path)
-
-
-def test_pickles_are_refused(tmp_path):
-    path = tmp_path / "net.npz"
-    save(path, network())
-    with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files}
-    arrays["W0"] = np.array([{"a": 1}], dtype=object)
+        arrays = dict(file)
+    BREAKS[name](arrays)
     np.savez(path, **arrays)
-    with pytest.raises(UsageError, match="not a policy"):
+    with pytest.raises(UsageError, match=r"net\.npz" if name != "not a policy" else name):
         load(path)

@@ -51,13 +51,15 @@ WEIGHTS = np.random.default_rng(1).standard_normal((4, 33)), np.random.default_r
 
 
 def network(rows="batch"):
-    nodes = [
-        node("MatMul", ["seen", "W0"], "a"),
-        node("Tanh", ["a"], "b"),
-        node("MatMul", ["b", "W1"], "action"),
-    ]
+    nodes = [node("MatMul", ["seen", "W0"], "a"), node("Tanh", ["a"], "b")]
+    nodes.append(node("MatMul", ["b", "W1"], "action"))
     tensors = [tensor(f"W{k}", weight) for k, weight in enumerate(WEIGHTS)]
     return model(nodes, tensors, [value("seen", rows, 4)], value("action", rows, 2))
+
+
+def single(operation, dims, inputs="a", kind=1):
+    named = [value(name, *dims, kind=kind) for name in inputs]
+    return model([node(operation, inputs, "c")], [], named, value("c", *dims, kind=kind))
 
 
 def controller(tmp_path, content, **options):
@@ -93,15 +95,9 @@ def test_an_observation_of_another_size(tmp_path):
     [
         (b"no model", "not an ONNX model"),
         (network()[:200], "not an ONNX model"),
-        (
-            model([node("Add", ["a", "b"], "c")], [], [value("a", 1, 2), value("b", 1, 2)], value("c", 1, 2)),
-            r"2 inputs \(a, b\)",
-        ),
-        (model([node("Tanh", ["a"], "c")], [], [value("a", 7)], value("c", 7)), "not floats"),
-        (
-            model([node("Neg", ["a"], "c")], [], [value("a", "n", 2, kind=7)], value("c", "n", 2, kind=7)),
-            "not floats",
-        ),
+        (single("Add", [1, 2], "ab"), r"2 inputs \(a, b\)"),
+        (single("Tanh", [7]), "not floats"),
+        (single("Neg", ["n", 2], kind=7), "not floats"),
     ],
 )
 def test_a_file_that_is_no_policy_is_refused(tmp_path, content, message):

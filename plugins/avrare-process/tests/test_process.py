@@ -73,9 +73,7 @@ def estimate(system, estimator="mc", steps=100, workers=1, rollouts=60, **option
 @pytest.fixture(scope="session")
 def reference():
     parts = [find_member(str(TEMPLATE), name, "")() for name in ("Simulator", "Controller")]
-    return {
-        name: estimate(ClosedLoop(parts[0], controller=parts[1]), name, rollouts=60) for name in ("mc", "ams")
-    }
+    return {name: estimate(ClosedLoop(parts[0], controller=parts[1]), name) for name in ("mc", "ams")}
 
 
 def assert_same(result, wanted):
@@ -110,9 +108,8 @@ def test_a_controller_with_memory_keeps_its_own_for_each_rollout(reference, tmp_
 def test_a_program_that_dies_is_started_again_and_replayed(reference, tmp_path, copy):
     mark = tmp_path / "died"
     fault = f"(open({str(mark)!r}, 'x'), os._exit(3)) if not os.path.exists({str(mark)!r}) else None"
-    command = program(
-        tmp_path / "acc.py", FAULTS.format(limit=1.0, fault=fault), **{'"copy": True': f'"copy": {copy}'}
-    )
+    replaced = {'"copy": True': f'"copy": {copy}'}
+    command = program(tmp_path / "acc.py", FAULTS.format(limit=1.0, fault=fault), **replaced)
     assert_same(estimate(loop(config(*command)), "ams"), reference["ams"])
     assert mark.exists()
 

@@ -11,22 +11,14 @@ KMH = np.arange(10, 61, 10) / 3.6
 def monitor(**options):
     road = Road(lane_centres=(0.0, 3.5), lane_width=3.5)
     size = np.array([4.0]), np.array([2.0])
-    return build(
-        AvoidableCollisionConfig(**options), Scene(0.1, road, 4.0, 2.0, ("car",), *size, np.array([True]))
-    )
+    scene = Scene(0.1, road, 4.0, 2.0, ("car",), *size, np.array([True]))
+    return build(AvoidableCollisionConfig(**options), scene)
 
 
 def sample(gap, y, distance, speed=10.0):
-    values = {
-        "ego_x": [0.0],
-        "ego_y": [0.0],
-        "ego_speed": [20.0],
-        "others_x": [[gap + 4.0]],
-        "others_y": [[y]],
-        "others_speed": [[speed]],
-        "others_heading": [[0.0]],
-        "distance": [[distance]],
-    }
+    others = {"x": gap + 4.0, "y": y, "speed": speed, "heading": 0.0}
+    values = {f"others_{name}": [[value]] for name, value in others.items()} | {"distance": [[distance]]}
+    values |= {"ego_x": [0.0], "ego_y": [0.0], "ego_speed": [20.0]}
     return {name: np.array(value) for name, value in values.items()}
 
 
@@ -73,7 +65,6 @@ def test_without_vehicles_nothing_is_violated():
     road = Road(lane_centres=(0.0, 3.5), lane_width=3.5)
     none = np.zeros(0)
     specification = build(AvoidableCollisionConfig(), Scene(0.1, road, 4.0, 2.0, (), none, none, none > 0))
-    signals = {
-        name: value[..., :0] if value.ndim == 2 else value for name, value in sample(1.0, 0.0, 1.0).items()
-    }
+    one = sample(1.0, 0.0, 1.0)
+    signals = {name: value[..., :0] if value.ndim == 2 else value for name, value in one.items()}
     assert not specification.update(specification.start(1), signals)[1].violated.any()

@@ -11,14 +11,8 @@ from avrare_reference_drivers.grid import cut_in
 
 LATERAL = np.arange(18) * 0.1
 GRIDS = {
-    "low": (
-        np.arange(1.0, 60.0),
-        [(ego, other) for ego in range(20, 61, 10) for other in range(10, ego, 10)],
-    ),
-    "high": (
-        np.arange(1.0, 120.0, 2.0),
-        [(ego, other) for ego in range(70, 131, 20) for other in range(10, ego, 30)],
-    ),
+    "low": (np.arange(1.0, 60.0), [(a, b) for a in range(20, 61, 10) for b in range(10, a, 10)]),
+    "high": (np.arange(1.0, 120.0, 2.0), [(a, b) for a in range(70, 131, 20) for b in range(10, a, 30)]),
 }
 COUNTS = {
     ("low", "fsm"): [17, 52, 17, 82, 52, 17, 109, 82, 52, 17, 144, 109, 82, 52, 17],
