@@ -8,14 +8,7 @@ import pytest
 import avrare
 from avrare.base.errors import UsageError
 from avrare.driving import Observation
-from avrare.protocols import (
-    Executor,
-    PerceptionErrorModel,
-    Simulator,
-    System,
-    SystemWrapper,
-    adapt,
-)
+from avrare.protocols import Executor, PerceptionErrorModel, Simulator, System, SystemWrapper, adapt
 from avrare.testing.faulty_systems import Fragile, Walk
 
 

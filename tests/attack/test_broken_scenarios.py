@@ -106,9 +106,8 @@ def wrong_option(data, choose):
     block = data[choose.choice([key for key in BLOCKS if isinstance(data.get(key), dict)])]
     numbers = [key for key, value in block.items() if type(value) in (int, float)]
     if numbers:
-        block[choose.choice(numbers)] = choose.choice(
-            [{"x": {"y": []}}, [[[]]], "[m/s]", "near", float("nan")]
-        )
+        number = choose.choice(numbers)
+        block[number] = choose.choice([{"x": {"y": []}}, [[[]]], "[m/s]", "near", float("nan")])
     else:
         del block["plugin"]
     return dump(data).encode()
@@ -235,10 +234,8 @@ def test_every_mutation_is_tried_on_every_scenario():
 def test_only_installed_plugins_run(plugin, command, here, monkeypatch, capsys):
     (here / "evil.py").write_text(f"open({MARKER!r}, 'w')\nbuild = print\n")
     monkeypatch.syspath_prepend(str(here))
-    text = dump(
-        {"name": "x", "steps": 1, "simulator": {"plugin": plugin}, "specifications": {"a": {"stl": "x < 1"}}}
-    )
-    (here / "s.yaml").write_text(text)
+    content = {"name": "x", "steps": 1, "specifications": {"a": {"stl": "x < 1"}}}
+    (here / "s.yaml").write_text(dump(content | {"simulator": {"plugin": plugin}}))
     assert main([*command, "s.yaml"]) == 5
     assert "unknown simulator" in capsys.readouterr().err
     assert "evil" not in sys.modules

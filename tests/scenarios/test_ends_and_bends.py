@@ -7,7 +7,7 @@ import pytest
 
 from avrare.base.errors import AvrareError
 from avrare.rollout.loaded_scenario import load
-from avrare.rollout.replay import replay_tapes
+from noise_free import noise_free
 
 SCENARIO = """\
 name: alone
@@ -31,14 +31,9 @@ LANES = "lane_centres: [-1.75, 1.75, 5.25]"
 def drive(road, more, steps=80, y=-1.75, goal=None, speed=24.0, lanes="[0, 1]", most=6.0):
     """Return signals of the rollout without noise."""
     goal = y if goal is None else goal
-    text = SCENARIO.format(
-        road=road, more=more, steps=steps, y=y, goal=goal, speed=speed, lanes=lanes, most=most
-    )
-    Path("alone.yaml").write_text(text, encoding="utf-8")
-    problem = load("alone.yaml").problem("on_road")
-    (rollout,) = replay_tapes(problem, np.zeros((1, problem.steps + 1, problem.noise_size)))
-    assert rollout.error is None
-    return rollout.signals
+    ego = {"steps": steps, "y": y, "goal": goal, "speed": speed, "lanes": lanes, "most": most}
+    Path("alone.yaml").write_text(SCENARIO.format(road=road, more=more, **ego), encoding="utf-8")
+    return noise_free(load("alone.yaml").problem("on_road"))
 
 
 @pytest.fixture(autouse=True)

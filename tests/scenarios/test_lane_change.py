@@ -8,8 +8,8 @@ import pytest
 
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Request
 from avrare.scenario.load import load
+from rollout_requests import fresh
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = ROOT / "scenarios" / "lane_change.yaml"
@@ -25,9 +25,7 @@ def problem_of(*settings):
 
 
 def simulate(problem, count):
-    rows = np.arange(count)
-    request = Request.from_start(np.zeros_like(rows), rows)
-    return problem.simulate(NoiseSource(21, problem.noise_size), request, scored=False)
+    return problem.simulate(NoiseSource(21, problem.noise_size), fresh(count), scored=False)
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +93,8 @@ def test_without_errors_of_perception_nobody_is_hit_and_nothing_brakes_abruptly(
 
 @pytest.mark.slow
 def test_ten_metres_change_no_probability_by_a_factor_of_three(problem):
-    counts = [
-        simulate(each, 500).violated.sum(axis=0)
-        for each in (problem, problem_of("simulator.ego.x=10"), problem_of("simulator.ego.x=-10"))
-    ]
+    moved = problem_of("simulator.ego.x=10"), problem_of("simulator.ego.x=-10")
+    counts = [simulate(each, 500).violated.sum(axis=0) for each in (problem, *moved)]
     often = counts[0] > 20  # of the others 500 drives say nothing
     assert often.sum() == 3
     for moved in counts[1:]:

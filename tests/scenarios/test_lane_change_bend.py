@@ -8,7 +8,7 @@ import pytest
 from avrare.driving import Vehicles
 from avrare.driving.geometry import ego_rectangle, other_rectangles, signed_distance
 from avrare.rollout.loaded_scenario import load
-from avrare.rollout.replay import replay_tapes
+from noise_free import noise_free
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "lane_change_bend.yaml"
 
@@ -22,10 +22,8 @@ def line(radius):
 def drive(*overrides):
     """Return signals of the noise-free rollout, and the robustness of every specification."""
     scenario = load(SCENARIO, overrides)
-    problem = scenario.problem("no_collision")
-    (rollout,) = replay_tapes(problem, np.zeros((1, problem.steps + 1, problem.noise_size)))
-    assert rollout.error is None
-    return rollout.signals, judge(scenario, rollout.signals)
+    signals = noise_free(scenario.problem("no_collision"))
+    return signals, judge(scenario, signals)
 
 
 def judge(scenario, signals):
@@ -47,9 +45,8 @@ def bend(signals, *overrides):
         found = x[:1]
         for t in range(len(x) - 1):
             aside = 0.5 * (y[t : t + 1] + y[t + 1 : t + 2])
-            found = np.append(
-                found, scene.road.line.advance(found[-1:], aside, x[t + 1 : t + 2] - x[t : t + 1])
-            )
+            gone = x[t + 1 : t + 2] - x[t : t + 1]
+            found = np.append(found, scene.road.line.advance(found[-1:], aside, gone))
         return found
 
     bent = {**signals, "ego_x": along(signals["ego_x"], signals["ego_y"])}
