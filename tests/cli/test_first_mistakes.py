@@ -93,7 +93,7 @@ def test_a_search_needs_rollouts(budget):
         avrare.falsify(problem, budget=budget)
 
 
-NO_ARRAY = "the noise is no array of numbers"
+NO_ARRAY = "the noise is not an array of numbers"
 
 
 @pytest.mark.parametrize(

@@ -218,8 +218,8 @@ def test_junit(name, estimate):
 
 
 def test_markdown(name, problem, estimate):
-    for made in (check_documents.markdown, comparison_table.markdown):
-        is_check = made is check_documents.markdown
+    for made in (documents.markdown, comparison_table.markdown):
+        is_check = made is documents.markdown
         show = partial(check_of, estimate=estimate) if is_check else partial(comparison_of, problem=problem)
         honest, text = made(show("plain")), made(show(name))
         assert not OBEYED.search(text)

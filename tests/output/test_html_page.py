@@ -13,7 +13,7 @@ from avrare.analysis.page.build import build_report
 from avrare.analysis.page.model import ReportModel
 from avrare.base.number_format import format_amount_in_words, format_typeset
 from avrare.cli.main import main
-from avrare.output.html.page import render_page
+from avrare.output.html.page import load_templates, render_page
 from avrare.output.report import render_report
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run

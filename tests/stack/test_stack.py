@@ -12,8 +12,10 @@ from avrare.cli.main import main
 from avrare.driving import Action, Observation
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
-from avrare.stack.closed_loop import LoopState
+from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.trial import _find_nan
+from avrare_single_track.config import SingleTrackConfig
+from avrare_single_track.simulator import build
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 

@@ -17,6 +17,7 @@ from avrare.protocols import Floats
 from avrare.rollout import engine
 from avrare.testing.faulty_systems import Counting, Fragile, Walk
 from avrare.worlds.capabilities import STEPS, probe
+from plain_systems import Still
 
 
 @dataclass(frozen=True)

@@ -231,5 +231,23 @@ def test_rates_of_a_catalogue_beside_another_driver(tmp_path):
     assert [build_rates(side).tables[-2].rows[0][2] for side in (rates, rates.reference)] == ["100 %", "–"]
     again = avrare.rate(catalogue, against="reference_driver=cc", out=tmp_path / "out", resume=True)
     assert again.to_dict() == rates.to_dict()
-    with pytest.raises(UsageError, match="no driver of a catalogue's scenes"):
-        avrare.rate(catalogue, against="fsm", out=tmp_path / "other")
+    with pytest.raises(UsageError, match="only a controller can drive"):
+        avrare.rate(catalogue, against=str(tmp_path / "scene.yaml"), out=tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("reference_driver", "no file, and no controller"),
+        ("reference_driver=", "no file, and no controller"),
+        ("reference_driver=acc", "controller.model: should be 'cc'"),
+        ("driver=fsm", "controller.plugin: unknown controller"),
+    ],
+)
+def test_mistakes_in_the_other_driver_are_named_as_they_were_written(tmp_path, text, words):
+    path = tmp_path / "cut_in.yaml"
+    path.write_text(SCENARIO)
+    with pytest.raises(AvrareError, match=f"^--against {text}: {words}"):
+        avrare.compare_versions(path, text)
+    with pytest.raises(AvrareError, match=r"^--set against\.controller\.modl: controller\.modl: unknown key"):
+        avrare.compare_versions(path, path, overrides=["against.controller.modl=cc"])

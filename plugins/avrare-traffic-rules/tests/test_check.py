@@ -142,7 +142,7 @@ class TestRulesFiles:
     @pytest.mark.parametrize(
         ("lines", "message"),
         [
-            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a is defined by itself"),
+            (["a(p, q) = a(p, q)"], "in the definition of a, column 11: a uses itself"),
             (["a(p, q) = b(p, q)", "b(p, q) = a(p, q)"], "of a, column 11: b is defined below"),
             ([f"a{i}(p, q) = a{i - 1}(p, q)" for i in range(1, 2000)], "nested"),
         ],

@@ -226,7 +226,7 @@ def test_a_refused_run_leaves_nothing(night, several):
 def test_only_one_process_resumes_in_a_folder(night, interrupted, capsys):
     scenario = night.scenario()
     interrupted(2, scenario, "--out", "torn")
-    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).held():
+    with checkpoint.Checkpoint(Path("torn/checkpoint"), {}).hold():
         for words in (["--resume"], [scenario, "--resume"], [scenario]):
             capsys.readouterr()
             assert run(*words, "--out", "torn") == 4
