@@ -274,17 +274,18 @@ class ActionReader:
         return story.LaneChange(actor, transition, 0, offset, self.find_entity(target), exact=True)
 
     def _read_trajectory(self, action: Element, actor: int) -> story.Trajectory:
-        holder = action.find("TrajectoryRef") or action
         if mode := action.find("TrajectoryFollowingMode"):
             self._read_following(mode)
         reference = action.find("TimeReference")
-        timing = reference.choice() if reference is not None and reference.children else None
+        timing = None if reference is None else reference.find("Timing")
         absolute, scale, offset = False, 1.0, 0.0
-        if timing is not None and timing.tag == "Timing":
+        if timing is not None:
             domain = self.parameters.choose(timing, "domainAbsoluteRelative", ("absolute", "relative"))
             absolute = domain == "absolute"
             scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
-        found = self.read_curve(holder, actor, timing is not None and timing.tag == "Timing", scale, offset)
+        found = self.read_curve(
+            action.find("TrajectoryRef") or action, actor, timing is not None, scale, offset
+        )
         name = "initialDistanceOffset"
         begin = None if action.get(name) is None else self._number(action, name)
         return replace(found, begin=begin, absolute=absolute)

@@ -9,7 +9,6 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -64,13 +63,8 @@ _RULES: dict[str, Callable[..., Any]] = {
 """Rules of a constraint; of texts, only the last two."""
 _Bound: TypeAlias = tuple[str, ast.expr | float | str]
 """Rule and limit of a constraint."""
-
-
-@dataclass(frozen=True)
-class _Constraint:
-    # Groups of bounds of a parameter, one of which must hold.
-    name: str
-    groups: list[list[_Bound]]
+_Constraint: TypeAlias = tuple[str, list[list[_Bound]]]
+"""Parameter, and groups of bounds of which one must hold."""
 
 
 class Parameters:
@@ -150,7 +144,7 @@ class Parameters:
         ]
         if not groups:
             return
-        self._constraints.append(_Constraint(name, groups))
+        self._constraints.append((name, groups))
         if not self._fits(self._constraints[-1], {**self.values, **self._numbers()}):
             text = f"the value {self.values[name]} of {name!r} is outside its ConstraintGroup"
             raise element.error(text, "give another value under `parameters`")
@@ -166,8 +160,9 @@ class Parameters:
         return rule, written
 
     def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
-        value, fits = known[constraint.name], np.False_
-        for group in constraint.groups:
+        name, groups = constraint
+        value, fits = known[name], np.False_
+        for group in groups:
             bounds = [bound if isinstance(bound, str) else self._evaluate(bound, known) for _, bound in group]
             meets = [_RULES[rule](value, bound) for (rule, _), bound in zip(group, bounds, strict=True)]
             fits = np.logical_or(fits, functools.reduce(np.logical_and, meets, np.True_))
