@@ -283,11 +283,9 @@ class ActionReader:
             domain = self.parameters.choose(timing, "domainAbsoluteRelative", ("absolute", "relative"))
             absolute = domain == "absolute"
             scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
-        found = self.read_curve(
-            action.find("TrajectoryRef") or action, actor, timing is not None, scale, offset
-        )
-        name = "initialDistanceOffset"
-        begin = None if action.get(name) is None else self._number(action, name)
+        holder = action.find("TrajectoryRef") or action
+        found = self.read_curve(holder, actor, timing is not None, scale, offset)
+        begin = self._limit(action, "initialDistanceOffset")
         return replace(found, begin=begin, absolute=absolute)
 
     def read_curve(
