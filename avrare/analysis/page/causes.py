@@ -24,8 +24,6 @@ from avrare.results.stored_failures import StoredCauses, StoredKind, StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
-_TRAIL = 3.0
-"""Time whose paths are drawn [s]."""
 _CARD_KINDS = 2
 """Kinds that the first card tells of."""
 _STYLES = 6
