@@ -85,8 +85,8 @@ class ActionReader:
             if change.tag == "AddEntityAction":
                 return story.Teleport(actor, self.read_place(change.child("Position")))
             return story.Removal(actor)
-        known = "EnvironmentAction, EntityAction, InfrastructureAction, ParameterAction, VariableAction"
-        raise action.unknown(known)
+        kinds = "EnvironmentAction, EntityAction, InfrastructureAction, ParameterAction, VariableAction"
+        raise action.unknown(kinds)
 
     def read_private(self, private: Element, actor: int) -> story.Action | None:
         """Read a ``PrivateAction`` of a vehicle; None: it changes nothing."""

@@ -108,7 +108,7 @@ def judge_scene(path: str) -> Finding:
     features: tuple[str, ...] = ()
     try:
         top = read_xml(path, "OpenSCENARIO")
-        features = tuple(sorted({one.tag for one in top.walk() if _FEATURE.fullmatch(one.tag)}))
+        features = tuple(sorted({element.tag for element in top.walk() if _FEATURE.fullmatch(element.tag)}))
         file = read_acted(path, _STEP)
         notes = (*file.notes, *list_spent_edges(file))
     except UsageError as error:
