@@ -26,7 +26,7 @@ from studies.recorded_levels import RecordedLevels
 import avrare
 from avrare.estimation.loop.loop import run as estimate_with
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import normal
 from avrare_estimators.common.chains.pcn import PcnKernel
 from avrare_estimators.ess.config import NestedLevelsConfig

@@ -19,7 +19,7 @@ import avrare
 from avrare.estimation.loop.loop import run as estimate_with
 from avrare.estimation.plan.plan import Settings
 from avrare.protocols import Floats
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare_estimators.common.chains.pcn import PcnKernel
 from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_glider.nominal import nominal

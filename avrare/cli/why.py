@@ -21,7 +21,8 @@ from avrare.cli.failure_output import progress_line
 from avrare.cli.output import print_warnings, show_or_write
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.results.run import Run
-from avrare.results.stored_failures import WHY_FILE, select_failing
+from avrare.results.stored_causes import WHY_FILE
+from avrare.results.stored_failures import select_failing
 from avrare.rollout.loaded_scenario import LoadedScenario, load
 from avrare.scenario.fingerprint import identify
 

@@ -51,7 +51,7 @@ def avrare_components() -> list[Component]:
             kind="executor",
             name="serial",
             config="avrare.rollout.executors.work:ExecutorConfig",
-            factory="avrare.rollout.executors.work:build_serial",
+            factory="avrare.rollout.executors.serial:build",
             summary="one chunk after another in this process",
         ),
         Component(

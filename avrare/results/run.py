@@ -26,7 +26,7 @@ from avrare.estimation.plan.plan import Estimator
 from avrare.estimation.result.result import Origin, Result, ResultMapping, Results
 from avrare.estimation.result.verdict import worst_verdict
 from avrare.results.provenance import Provenance
-from avrare.results.stored_failures import WHY_FILE
+from avrare.results.stored_causes import WHY_FILE
 from avrare.results.stored_results import (
     RUN_AGAIN,
     Name,

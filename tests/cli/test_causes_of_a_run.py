@@ -9,7 +9,7 @@ import avrare
 from avrare.analysis.page.causes import build_causes
 from avrare.cli.main import main
 from avrare.results.run import Run
-from avrare.results.stored_failures import read_causes
+from avrare.results.stored_causes import read_causes
 from pushed_point import pushed_point
 
 PLANE = pushed_point(0.5, steps=10, variance=0.04)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-import avrare
+from avrare.base import version
 from avrare.cli import main as command
 from avrare.cli import plugins
 from avrare.cli.main import main
@@ -108,7 +108,7 @@ def test_usage_errors_exit_4_with_a_hint(capsys, words, message, hint):
 
 def test_help_and_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"avrare {avrare.__version__}\n"
+    assert capsys.readouterr().out == f"avrare {version.__version__}\n"
     for words in ([], ["--help"]):
         assert main(words) == 0
         out = capsys.readouterr().out

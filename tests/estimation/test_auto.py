@@ -19,7 +19,7 @@ from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import GaveUp, Settings
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.estimation.result.intervals import log_normal
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Counting, Killed, Mortal, Scrambled, Walk
 from avrare.testing.repeated_estimates import coverage_at_most, deviation
 from avrare.testing.static_problems import four_branch

@@ -14,7 +14,7 @@ from avrare.estimation.combine.cross_check import add_cross_check, compare
 from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result import intervals
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.cross_check import CrossCheck
 from avrare.testing import faulty_systems as systems
 from estimates import estimate_through_kills

@@ -12,7 +12,7 @@ from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.verdict import judge
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.scenario.schema import Threshold
 from avrare.testing import faulty_systems as systems
 

@@ -15,7 +15,7 @@ from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import AtThreshold, MonteCarlo
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.intervals import anytime, clopper_pearson, inverse_binomial
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear
 

@@ -14,7 +14,7 @@ from avrare.estimation.combine.ensemble import combine
 from avrare.output.terminal.console import make_console, print_lines
 from avrare.output.terminal.result_table import note_lines, warning_lines
 from avrare.results.stored_results import StoredEstimate
-from avrare.testing.faulty_systems import Scrambled, Walk
+from avrare.testing.faulty_systems import Fragile, Scrambled, Walk
 from avrare.testing.problems import count_down
 
 ROOT = Path(__file__).parents[2]
@@ -65,6 +65,7 @@ MAKERS = {
     "twin": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=2000),
     "twin in vain": lambda: estimate("mfmc", problem().with_twin(problem(1.3), 0.02), rollouts=200),
     "counts": lambda: estimate("mc", problem(system=Solved()), rollouts=50),
+    "errors": lambda: estimate("mc", problem(system=Fragile("nan", 3.0, at_start=True)), rollouts=1000),
     "blind": lambda: estimate("ams", runs=4, **SMALL),
     "witness": lambda: estimate("is", rollouts=20_000),
     "doubt": lambda: estimate("ams", particles=30, discard=10, runs=3),

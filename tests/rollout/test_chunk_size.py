@@ -12,7 +12,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import LEAST, MOST, WORLD_ROWS, Request, spread
 from avrare.testing import faulty_systems as systems
 from avrare.worlds import as_system

@@ -9,7 +9,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 
 

@@ -32,7 +32,7 @@ from avrare.estimation.result.verdict import Verdict, worst_verdict
 from avrare.logic.syntax.printer import to_words
 from avrare.plugin.registry import default_registry
 from avrare.results.run import Run
-from avrare.results.stored_failures import StoredCauses, read_causes
+from avrare.results.stored_causes import StoredCauses, read_causes
 from avrare.scenario.exposure import Exposure
 
 _FREQUENT = 0.1

@@ -20,7 +20,7 @@ from avrare.driving.values import to_plane
 from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.run import Run
-from avrare.results.stored_failures import StoredCauses, StoredKind, StoredKinds
+from avrare.results.stored_causes import StoredCauses, StoredKind, StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""

@@ -14,7 +14,7 @@ from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.results.recordings import record_rollout
 from avrare.results.run import Run
-from avrare.results.stored_failures import StoredKinds
+from avrare.results.stored_causes import StoredKinds
 from avrare.rollout.problem import Problem
 from avrare.rollout.replay import Frame, ReplayedRollout, extract_frames, replay_tapes
 

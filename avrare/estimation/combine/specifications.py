@@ -12,7 +12,8 @@ from avrare.estimation.loop.preflight import Clearance, check_estimate
 from avrare.estimation.plan.plan import Estimator, Journal, Settings
 from avrare.estimation.result.doubts import answer_doubts
 from avrare.estimation.result.result import Result
-from avrare.rollout.executors.work import Executor, SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor
 from avrare.rollout.problem import Problem
 from avrare.scenario.cross_check import CrossCheck
 

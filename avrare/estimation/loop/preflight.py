@@ -11,7 +11,8 @@ from avrare.base.health_messages import MESSAGES
 from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
 from avrare.estimation.plan.plan import Estimator, Plan, Settings
 from avrare.plugin.registry import default_registry
-from avrare.rollout.executors.work import Executor, SerialExecutor, Work, run_errand
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor, Work, run_errand
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.worlds.capabilities import STEPS, refuse_limits, require

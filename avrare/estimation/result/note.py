@@ -64,7 +64,7 @@ def describe_errors(errors: int, rollouts: int, messages: Sequence[str]) -> tupl
     if not errors:
         return ()
     text = (
-        f"{errors:,} of {rollouts:,} rollouts ended in an error, and count as failures in the upper end; "
+        f"An error ended {errors:,} of {rollouts:,} rollouts, which count as failures in the upper end; "
         f"the first: {messages[0] if messages else 'no reason given'} "
         "(`avrare replay --run DIR --error 0` repeats it)."
     )

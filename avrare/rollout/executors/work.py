@@ -1,12 +1,9 @@
-"""Work of an executor, the executor of one process, the choice among executors, and checks of stored work."""
+"""Work of an executor, the choice among executors, and checks of stored work."""
 
 from __future__ import annotations
 
-import faulthandler
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -16,7 +13,7 @@ from avrare import protocols
 from avrare.base.errors import UsageError
 from avrare.plugin import Options
 from avrare.plugin.registry import default_registry
-from avrare.rollout.child_process import run_guarded, run_here
+from avrare.rollout.child_process import run_here
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
@@ -147,51 +144,3 @@ def _describe(name: str, before: Any, after: Any) -> str:
         step = int(np.flatnonzero(~_same(before, after))[0])
         return f"from step {step} on, score {before[step]:.17g} -> {after[step]:.17g}"
     return f"{name} {np.ravel(before).tolist()} -> {np.ravel(after).tolist()}"
-
-
-def build_serial(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor:
-    """Build the executor."""
-    return SerialExecutor()
-
-
-class SerialExecutor(Executor):
-    """Executor that runs one chunk after another.
-
-    An errand runs in a child process until a chunk has run here. A chunk that crashes ends this process, and
-    says where. Rollouts with a time limit run in a process of their own.
-    """
-
-    _says_where = False
-    _other: Executor | None = None
-
-    def open(self, work: Work) -> None:
-        """Remember the work."""
-        self._work = work
-        if work.problem.rollout_timeout is not None:
-            from avrare.rollout.executors.processes import ProcessExecutor  # late: it needs multiprocessing
-
-            self._other = ProcessExecutor(1)
-            self._other.open(work)
-            return
-        if not faulthandler.is_enabled():
-            with suppress(AttributeError, OSError, ValueError):  # no standard error, or one that is no file
-                faulthandler.enable(all_threads=False)
-                self._says_where = True
-
-    def map(self, chunks: Iterable[Task]) -> Iterator[Any]:
-        """Yield outcomes in the order of the chunks."""
-        return map(self._run, chunks) if self._other is None else self._other.map(chunks)
-
-    def close(self) -> None:
-        """Leave crashes alone again, and stop a process."""
-        if self._other is not None:
-            self._other.close()
-            self.restarts, self._other = self.restarts + self._other.restarts, None
-        if self._says_where:
-            faulthandler.disable()
-            self._says_where = False
-
-    def _run(self, task: Task) -> object:
-        if isinstance(task, Errand):
-            return run_guarded(task.purpose, self._work.problem.system, partial(self._work.run, task))
-        return self._work.run(task)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import AvrareError
-from avrare.rollout.executors.work import Executor, SerialExecutor, Work, run_errand
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Executor, Work, run_errand
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request

@@ -13,7 +13,7 @@ from avrare.base.errors import Interrupted, ScenarioError, UsageError
 from avrare.cli.main import main
 from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare_design.descent import Search, descend
 from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario

@@ -108,7 +108,7 @@ def test_learning_ends_where_an_estimate_is_nearly_done():
             rollouts=100_000,
             lessons=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)], mixtures=(None,)),
         )
-        return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._learnt(state)
+        return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._has_learnt(state)
 
     assert ends(29.0)  # 2,900 rows are missing, fewer than two stages of 1,500
     assert not ends(31.0)

@@ -12,7 +12,7 @@ import odd_systems
 from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.intervals import clopper_pearson
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.problem import Problem
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import linear, reference_problem, walk

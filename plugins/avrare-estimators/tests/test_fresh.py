@@ -9,7 +9,7 @@ from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result import intervals
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.plugin.registry import default_registry
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing import faulty_systems as systems
 from avrare.testing.problems import reference_problem
 

@@ -11,7 +11,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.loop.preflight import build_plan
 from avrare.estimation.plan import memory
 from avrare.estimation.plan.plan import Settings
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.testing.faulty_systems import Walk
 
 STEPS = 40

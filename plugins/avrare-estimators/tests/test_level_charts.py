@@ -11,7 +11,7 @@ from plain_results import plain_result
 
 def drawn(**diagnostics):
     result = plain_result(estimator="ess", diagnostics=diagnostics)
-    return draw_charts(replace(result, robustness=np.array([-1.0, 1.0])))
+    return draw_charts(replace(result, robustness=np.array([-1.0, 1.0, 2.0, 3.0])))
 
 
 def test_the_surviving_share_is_that_of_the_particles():

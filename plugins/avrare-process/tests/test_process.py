@@ -139,7 +139,7 @@ def test_a_rollout_that_breaks_the_program_is_an_error_and_the_others_keep_their
     [
         ({'"dt": 0.1': '"dt": -1.0'}, "answered wrongly to hello: dt"),
         ({'"outputs": ["gap", "speed"],': ""}, "answered wrongly to hello: outputs"),
-        ({"def serve(reader, writer):": "def serve(reader, writer):\n    print('ready')"}, "no JSON object"),
+        ({"def serve(reader, writer):": "def serve(reader, writer):\n    print('ready')"}, "not a JSON"),
         ({"worlds = {}": "sys.exit('no licence')"}, "ended in hello: no licence"),
     ],
 )

@@ -18,7 +18,7 @@ from avrare.analysis.compare.version_changes import PairedCounts
 from avrare.base.errors import EveryRolloutBroke, UsageError
 from avrare.cli.main import main
 from avrare.output.terminal.comparison_table import paired_table
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.stack.new_scenario import write_python_scenario
 
 LANE_CHANGE = str(Path(__file__).parents[3] / "scenarios" / "lane_change_published.yaml")

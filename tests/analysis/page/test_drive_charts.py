@@ -16,7 +16,7 @@ from avrare.analysis.page.stored_rollouts import MonitoredRollout, StoredRollout
 from avrare.driving import Lane, Observation, Road, Scene, Vehicles, World
 from avrare.driving.reference_line import CurvedLine, Piece
 from avrare.results.recordings import Recording
-from avrare.results.stored_failures import StoredKinds
+from avrare.results.stored_causes import StoredKinds
 from avrare.rollout.replay import Frame
 
 STEPS = 20

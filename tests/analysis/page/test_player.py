@@ -8,7 +8,7 @@ from avrare.analysis.page import player
 from avrare.analysis.page.stored_rollouts import select_rollouts
 from avrare.estimation.result.result import Worst
 from avrare.results.recordings import Recording
-from avrare.results.stored_failures import StoredKinds
+from avrare.results.stored_causes import StoredKinds
 from plain_results import plain_result
 
 

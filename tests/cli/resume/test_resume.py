@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import avrare
+from avrare.base import version
 from avrare.cli.main import main
 from avrare.estimation.loop import checkpoint
 from avrare.output.terminal.progress_line import Progress
@@ -124,8 +124,8 @@ def test_a_scenario_begins_in_a_folder_that_is_not_there(night, capsys):
 
 def test_other_versions_are_refused(night, interrupted, capsys, monkeypatch):
     interrupted(2, night.scenario(), "--out", "torn")
-    own = avrare.__version__
-    monkeypatch.setattr("avrare.base.version.__version__", "0.2.0")
+    own = version.__version__
+    monkeypatch.setattr(version, "__version__", "0.2.0")
     assert run("--out", "torn", "--resume") == 4
     assert f'scenarios.walk.versions.avrare "{own}" -> "0.2.0"' in capsys.readouterr().err
 

@@ -11,7 +11,8 @@ import pytest
 import avrare
 import odd_systems
 from avrare.rollout.executors.processes import ProcessExecutor
-from avrare.rollout.executors.work import SerialExecutor, Work
+from avrare.rollout.executors.serial import SerialExecutor
+from avrare.rollout.executors.work import Work
 from avrare.rollout.executors.worker_pool import WorkerDied
 from avrare.rollout.noise import NoiseSource
 from avrare.testing import faulty_systems as systems

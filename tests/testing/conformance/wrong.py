@@ -11,7 +11,7 @@ from avrare.driving import Observation
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.monte_carlo import MonteCarlo
 from avrare.plugin import Options
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.request import Request, Rollouts
 
 

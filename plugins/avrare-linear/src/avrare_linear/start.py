@@ -11,7 +11,7 @@ from avrare.estimation.loop.loop import run
 from avrare.estimation.plan.plan import Settings
 from avrare.logic.formula import Formula, stl
 from avrare.protocols import Floats
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.problem import Problem
 from avrare_linear.estimator import LinearLevels
 from avrare_linear.estimator_config import LinearEssConfig

@@ -21,7 +21,7 @@ from avrare.estimation.plan.plan import Settings
 from avrare.estimation.result.result import Result
 from avrare.logic.formula import Formula
 from avrare.protocols import Floats
-from avrare.rollout.executors.work import SerialExecutor
+from avrare.rollout.executors.serial import SerialExecutor
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare_estimators.common.chains.kernel import rotate
