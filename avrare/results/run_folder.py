@@ -1,4 +1,4 @@
-"""Folders of runs: chosen, refused where they hold another run, checkpointed, and told to callbacks."""
+"""Folders of runs: chosen, refused where they hold another run, checkpointed, and passed to callbacks."""
 
 from __future__ import annotations
 

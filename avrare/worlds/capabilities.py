@@ -5,7 +5,7 @@
 | ``branches`` | splitting: a rollout continues from the state of another one |
 | ``noise`` | every method that draws the noise from another distribution, changes it or stores it |
 
-A probe tells whether a system is a function of its state and its noise alone, and its state a value. Three
+A probe shows whether a system is a function of its state and its noise alone, and its state a value. Three
 rows are run a few steps, and again: on the same noise, from a stored state, and one of them alone. The
 numbers are the probe's own, and it leaves the global generators as they were: no result depends on it.
 """

@@ -147,7 +147,7 @@ def replay_error(run: Run, index: int, specification: str | None = None) -> Fail
 
     Raises:
         SystemCrashed: It ends its process, or takes longer than the scenario's ``rollout_timeout``.
-        UsageError: There is no such rollout.
+        UsageError: The rollout does not exist.
     """
     tapes = {name: result.error_tapes for name, result in run.items() if specification in (None, name)}
     stored = [(name, tape) for name, of_specification in tapes.items() for tape in of_specification]

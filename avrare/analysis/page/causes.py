@@ -25,7 +25,7 @@ from avrare.results.stored_causes import StoredCauses, StoredKind, StoredKinds
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
 _CARD_KINDS = 2
-"""Kinds that the first card tells of."""
+"""Kinds on the first card."""
 _STYLES = 6
 """Colours of kinds; the seventh kind has that of the first."""
 

@@ -361,7 +361,7 @@ def test_a_reference_driver_and_scattered_exposures_are_argued(point):
 @pytest.mark.parametrize(
     ("spoil", "fault"),
     [
-        (lambda f: (f / "manifest.json").unlink(), "it is no pack, or its writing was interrupted"),
+        (lambda f: (f / "manifest.json").unlink(), "it is not a pack, or its writing was interrupted"),
         (
             lambda f: replace(f, '"seed": 0', '"seed": "0"'),
             "manifest.json: it cannot be read: runs.0.seed: Input should be",

@@ -212,7 +212,9 @@ def read_pack(folder: str | os.PathLike[str]) -> Pack:
     """
     path = Path(folder)
     if path.is_dir() and not (path / MANIFEST).exists():
-        raise UsageError(f"{path}: no {MANIFEST} in it: it is no pack, or its writing was interrupted", _HINT)
+        raise UsageError(
+            f"{path}: no {MANIFEST} in it: it is not a pack, or its writing was interrupted", _HINT
+        )
     manifest = read_model(Manifest, path / MANIFEST, _HINT)
     try:
         content = yaml.safe_load((path / CASE).read_text(encoding="utf-8"))

@@ -66,7 +66,7 @@ class Catalogs:
         """Return the entry that an element ``CatalogReference`` names, which must be one of these kinds.
 
         Raises:
-            UsageError: There is no such entry, or its parameters are not those that are assigned.
+            UsageError: The entry does not exist, or its parameters are not those that are assigned.
         """
         top = self._find(reference)
         every = top.child("Catalog").children

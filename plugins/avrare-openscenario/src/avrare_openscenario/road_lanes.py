@@ -77,7 +77,7 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
     """Return the lanes of a road, from right to left.
 
     Raises:
-        UsageError: There is no section, or ids have gaps.
+        UsageError: It has no section, or ids have gaps.
     """
     block, length = road.child("lanes"), min(length, _LONGEST)
     offsets = [_polynomial(one, "s") for one in block.list("laneOffset")] or [(0.0,) * 5]
