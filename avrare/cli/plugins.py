@@ -1,4 +1,4 @@
-"""``avrare plugins``: the installed components and their status, and the checks of a component."""
+"""``avrare plugins``: the installed components and their status."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import json
 import os
 import sys
 import time
-from dataclasses import asdict
 from importlib.metadata import entry_points
 
 from rich import box
@@ -20,9 +19,6 @@ from avrare.cli.output import say
 from avrare.output.terminal.console import make_console
 from avrare.plugin.component import GROUP, KINDS
 from avrare.plugin.registry import VARIABLE, Row, default_registry
-from avrare.scenario.overrides import override
-from avrare.scenario.value_positions import Mark, Node
-from avrare.testing.conformance.suite import Outcome, examine, subjects
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -32,7 +28,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.check is not None:
         if args.timing:
             raise UsageError("--timing cannot be combined with --check", "leave one of them out")
-        from avrare.cli.plugins import check_components  # NumPy, which listing does without
+        from avrare.cli.plugin_checks import check_components  # NumPy, which listing does without
 
         return check_components(args)
     if args.set:
@@ -95,34 +91,3 @@ def print_wide(table: Table) -> None:
     with (console := make_console(soft_wrap=False, highlight=True, width=240)).capture() as captured:
         console.print(table)
     print("\n".join(line.rstrip() for line in captured.get().splitlines() if line.strip()))
-
-
-def check_components(args: argparse.Namespace) -> int:
-    """Print one line per check; return exit code 1 if any failed."""
-    if not __debug__:
-        raise UsageError("the checks are assertions, which python -O disables", "run Python without -O")
-    outcomes = []
-    for subject in subjects(default_registry(), args.check, _options(args.set), args.kind):
-        if not args.json:
-            say(f"{subject.kind} {subject.name} ({subject.row.origin})")
-        for outcome in examine(subject):
-            outcomes.append(outcome)
-            if not args.json:
-                _print_outcome(outcome)
-    statuses = [outcome.status for outcome in outcomes]
-    if args.json:
-        print(json.dumps([asdict(outcome) for outcome in outcomes], indent=2))
-    else:
-        say(", ".join(f"{statuses.count(status)} {status}" for status in ("passed", "failed", "skipped")))
-    return int(ExitCode.FAIL if "failed" in statuses else ExitCode.PASS)
-
-
-def _options(settings: list[str]) -> dict[str, object]:
-    return dict(override(Node({}, Mark("--set")), settings).plain())
-
-
-def _print_outcome(outcome: Outcome) -> None:
-    say(f"  {outcome.status:<8}{outcome.check:<30}{outcome.sentence}")
-    if outcome.reason:
-        say(f"{'':10}{outcome.reason}")
-    sys.stdout.flush()

@@ -102,7 +102,7 @@ def test_max_error_rate_is_a_setting():
     assert tolerant.errors > 0
     assert not tolerant.health
     (note,) = (note.text for note in tolerant.notes if note.kind == "errors")
-    assert note.startswith(f"{tolerant.errors} of {tolerant.rollouts:,} rollouts ended in an error")
+    assert note.startswith(f"An error ended {tolerant.errors} of {tolerant.rollouts:,} rollouts")
 
 
 def bound(sign, limit, confidence=0.95):

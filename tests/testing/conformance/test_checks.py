@@ -222,7 +222,7 @@ def test_the_command(capsys):
 
 def test_a_failed_check_is_exit_1(capsys, monkeypatch):
     one = subject("simulator", factory="wrong:sociable")
-    monkeypatch.setattr("avrare.cli.plugins.subjects", lambda *arguments: [one])
+    monkeypatch.setattr("avrare.cli.plugin_checks.subjects", lambda *arguments: [one])
     assert main(["plugins", "--check", "tested"]) == 1
     out = capsys.readouterr().out
     assert "  failed  rows_are_independent" in out
@@ -248,7 +248,7 @@ def test_mistakes_are_one_clear_line(words, code, text, capsys):
 def test_a_plugin_that_does_not_load_is_exit_5(capsys, monkeypatch):
     registry = Registry()
     registry.register(sys, "tested", "avrare-tested", "1.0")
-    monkeypatch.setattr("avrare.cli.plugins.default_registry", lambda: registry)
+    monkeypatch.setattr("avrare.cli.plugin_checks.default_registry", lambda: registry)
     assert main(["plugins", "--check", "avrare-tested"]) == PluginError.exit_code
     assert "it has no hook avrare_components" in capsys.readouterr().err
 
