@@ -131,7 +131,7 @@ ROWS = np.random.default_rng(0).normal(size=(100, 2))
         (np.full((300, 2), 0.1), COUPLING, "constant"),  # its standard deviation is 1e-17
         (np.eye(300)[:, :2], COUPLING, "constant"),  # the numbers that differ are held out
         (1e300 * ROWS, COUPLING, "too large"),
-        (ROWS, "affine_couplings", "unknown kind of flow"),
+        (ROWS, "affine_couplings", "unknown kind"),
     ],
 )
 def test_samples_that_no_flow_fits_are_refused(rows, kind, text):
