@@ -1,6 +1,7 @@
 """``avrare new plugin``: the packages it writes pass their own tests, ruff and mypy under any name."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 from avrare.cli.main import main
 from avrare.plugin.component import KINDS
+from avrare.testing.conformance import Subject
 
 ROOT = Path(__file__).parents[2]
 TOOLS = Path(sys.executable).parent
@@ -63,6 +65,15 @@ def test_their_own_tests_pass(packages, path):
     assert done.returncode == 0, done.stdout
     assert "skipped" not in summary
     assert int(summary.split()[0]) > 100, summary
+
+
+def test_their_tests_call_methods_that_exist(packages):
+    texts = [
+        file.read_text() for source in packages.values() for file in (source.parent / "tests").glob("*.py")
+    ]
+    names = {name for text in texts for name in re.findall(r"Subject\.(\w+)", text)}
+    assert names
+    assert names <= set(dir(Subject))
 
 
 @pytest.mark.slow
