@@ -88,7 +88,7 @@ class Uniform(_Law):
     def at(self, z: ArrayLike) -> Floats:
         """Return the value of a standard normal number."""
         number = np.asarray(z, dtype=np.float64)
-        near, share = np.where(number < 0.0, self.low, self.high), _below(-np.abs(number))
+        near, share = np.where(number < 0.0, self.low, self.high), _normal_cdf(-np.abs(number))
         return np.asarray(near + np.where(number < 0.0, 1.0, -1.0) * (self.high - self.low) * share)
 
     def score(self, value: ArrayLike) -> Floats:
@@ -113,7 +113,7 @@ class Truncated(_Law):
             raise ValueError("give low, high or both: where the law is cut")
         _check_order(self.low, self.high)
         low, high = self._bounds()
-        if not _below(low) < _below(high) and not _below(-high) < _below(-low):
+        if not _normal_cdf(low) < _normal_cdf(high) and not _normal_cdf(-high) < _normal_cdf(-low):
             raise ValueError("the law has no values between low and high")
         return self
 
@@ -132,12 +132,13 @@ class Truncated(_Law):
         low, high = self._bounds()
         number = np.asarray(z, dtype=np.float64)
         # In the half that has the smaller probabilities, so that a far tail keeps its digits.
-        share, left = _below(number), _below(-number)
+        share, left = _normal_cdf(number), _normal_cdf(-number)
         if low > 0.0:
-            inner = -_number(_below(-low) * left + _below(-high) * share)
+            inner = -_number(_normal_cdf(-low) * left + _normal_cdf(-high) * share)
         else:
             inner = _number_at(
-                _below(low) * left + _below(high) * share, _below(-low) * left + _below(-high) * share
+                _normal_cdf(low) * left + _normal_cdf(high) * share,
+                _normal_cdf(-low) * left + _normal_cdf(-high) * share,
             )
         least = math.nextafter(low, math.inf) if len(_steps(self.of)) else low  # not a border
         bounds = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
@@ -147,8 +148,8 @@ class Truncated(_Law):
         """Return the normal score of a value."""
         low, high = self._bounds()
         inner = np.clip(self.of.score(value), low, high)
-        above = _below(-low) - _below(-high), _below(-inner) - _below(-high)
-        below = _below(high) - _below(low), _below(inner) - _below(low)
+        above = _normal_cdf(-low) - _normal_cdf(-high), _normal_cdf(-inner) - _normal_cdf(-high)
+        below = _normal_cdf(high) - _normal_cdf(low), _normal_cdf(inner) - _normal_cdf(low)
         whole = max(above[0], below[0])
         return _number_at(np.clip(below[1] / whole, 0.0, 1.0), np.clip(above[1] / whole, 0.0, 1.0))
 
@@ -188,7 +189,9 @@ class Mixture(_Law):
         scores = np.stack([part.of.score(value) for part in self.parts])
         shape = (-1, *(1,) * (scores.ndim - 1))
         share = (weights / weights.sum()).reshape(shape)
-        return _number_at((share * _below(scores)).sum(axis=0), (share * _below(-scores)).sum(axis=0))
+        return _number_at(
+            (share * _normal_cdf(scores)).sum(axis=0), (share * _normal_cdf(-scores)).sum(axis=0)
+        )
 
 
 class Empirical(_Law):
@@ -215,7 +218,7 @@ class Empirical(_Law):
     def at(self, z: ArrayLike) -> Floats:
         """Return the value of a standard normal number."""
         values, places = self._sort()
-        return np.asarray(np.interp(_below(np.asarray(z, dtype=np.float64)), places, values))
+        return np.asarray(np.interp(_normal_cdf(np.asarray(z, dtype=np.float64)), places, values))
 
     def score(self, value: ArrayLike) -> Floats:
         """Return the normal score of a value; of a value that was seen often, the middle of its scores."""
@@ -297,7 +300,7 @@ def _check_order(low: float | None, high: float | None) -> None:
         raise ValueError(f"low ({low:g}) must be below high ({high:g})")
 
 
-def _below(z: ArrayLike) -> Floats:
+def _normal_cdf(z: ArrayLike) -> Floats:
     from scipy.special import ndtr
 
     return np.asarray(ndtr(np.asarray(z, dtype=np.float64)))

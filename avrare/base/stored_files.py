@@ -154,7 +154,7 @@ def _without_seconds(value: object) -> object:
 
 def _parse_int(text: str) -> int:
     if len(text) > 20:  # characters of 64 bits
-        raise ValueError(f"it holds a whole number of {len(text)} digits")
+        raise ValueError(f"it holds a whole number of {len(text)} digits; at most 20 are read")
     return int(text)
 
 

@@ -123,11 +123,11 @@ def _write_catalogue(args: argparse.Namespace) -> None:
 @contextmanager
 def _take_back(files: Sequence[Path]) -> Iterator[None]:
     # Files that are new are removed where what is written beside them is refused.
-    new = [file for file in files if not file.exists()]
+    new_files = [file for file in files if not file.exists()]
     try:
         yield
     except BaseException:
-        for file in new:
+        for file in new_files:
             file.unlink(missing_ok=True)
         raise
 

@@ -92,8 +92,11 @@ class Piece:
     end_curvature: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.length > 0.0 and np.isfinite([self.length, self.curvature, self.end_curvature]).all()):
-            raise UsageError(f"a piece of a road is {self.length:g} m long", "give a length above 0")
+        if not 0.0 < self.length < np.inf:
+            raise UsageError(f"a piece of a road is {self.length:g} m long", "give a finite length above 0")
+        if not np.isfinite([self.curvature, self.end_curvature]).all():
+            text = f"a piece of a road has the curvatures {self.curvature:g} and {self.end_curvature:g} 1/m"
+            raise UsageError(text, "give finite ones; 0 is straight")
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,7 @@ class Problem:
         )
 
     def rescore(self, score: ScoreFunction | Formula | str) -> Problem:
-        """Return the same problem with another score; also ``"prefix"`` (``PrefixScored``)."""
+        """Return the same problem with another score; ``"prefix"`` stands for ``PrefixScored``."""
         other = object.__new__(type(self))  # copy.copy would call __reduce__, which calls this method
         other.__dict__.update(self.__dict__)
         other.score, other._scored = score, None

@@ -76,7 +76,7 @@ def _is_multiple(seconds: float, step: float) -> bool:
 
 
 class Actuators(BaseModel):
-    """Way of a driving planner's commands to the plant, after the delays of ``Timing``."""
+    """Lags and limits between the planner's commands and the motion, after the delays of ``Timing``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

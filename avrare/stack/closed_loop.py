@@ -186,7 +186,7 @@ class ClosedLoop(System):
         return broken if state.drawn is None else broken | state.drawn.refused
 
     def ended(self, state: LoopState) -> Bools | None:
-        """Return (N,) rows whose drive the simulator has ended; None: it ends none."""
+        """Return a mask (N,) of the drives that the simulator has ended; None if it ends none."""
         return self.simulator.ended(state.world)
 
     def counts(self, state: LoopState) -> dict[str, NDArray[np.int64]]:

@@ -208,7 +208,7 @@ class FunctionController(Controller):
         return _action(answer, n, self.batched), None
 
     def _rows(self, observation: object, n: int) -> Any:
-        answers = [self._answer(_row(observation, row)) for row in range(n)]
+        answers = [self._answer(_select_row(observation, row)) for row in range(n)]
         try:
             return np.array([np.atleast_1d(answer) for answer in answers], dtype=np.float64)
         except (TypeError, ValueError, OverflowError) as error:
@@ -236,7 +236,7 @@ def _neighbours(prediction: Prediction | None, scene: Scene) -> dict[str, Neighb
     }
 
 
-def _row(observation: Any, row: int) -> Any:
+def _select_row(observation: Any, row: int) -> Any:
     if not isinstance(observation, DrivingObservation):
         return observation[row]
     ego = batch.map_leaves(lambda leaf: float(leaf[row]) if leaf.ndim == 1 else leaf[row], observation.ego)

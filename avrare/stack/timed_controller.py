@@ -59,7 +59,7 @@ class TimedController(Controller):
         self._response = Response(actuators, clock.dt) if actuators != Actuators() else None
         self._road = scene.road if scene is not None else None
         if timing.compensated and self._road is None:
-            raise UsageError("compensated: needs a driving simulator", "remove the option")
+            raise UsageError("timing.compensated: needs a simulator with a road", "remove the option")
         self._ahead = (clock.age + clock.delay) / clock.planner if timing.compensated else 0.0
         self.horizon = controller.horizon + round_up(self._ahead)
         self.noise_names = ("loss of planning cycles",) if timing.missed_cycles else ()

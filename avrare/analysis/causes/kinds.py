@@ -303,15 +303,15 @@ def _describe(
     when = f", at about {format_time(round(np.median(samples)), dt)}" if samples else ""
     yield f"{key} is violated first{often}{when}" if key else f"the specification is violated{when}"
     others = [k for k in np.unique(labels).tolist() if k != number]
-    alike = [k for k in others if failing.find_key(labels == k)[0] == key]
-    if alike:
+    similar = [k for k in others if failing.find_key(labels == k)[0] == key]
+    if similar:
         last = round(np.median(samples)) if samples else failing.problem.steps
-        where = "the other kind" if len(alike) == 1 else "the others"
-        yield f"{_tell_apart(failing, chosen, np.isin(labels, alike), last)} in {where})"
+        where = "the other kind" if len(similar) == 1 else "the others"
+        yield _tell_apart(failing, chosen, np.isin(labels, similar), last, where)
 
 
-def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> str:
-    """Return the signal, until a sample, in which some failures differ most clearly from others."""
+def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int, where: str) -> str:
+    """Return in words the signal, up to a sample, in which some failures differ most clearly from others."""
     tables = failing.tables[:, : last + 1]
     spread = np.sqrt(0.5 * (tables[chosen].var(axis=0) + tables[others].var(axis=0)))
     means = tables[chosen].mean(axis=0), tables[others].mean(axis=0)
@@ -321,7 +321,7 @@ def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int) -> s
     here, there = (float(mean[step, column]) for mean in means)
     digits = next((digits for digits in range(3, 17) if f"{here:.{digits}g}" != f"{there:.{digits}g}"), 17)
     time = format_time(int(step), failing.problem.dt)
-    return f"{name} is {here:.{digits}g} at {time} ({there:.{digits}g}"
+    return f"{name} is {here:.{digits}g} at {time} ({there:.{digits}g} in {where})"
 
 
 def describe_cause(

@@ -122,7 +122,7 @@ def save(
 ) -> Path:
     """Write the results as the baseline with the next number; UsageError if that is not possible.
 
-    ``firsts`` are the first baselines of their line, by specification.
+    ``firsts`` are the oldest baselines that these continue, by specification.
     """
     content = {
         "schema": SCHEMA,

@@ -37,8 +37,9 @@ class Impact:
     Attributes:
         time: Time since the first sample [s].
         speed: Relative speed [m/s].
-        overlap: Width of the ego that is met [m].
-        delta_v: Change of the ego's velocity if both move on together, with masses like their areas [m/s].
+        overlap: Width of the ego's overlap with the vehicle [m].
+        delta_v: Change of the ego's velocity if both move on together, with masses proportional to their
+            areas [m/s].
         least_deceleration: Least constant deceleration from the first sample on that avoids it; inf: none
             does [m/s^2].
         last_time: Last time at which braking by 6 m/s^2 avoids it; None: never [s].

@@ -93,8 +93,8 @@ class FailureReplay(Answer):
         if self.divergence is None:
             compared = "the signals are" if len(failure.checksums) else "the robustness is"
             return [outcome, f"{compared} bit-identical", *self.changes]
-        unchanged = ("scenario and versions are the same: the machine or the code differs",)
-        return [outcome, self.divergence, *(self.changes or unchanged)]
+        no_change = "scenario and versions are the same: the machine or the code differs"
+        return [outcome, self.divergence, *(self.changes or (no_change,))]
 
 
 def replay(
@@ -244,8 +244,8 @@ def _describe_changes(failure: Failure, values: Floats, first: int) -> str:
         for k in columns[:_MAX_NAMED]
     ]
     rest = f" and {len(columns) - _MAX_NAMED} more" if len(columns) > _MAX_NAMED else ""
-    late = f", visibly from step {step} on" if step > first else ""
-    return f"{late}: {', '.join(named)}{rest}"
+    onset = f", visibly from step {step} on" if step > first else ""
+    return f"{onset}: {', '.join(named)}{rest}"
 
 
 def _format_change(then: float, now: float) -> str:

@@ -240,13 +240,13 @@ def divide(
     pilot: Sequence[SceneEstimates],
     separate: Sequence[SceneEstimates] = (),
 ) -> list[int]:
-    """Return the rollouts of each scene from its pilot; 0 where an estimator of its own estimates all rules.
+    """Return the rollouts of each scene from its pilot; 0 where its own estimators cover all rules.
 
     Args:
         catalogue: Scenes, exposures and rules.
         budget: Cost of everything, the pilot and the budgets of scenes included.
         steps: Steps of a rollout of each scene.
-        pilot: Of each scene, by rule that shares the budget.
+        pilot: Pilot estimates of each scene, by rule that shares the budget.
         separate: Estimates of scenes by their own estimators, if known.
 
     Raises:

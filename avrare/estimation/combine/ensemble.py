@@ -49,7 +49,7 @@ class ModelShare:
 
     @property
     def size(self) -> int:
-        """K."""
+        """Number of models, K."""
         return len(self.logs)
 
     @property
@@ -60,7 +60,7 @@ class ModelShare:
         return diagonal / self.size - rest / (self.size * (self.size - 1))
 
     @property
-    def sampling(self) -> float:
+    def sampling_variance(self) -> float:
         """Variance of the mean of the y that sampling makes."""
         return float(self.covariance.sum()) / self.size**2
 
@@ -73,14 +73,14 @@ class ModelShare:
     def share(self) -> float:
         """Share of the model in the variance of the logarithm: total = model (1 + 1 / K) + sampling."""
         model = self.model * (1.0 + 1.0 / self.size)
-        return model / (model + self.sampling) if model + self.sampling > 0.0 else 0.0
+        return model / (model + self.sampling_variance) if model + self.sampling_variance > 0.0 else 0.0
 
     @cached_property
     def _spreads(self) -> list[float]:
         # (K - 1) V / (tau^2 + noise) is chi-square: each of its quantiles stands for an equally likely tau.
         total = (self.size - 1) * float(self.logs.var(ddof=1)) / _chi_square(self.size - 1)
         model = np.maximum(total - self.noise, 0.0) * (1.0 + 1.0 / self.size)
-        return [math.sqrt(variance) for variance in model + self.sampling]
+        return [math.sqrt(variance) for variance in model + self.sampling_variance]
 
     def interval(self, confidence: float) -> Interval:
         """Return the interval of the probability under the true model.
@@ -119,7 +119,7 @@ class ModelShare:
             "model_share": self.share,
             "sampling_share": 1.0 - self.share,
             "model_variance": self.model * (1.0 + 1.0 / self.size),
-            "sampling_variance": self.sampling,
+            "sampling_variance": self.sampling_variance,
             "members": self.probabilities.tolist(),
             "reweighed": self.reused,
             "base": self.base,
@@ -226,7 +226,7 @@ def combine(result: Result, size: int, reweighed: Reweighed | None, fresh: dict[
 
     runs = list(fresh.values())
     mean = float(share.probabilities.mean())
-    variance = (share.model * (1.0 + 1.0 / size)) + share.sampling
+    variance = (share.model * (1.0 + 1.0 / size)) + share.sampling_variance
     warnings = {name: text for estimate in runs for name, text in estimate.health.items()} | result.health
     if min([result.failures.count, *(estimate.failures.count for estimate in runs)]) == 0:
         warnings |= health.warn("model_unknown")

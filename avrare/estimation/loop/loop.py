@@ -224,7 +224,7 @@ class _Loop:
 
     def _pieces(self, request: Request, at: int, sent: deque[Request], stage: int) -> Iterator[Request]:
         # A piece of a chunk gives the same bits; a budget of seconds has pieces that fit into the time left.
-        most = self._piece(request.rows - at)
+        most = self._choose_piece_rows(request.rows - at)
         while at < request.rows and not self._should_stop():
             size = min(most, request.rows - at)
             if self._timed:
@@ -235,7 +235,7 @@ class _Loop:
             at += size
             yield sent[-1]
 
-    def _piece(self, rows: int) -> int:
+    def _choose_piece_rows(self, rows: int) -> int:
         if self.work.problem.named_chunk is not None:
             return self.plan.chunk
         return spread(rows, self.plan.chunk, self.executor.workers)

@@ -118,8 +118,8 @@ class FormulaScored(_Scored[object]):
         return self.guide.start(n)
 
     def _score(self, state: ScoredState[object], inner: object, signals: Signals) -> tuple[Floats, object]:
-        guide, guided = self.guide.update(state.memory, signals)
-        return guided.score, guide
+        memory, guide = self.guide.update(state.memory, signals)
+        return guide.score, memory
 
 
 class FunctionScored(_Scored[_History | None]):

@@ -246,7 +246,7 @@ def split_requirements(node: nodes.Node) -> list[nodes.Node]:
 
 
 def is_flat(part: Formula, signals: dict[str, Floats], by_sample: bool) -> bool:
-    """Return whether the rollouts that keep a part do so by the same robustness."""
+    """Return whether all rollouts that satisfy a part have the same robustness, which then ranks none."""
     whole = part.robustness(signals)
     passing = whole[:, 0] >= 0.0
     if by_sample and isinstance(part.node, nodes.Window) and part.node.op == "always":

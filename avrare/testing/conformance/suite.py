@@ -210,9 +210,8 @@ def subjects(
             status = f"{row.status}: {row.detail}" if row.detail else row.status
             raise PluginError(f"component {row.name} of {row.origin} cannot be checked: {status}")
     if options and len(rows) > 1:
-        raise UsageError(
-            f"{name!r} has {len(rows)} components: options are for one", "name the component or its --kind"
-        )
+        text = f"{name!r} has {len(rows)} components, and options can be set for only one"
+        raise UsageError(text, "name the component or its --kind")
     selected = [Subject(row, dict(options)) for row in rows]
     if options:
         check_options(selected[0].model, selected[0].name, dict(options), selected[0].kind)

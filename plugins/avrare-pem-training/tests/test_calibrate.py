@@ -10,7 +10,7 @@ from avrare_gp_pem.runtime.observation_model import ObservationLaw
 from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import Variant
 from avrare_pem_training.calibration import UnseenRows, _ErrorsUnderLaws, _fit_error, calibrate
-from avrare_pem_training.scores import error_fits
+from avrare_pem_training.scores import fit_errors
 
 ROWS = 3000
 
@@ -48,7 +48,7 @@ def shares(calibrated, errors):
     one = np.full((len(errors),), 1.0)
     law = calibrated.law(Box(0 * one, 20 * one, 1.5 * one, 4.5 * one, 1.8 * one, 1.7 * one, 4 * one), 0.0)
     assert isinstance(law, ObservationLaw)
-    fits = error_fits(law, np.ones(len(errors), bool), errors)
+    fits = fit_errors(law, np.ones(len(errors), bool), errors)
     return [(fit.beyond(4.0), fit.beyond_sd(4.0)) for fit in fits]
 
 

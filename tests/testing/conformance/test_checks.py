@@ -237,7 +237,7 @@ def test_a_failed_check_is_exit_1(capsys, monkeypatch):
         (["imm", "--set", "banana"], 4, "should be KEY=VALUE"),
         (["imm", "--kind", "simulator"], 4, "'imm' has no component of kind 'simulator'"),
         (["imm", "--kind", "wheel"], 4, "unknown kind 'wheel'"),
-        (["avrare", "--set", "workers=2"], 4, "components: options are for one"),
+        (["avrare", "--set", "workers=2"], 4, "components, and options can be set for only one"),
     ],
 )
 def test_mistakes_are_one_clear_line(words, code, text, capsys):

@@ -75,9 +75,10 @@ class Synthesis(Answer):
             UsageError: No step was better than the start, or the file cannot be written.
         """
         if self.proof is None:
-            raise UsageError(
-                f"{self.specification}: nothing is changed", "give a larger budget, or more steps"
+            text = (
+                f"{self.specification}: no step was better than the start, so there is no scenario to write"
             )
+            raise UsageError(text, "give a larger budget, or more steps")
         with explain_file_errors(f"{path}: cannot write", "choose another file"):
             write_text(Path(path), self.scenario_text)
         return Path(path)

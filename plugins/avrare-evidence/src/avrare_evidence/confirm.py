@@ -160,9 +160,9 @@ def confirm(
 
 def _check_files(pack: Pack, copies: Mapping[str, str], scenario: Scenario) -> None:
     """Raise a ``UsageError`` if an option names another file than that of the pack."""
-    named = {option: path for files in list_files(scenario) for option, path in files.items()}
+    paths = {option: path for files in list_files(scenario) for option, path in files.items()}
     for option, copy in copies.items():
-        if option not in named or hash_file(named[option]) != pack.manifest.files[copy]:
+        if option not in paths or hash_file(paths[option]) != pack.manifest.files[copy]:
             text = f"{option}: the file {Path(copy).name} is missing here, or not that of the pack"
             hint = "install the versions of the pack, or call `avrare confirm ..` in its folder `repeat`"
             raise UsageError(text, hint)

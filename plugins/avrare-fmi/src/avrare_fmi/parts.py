@@ -128,5 +128,5 @@ class FmuWorld(World):
 
     def _running(self) -> Instance:
         if self._instance is None:
-            raise UsageError("the FMU has not been reset")
+            raise UsageError("the FMU has not been reset", "call reset() before step()")
         return self._instance

@@ -12,7 +12,7 @@ from avrare.protocols import Floats
 from avrare_gp_pem.runtime import normal
 from avrare_gp_pem.runtime.student_t import student
 from avrare_pem_training.cleaning import off_axis
-from avrare_pem_training.scores import AXIS_NAMES, TAILS, ScoredRows, error_fits
+from avrare_pem_training.scores import AXIS_NAMES, TAILS, ScoredRows, fit_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,7 +113,7 @@ def _sample_errors(scored: ScoredRows, axis: int) -> Floats:
 
 def _tails(axes: Axes, scored: ScoredRows) -> None:
     sizes = np.geomspace(0.3, 40, 60)
-    fits = error_fits(scored.law, scored.rows.detected, scored.errors)
+    fits = fit_errors(scored.law, scored.rows.detected, scored.errors)
     for fit, name, colour in zip(fits, AXIS_NAMES[scored.frame], (_DATA, _SECOND), strict=True):
         seen, modelled = np.array([fit.beyond(float(size)) for size in sizes]).T
         axes.plot(sizes, modelled, "-", color=colour, lw=1, label=f"{name}, model")

@@ -110,17 +110,17 @@ def _render_card(
         f"| | |\n|---|---|\n{facts}",
         "## Held-out rows\n",
         f"The last fifth of the rows, as a block ({len(data.test):,} rows), which the fit has not seen.\n",
-        _detection(scores),
-        _errors(model, scores),
-        _counts(model, data),
-        *([_yaw(yaw)] if yaw else []),
+        _render_detection(scores),
+        _render_errors(model, scores),
+        _render_counts(model, data),
+        *([_render_yaw(yaw)] if yaw else []),
         "## Limits\n",
-        _limits(model, data),
+        _render_limits(model, data),
     ]
     return "\n".join(parts)
 
 
-def _detection(scores: Scores) -> str:
+def _render_detection(scores: Scores) -> str:
     lines = [
         "Detection:\n",
         "| | rows | base NLL | NLL | AUC | Brier | ECE |",
@@ -135,7 +135,7 @@ def _detection(scores: Scores) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _errors(model: FittedPem, scores: Scores) -> str:
+def _render_errors(model: FittedPem, scores: Scores) -> str:
     head = " | ".join(f"P(\\|z\\| > {size:g})" for size in TAILS)
     lines = [
         "Errors (NLL in nats, errors in metres; shares beyond k scales of the law and, last, beyond 4 of its",
@@ -155,7 +155,7 @@ def _errors(model: FittedPem, scores: Scores) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _counts(model: FittedPem, data: CleanedData) -> str:
+def _render_counts(model: FittedPem, data: CleanedData) -> str:
     parts = [data.train.take(data.oblique), data.test.take(data.test_oblique)]
     events = zip(*(count_events(model, rows) for rows in parts), strict=True)
     lines = [
@@ -181,7 +181,7 @@ def _counts(model: FittedPem, data: CleanedData) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _yaw(yaw: Mapping[str, float]) -> str:
+def _render_yaw(yaw: Mapping[str, float]) -> str:
     rows, seen, modelled = yaw["yaw_rows"], 100 * yaw["yaw_flips"], 100 * yaw["yaw_flips_own"]
     return (
         f"Yaw ({rows:,.0f} clean detections): {seen:.1f} % are off by half a turn, the model says "
@@ -190,22 +190,22 @@ def _yaw(yaw: Mapping[str, float]) -> str:
     )
 
 
-def _limits(model: FittedPem, data: CleanedData) -> str:
+def _render_limits(model: FittedPem, data: CleanedData) -> str:
     bounds = dict(zip(model.clean.inputs, model.clean.bounds.T, strict=True))
     spans = [(name, *bounds[name]) for name in ("range", "length", "width") if name in bounds]
     seen = ", ".join(f"{name} {low:.1f} to {high:.1f}" for name, low, high in spans)
     lines = [
-        _artefact(model, data),
+        _render_artefact(model, data),
         f"It has seen {seen} m; beyond, inputs are cut to these: it extrapolates nothing.",
-        _persistence(model),
-        _ghosts(model, data),
+        _render_persistence(model),
+        _render_ghosts(model, data),
         "No swapped identities; errors of size are not modelled.",
         "The data has no speeds: their error is an option of the scenario, not of this model.",
     ]
     return "".join(f"* {line}\n" for line in lines)
 
 
-def _persistence(model: FittedPem) -> str:
+def _render_persistence(model: FittedPem) -> str:
     if model.persistence is None:
         return "Errors are drawn anew at every step: runs of misses are probably too short."
     measured = describe_persistence(model.persistence).removeprefix("persistence: ")
@@ -215,7 +215,7 @@ def _persistence(model: FittedPem) -> str:
     )
 
 
-def _ghosts(model: FittedPem, data: CleanedData) -> str:
+def _render_ghosts(model: FittedPem, data: CleanedData) -> str:
     measured = describe_ghosts(model.ghosts, data.ghosts, data.test_ghosts).capitalize()
     if model.ghosts is None:
         return f"{measured}."
@@ -223,7 +223,7 @@ def _ghosts(model: FittedPem, data: CleanedData) -> str:
     return f"{measured}. Only with `ghosts: measured`; the file holds {places} of their places."
 
 
-def _artefact(model: FittedPem, data: CleanedData) -> str:
+def _render_artefact(model: FittedPem, data: CleanedData) -> str:
     if not data.has_artefact:
         return "No artefact of matching by axis-aligned boxes is modelled: one law for all rows."
     if not data.artefact.known:

@@ -112,13 +112,15 @@ def score(
         frame: "vehicle" or "ego": names the errors.
 
     Returns:
-        ``detection_*`` (see ``detection_scores``), and per error: ``nll`` [nats, errors in metres], ``dof``,
-        ``z4`` and the like the observed share beyond 4 scales, ``z4_own`` the model's, ``4sd`` the same
-        beyond 4 standard deviations.
+        ``detection_*`` (see ``detection_scores``), and for each error:
+        ``nll``: negative log likelihood [nats, errors in metres];
+        ``dof``: degrees of freedom;
+        ``z4``: observed share beyond 4 scales, and ``z4_own`` that of the model;
+        ``4sd``: observed share beyond 4 standard deviations, and ``4sd_own`` that of the model.
     """
     scores = detection_scores(law.detect, detected, base_rate)
     scores["error_rows"] = float(detected.sum())
-    for name, fit in zip(AXIS_NAMES[frame], error_fits(law, detected, errors), strict=True):
+    for name, fit in zip(AXIS_NAMES[frame], fit_errors(law, detected, errors), strict=True):
         scores[f"{name}_nll"] = -float(fit.log_density.mean())
         scores[f"{name}_dof"] = fit.dof
         for size in TAILS:
@@ -155,7 +157,7 @@ def detection_scores(detect: Floats, detected: Bools, base_rate: float) -> dict[
     }
 
 
-def error_fits(law: ObservationLaw, detected: Bools, errors: Floats) -> list[ErrorFit]:
+def fit_errors(law: ObservationLaw, detected: Bools, errors: Floats) -> list[ErrorFit]:
     """Compare both errors (n, 2) of the detected rows with their distribution (fields (n,))."""
     fits = []
     for axis, dof in enumerate(law.dof):

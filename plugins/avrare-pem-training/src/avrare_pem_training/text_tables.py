@@ -97,7 +97,7 @@ def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Seq
     for line, row in rows:
         if len(row) != len(names):
             raise UsageError(f"{path}:{line}: {len(row)} numbers, expected {len(names)}: {' '.join(names)}")
-    values = np.array([_floats(path, line, row) for line, row in rows])
+    values = np.array([_parse_floats(path, line, row) for line, row in rows])
     columns = {_COLUMNS[name]: values[:, i] for i, name in enumerate(names) if name in _COLUMNS}
     needed = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "detected", "err_loc_x", "err_loc_y")
     missing = [_COLUMNS[name] for name in needed if name in default and _COLUMNS[name] not in columns]
@@ -115,7 +115,7 @@ def _header(line: str) -> list[str]:
     return [name.strip().lower() for name in names]
 
 
-def _floats(path: Path, line: int, row: Sequence[str]) -> list[float]:
+def _parse_floats(path: Path, line: int, row: Sequence[str]) -> list[float]:
     try:
         return [float(cell) for cell in row]
     except ValueError as error:

@@ -190,7 +190,9 @@ def _check(path: Path, network: Network) -> None:
     finite += [np.isfinite(getattr(network, name)).all() for name in ("mean", "scale")]
     bounds = (network.low, network.high)
     finite += [np.isfinite(bound).all() if network.squash else not np.isnan(bound).any() for bound in bounds]
-    if len(sizes) == 1 or not all(finite):
-        raise UsageError(f"{path}: a policy needs at least one layer, and finite numbers")
+    if len(sizes) == 1:
+        raise UsageError(f"{path}: a policy needs at least one layer")
+    if not all(finite):
+        raise UsageError(f"{path}: a weight, bias, mean, scale or bound is not finite")
     if (network.scale <= 0.0).any():
         raise UsageError(f"{path}: scale must be positive")

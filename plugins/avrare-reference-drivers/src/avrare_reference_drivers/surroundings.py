@@ -46,7 +46,7 @@ def find_situation(controller: str, scene: Scene, ego: Vehicles, prediction: Pre
 
 
 def find_leader(seen: Situation, margin: float) -> tuple[Floats, Floats, Bools]:
-    """Return gap, speed and existence (N,) of the nearest vehicle ahead, less than ``margin`` aside."""
+    """Return gap, speed and existence (N,) of the nearest vehicle ahead within ``margin`` aside."""
     leads = (seen.ahead >= 0.0) & (seen.side_gap < margin)
     gaps = np.where(leads, seen.gap, np.inf)
     if not gaps.shape[1]:

@@ -149,7 +149,7 @@ class Splitting(Estimator):
         most = self._most_runs(plan, int(pilot is not None), growth)
         first, goal = self.config.runs, self.config.relative_error
         if pilot and plan.budget is not None:
-            most = max(1, int(most / self._excess(plan, pilot)))
+            most = max(1, int(most / self._forecast_cost_ratio(plan, pilot)))
         if pilot and goal:
             first = pilot.first_look(goal, first, most)
         looks = Looks.until(goal, first, most)
@@ -157,7 +157,7 @@ class Splitting(Estimator):
         runs = min(looks.runs[0], self._batch(plan, particles))
         return AmsState.begin(plan, runs, particles, growth=growth, looks=looks, pilot=pilot)
 
-    def _excess(self, plan: Plan, pilot: Pilot) -> float:
+    def _forecast_cost_ratio(self, plan: Plan, pilot: Pilot) -> float:
         """Return the cost of the pilot over that of a run down to ``_NOMINAL``, at least 1."""
         assert plan.budget is not None
         if plan.budget.kind == "steps":

@@ -138,18 +138,18 @@ class _Work:
     def _phases(self, design: Design, left: float, spent: _Spent, seen: Record) -> list[Result]:
         count = int(left / (self.cost + design.rate))
         settings = replace(self.settings, budget=None)
-        first = self.execute(self.twin, Recorder(np.arange(count)), settings, "twin")
-        twin = take_record(first)
+        twin_results = self.execute(self.twin, Recorder(np.arange(count)), settings, "twin")
+        twin = take_record(twin_results)
         rates, factor = scale_rates(design.rates(twin.violated, twin.robustness), left - count * self.cost)
         noise = NoiseSource(settings.seed, self.problem.noise_size)
         chosen = np.flatnonzero(noise.choices(0, 0, np.arange(count)) < rates)
-        second = self.execute(self.problem, Recorder(chosen), settings, "stack")
+        stack_results = self.execute(self.problem, Recorder(chosen), settings, "stack")
         weights = 1.0 / (count * rates[chosen])
         largest = [1.0 / (count * min(factor * float(band.rates.min()), 1.0)) for band in design.bands]
-        spent = replace(spent, parts=(*spent.parts, first[0]))
+        spent = replace(spent, parts=(*spent.parts, twin_results[0]))
         return [
             self._result(result, column, design, count, chosen, weights, largest[column], spent, seen)
-            for column, result in enumerate(second)
+            for column, result in enumerate(stack_results)
         ]
 
     def _result(

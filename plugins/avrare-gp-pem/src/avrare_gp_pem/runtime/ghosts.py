@@ -173,9 +173,9 @@ class GhostPem:
         forward, left = self.ghosts.place(parts)
         present = normal.cdf(parts[..., 0]) < self.ghosts.share
         nowhere = np.zeros_like(forward)
-        inner = self.vehicles.start(first) if self._lasts else None
+        vehicle_memory = self.vehicles.start(first) if self._lasts else None
         host, begun = self.ghosts.host(parts, self.count), np.zeros(len(noise), bool)
-        return GhostMemory(inner, present, forward, left, nowhere, nowhere, begun, host)
+        return GhostMemory(vehicle_memory, present, forward, left, nowhere, nowhere, begun, host)
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation without a past, from noise (N, noise_size)."""
@@ -188,14 +188,14 @@ class GhostPem:
         """Return the observation of the next step and the memory after it, from noise (N, noise_size)."""
         first, parts = self._split(noise)
         if self._lasts:
-            observation, inner = self.vehicles.follow(world, first, memory.vehicles)
+            observation, vehicle_memory = self.vehicles.follow(world, first, memory.vehicles)
         else:
-            observation, inner = self.vehicles.observe(world, first), None
+            observation, vehicle_memory = self.vehicles.observe(world, first), None
         memory = _anchor(memory, world)
         new, gone = self._events(parts, self._share(world))
         forward, left, *at = _locate(world, *self.ghosts.place(parts), self.ghosts.host(parts, self.count))
         later = GhostMemory(
-            vehicles=inner,
+            vehicles=vehicle_memory,
             present=new | (memory.present & ~gone),
             forward=np.where(new, forward, memory.forward),
             left=np.where(new, left, memory.left),
@@ -224,7 +224,7 @@ class GhostPem:
             )
         check_ratio(self.vehicles, "log_ratio")
         first, parts = self._split(noise)
-        ratio, inner = self.vehicles.log_ratio(
+        ratio, vehicle_memory = self.vehicles.log_ratio(
             world, first, memory.vehicles, other.vehicles, other_memory.vehicles
         )
         new, gone = self._events(parts, self.ghosts.share)
@@ -238,7 +238,7 @@ class GhostPem:
         q, other_q = self.ghosts.share, other.ghosts.share
         start = np.where(memory.present, math.log(other_q / q), math.log((1 - other_q) / (1 - q))).sum(axis=1)
         ratio = ratio + np.where(memory.begun, 0.0, start)
-        return ratio, replace(other_memory, vehicles=inner, begun=np.ones_like(memory.begun))
+        return ratio, replace(other_memory, vehicles=vehicle_memory, begun=np.ones_like(memory.begun))
 
     @property
     def _lasts(self) -> bool:

@@ -190,10 +190,10 @@ class RiccatiSolver:
         self, bounds: Bounds, tuning: Tuning, problems: Problems, rows: Integers, guesses: Floats
     ) -> Answer:
         part = _blank(*guesses.shape[:2])
-        given = (*problems, rows.astype(np.float64), guesses)
+        inputs = (*problems, rows.astype(np.float64), guesses)
         p = self._addressed
         _, path, trial, work = workspace = new_memory(p.steps, p.vehicles)
-        jobs, answer = Jobs(*map(memory, given)), Answer(*map(memory, part))
+        jobs, answer = Jobs(*map(memory, inputs)), Answer(*map(memory, part))
         with np.errstate(all="ignore"):  # in plain Python a search that overflows would warn
             solve_all(p, bounds, tuning, jobs, len(rows), answer, path, trial, work)
         del workspace

@@ -76,10 +76,10 @@ class SamplingState:
 
 
 class WeightedSampler(Estimator):
-    """Base of estimators by weighted samples: a final sample, its cross-check, the next run.
+    """Base class of importance sampling: each run draws a final sample and cross-checks it.
 
     Attributes:
-        noise_size: Noise size of the problem that the user gave, where it was replaced.
+        noise_size: Noise size of the user's problem, if this estimator replaced the problem.
     """
 
     name: str

@@ -117,7 +117,7 @@ class BayesianKernel(Kernel):
         none, zeros = np.zeros(len(level), dtype=bool), np.zeros(len(level), dtype=np.int64)
         search = _Search(draw.tapes(), angle, score, none, zeros, zeros)
         move = Move.begin(state, level, draw, state.tape, search)
-        posterior = Posterior.of(angle, score)
+        posterior = Posterior.fit(angle, score)
         return self._propose(move, posterior.most_promising(self.acquisition), none)
 
     def tell(self, move: Move, points: Points) -> Move:
@@ -135,8 +135,8 @@ class BayesianKernel(Kernel):
 
     def _next(self, move: Move) -> Move:
         work, rows = move.work, move.waiting
-        posterior = Posterior.of(work.angle[rows], work.score[rows])
-        active = posterior.mean >= posterior.standard(move.level[rows])[:, None]
+        posterior = Posterior.fit(work.angle[rows], work.score[rows])
+        active = posterior.mean >= posterior.standardise(move.level[rows])[:, None]
         valid = active.any(axis=1)  # line 15
         full = move.turn - work.begun[rows] >= self.points  # line 8
         ends = full | (valid & (posterior.spread.max(axis=1) <= self.uncertainty))
@@ -192,7 +192,7 @@ class Posterior:
     spread: Floats
 
     @staticmethod
-    def of(angle: Floats, score: Floats) -> Posterior:
+    def fit(angle: Floats, score: Floats) -> Posterior:
         """Return the process given scores (W, J) at angles (W, J)."""
         middle, scale = score.mean(axis=1), np.maximum(score.std(axis=1), 1e-9)
         values = (score - middle[:, None]) / scale[:, None]
@@ -203,7 +203,7 @@ class Posterior:
         variance = 1.0 - (weights * across).sum(axis=1)
         return Posterior(middle, scale, values.max(axis=1), mean, np.sqrt(np.maximum(variance, 0.0)))
 
-    def standard(self, score: Floats) -> Floats:
+    def standardise(self, score: Floats) -> Floats:
         """Return scores (W,), standardised."""
         return np.asarray((score - self.middle) / self.scale)
 
