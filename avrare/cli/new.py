@@ -60,8 +60,8 @@ def _write_scenario(args: argparse.Namespace) -> None:
             raise UsageError(
                 "--python writes a simulator of its own", "leave out --simulator, --set and --act"
             )
-        write_python_scenario(path)
-        say(f"{path}: {path.with_suffix('.py').name} has its Simulator and its Controller")
+        simulator, controller = write_python_scenario(path)
+        say(f"{path}: {simulator.name} has its Simulator, {controller.name} its Controller")
     else:
         signals = write_scenario(path, args.simulator, args.set, default_registry(), args.act)
         say(f"{path}: signals {', '.join(signals)}")

@@ -326,7 +326,7 @@ OPTIONS: dict[str, Options] = {
         "a new one with a controller in Python)",
         "--set KEY=VALUE": ("set an option of the scenario's simulator; may be repeated", REPEATABLE),
         "--act": "also write a controller for the scenario: a function in a Python file",
-        "--python": "write a scenario with a Python file of its own: simulator and controller",
+        "--python": "write a scenario with two Python files of its own: simulator and controller",
         "--out DIR": ("parent of the new folder or file (default: .)", {"default": "."}),
     },
 }

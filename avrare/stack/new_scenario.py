@@ -84,16 +84,28 @@ def _list_requirements(signals: Signals) -> list[str]:
     ]
 
 
-def write_python_scenario(path: Path) -> None:
-    """Write a Python file with a simulator and a controller, and a scenario of them that runs as it is.
+def write_python_scenario(path: Path) -> tuple[Path, Path]:
+    """Write Python files of a simulator and of a controller, and a scenario of them that runs as it is.
+
+    The controller has a file of its own, as a change of the simulator's makes baselines incomparable.
+
+    Returns:
+        File of the simulator, and of the controller.
 
     Raises:
         UsageError: One of the files exists.
     """
-    file = path.with_suffix(".py")
-    texts = {name: (_TEMPLATES / f"stack.{name}.txt").read_text(encoding="utf-8") for name in ("py", "yaml")}
-    scenario = texts["yaml"].replace("$name", path.stem).replace("$file", json.dumps(file.name))
-    _write_files({file: texts["py"], path: scenario})
+    simulator, controller = path.with_suffix(".py"), path.with_name(f"{path.stem}_controller.py")
+    parts = (simulator, "stack.py.txt"), (controller, "stack_controller.py.txt"), (path, "stack.yaml.txt")
+    texts = {file: (_TEMPLATES / template).read_text(encoding="utf-8") for file, template in parts}
+    for key, value in (
+        ("$name", path.stem),
+        ("$file", json.dumps(simulator.name)),
+        ("$controller", json.dumps(controller.name)),
+    ):
+        texts[path] = texts[path].replace(key, value)
+    _write_files(texts)
+    return simulator, controller
 
 
 def write_stack(path: Path) -> None:

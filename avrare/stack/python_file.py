@@ -23,8 +23,8 @@ from avrare.protocols import Controller
 from avrare.scenario.safe_mode import TRUST, is_safe
 from avrare.worlds import Worlds
 
-TEMPLATE = Path(__file__).with_name("templates") / "stack.py.txt"
-"""Simulator and controller as `avrare new scenario --python` writes them."""
+TEMPLATES = Path(__file__).with_name("templates")
+"""Folder of the simulator and the controller as `avrare new scenario --python` writes them."""
 
 
 class FileOptions(Options):
@@ -54,14 +54,18 @@ class PythonConfig(FileOptions):
 class SimulatorConfig(PythonConfig):
     """Class of a simulator."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [{"file": str(TEMPLATE), "class": "Simulator"}]})
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"file": str(TEMPLATES / "stack.py.txt"), "class": "Simulator"}]}
+    )
 
 
 class ControllerConfig(PythonConfig):
     """Class of a controller."""
 
     model_config = ConfigDict(
-        json_schema_extra={"examples": [{"file": str(TEMPLATE), "class": "Controller"}]}
+        json_schema_extra={
+            "examples": [{"file": str(TEMPLATES / "stack_controller.py.txt"), "class": "Controller"}]
+        }
     )
 
 

@@ -108,7 +108,7 @@ def test_a_baseline_of_another_problem_is_refused_unless_accepted(drive, capsys)
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--set", "steps=2"]) == 4
     error = capsys.readouterr().err
     assert "steps 1 -> 2, simulator.dt 0.1 -> 0.05" in error
-    assert "accept changes to compare anyway" in error
+    assert "compare anyway with --accept-changes" in error
     assert main(["check", "drive.yaml", "--set", "simulator.dt=0.05", "--accept-changes"]) == 0
     assert "although the problem changed" in capsys.readouterr().out
 

@@ -220,14 +220,32 @@ def test_a_new_python_scenario_runs_and_its_file_passes_the_checks(tmp_path, mon
     assert main(["new", "scenario", "acc", "--python"]) == 0
     assert "next: avrare validate --build acc.yaml && avrare run acc.yaml\n" in capsys.readouterr().out
     assert main(["run", "acc.yaml", "--set", "estimator={plugin: mc, rollouts: 50}", "--out", "run"]) == 0
-    for kind in ("simulator", "controller"):
-        words = ["plugins", "--check", "python", "--kind", kind, "--set", "file=acc.py", "--set"]
+    for kind, file in (("simulator", "acc.py"), ("controller", "acc_controller.py")):
+        words = ["plugins", "--check", "python", "--kind", kind, "--set", f"file={file}", "--set"]
         assert main([*words, f"class={kind.capitalize()}"]) == 0
         assert "0 failed, 0 skipped" in capsys.readouterr().out
     assert main(["new", "scenario", "acc", "--python", "--simulator", "tank"]) == 4
     Path("acc.py").write_text("mine")
     assert main(["new", "scenario", "acc", "--python"]) == 4
     assert "acc.py: already exists" in capsys.readouterr().err
+
+
+def test_a_gate_compares_versions_of_the_controller_of_a_new_python_scenario(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "scenario", "acc", "--python"]) == 0
+    words = ["check", "acc.yaml", "--set", "estimator={plugin: mc, rollouts: 2000}"]
+    assert main([*words, "--save"]) == 0
+    controller, simulator = Path("acc_controller.py"), Path("acc.py")
+    controller.write_text(controller.read_text().replace("time_gap=1.3", "time_gap=1.3, margin=0.0"))
+    assert main(words) in (0, 3)
+    controller.write_text(controller.read_text().replace("-8.0, 2.0", "-4.0, 2.0"))
+    assert main(words) == 1
+    simulator.write_text(simulator.read_text().replace("0.95 * world.error", "0.9 * world.error"))
+    capsys.readouterr()
+    assert main(words) == 4
+    error = capsys.readouterr().err
+    assert "simulator.file: its file has changed" in error
+    assert "--accept-changes" in error
 
 
 def test_a_new_scenario_goes_on_with_its_controller(tmp_path, monkeypatch, capsys):

@@ -143,7 +143,7 @@ def load_target(definition: Scenario, folder: Path, compared: bool, accept: bool
     if changes and not accept:
         raise UsageError(
             f"{definition.path}: not comparable with {baseline.path}: {summarise_differences(changes)}",
-            "undo the change; or accept changes to compare anyway, and save this run as the new baseline",
+            "undo the change; or compare anyway with --accept-changes, and --save a new baseline with it",
         )
     notes = [f"compared although the problem changed: {summarise_differences(changes)}"] if changes else []
     versions = [
