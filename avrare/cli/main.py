@@ -76,9 +76,12 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the message that argparse would print; the hint is the most similar option, or --help."""
         message = re.sub(r"^argument (--[\w-]+): must", r"\1 must", message)
-        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
-        similar = did_you_mean(unknown[1], self._option_string_actions) if unknown else None
-        hint = similar if similar and similar.startswith("did") else f"see {self.prog} --help"
+        unknown = re.match(r"unrecognized arguments: --([\w-]+)", message)
+        options = [option.removeprefix("--") for option in self._option_string_actions]
+        similar = did_you_mean(unknown[1], options) if unknown else None
+        hint = f"see {self.prog} --help"
+        if similar and similar.startswith("did"):
+            hint = similar.replace("'", "'--", 1)
         raise UsageError(f"{self.prog}: {message}", hint)
 
 

@@ -97,6 +97,7 @@ def test_validate_checks_the_other_files_after_a_mistake(capsys):
         (["plugins", "--kind", "trackr"], "--kind: unknown kind 'trackr'", "did you mean 'tracker'?"),
         (["validate"], "avrare validate: SCENARIO is required", "avrare validate SCENARIO, or --schema"),
         (["--verson"], "avrare: unrecognized arguments: --verson", "did you mean '--version'?"),
+        (["run", "--bogus"], "avrare run: unrecognized arguments: --bogus", "see avrare run --help"),
     ],
 )
 def test_usage_errors_exit_4_with_a_hint(capsys, words, message, hint):
