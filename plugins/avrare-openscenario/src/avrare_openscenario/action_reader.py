@@ -15,8 +15,7 @@ from avrare_openscenario.catalogs import Catalogs
 from avrare_openscenario.curves import sample_clothoids, sample_nurbs
 from avrare_openscenario.network import Network
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.place_reader import find_lane, read_place
-from avrare_openscenario.route_reader import read_route
+from avrare_openscenario.place_reader import find_lane, read_place, read_route
 from avrare_openscenario.signals import Signals
 from avrare_openscenario.xml_tree import Element
 

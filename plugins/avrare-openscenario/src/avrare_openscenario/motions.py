@@ -10,10 +10,9 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_openscenario.courses import Course, Integers, put, transition_span
-from avrare_openscenario.gaps import close_gap, place_gap
 from avrare_openscenario.network import RoadMap
-from avrare_openscenario.profiles import follow_profile
 from avrare_openscenario.scenario_file import ScenarioFile
+from avrare_openscenario.speeds import close_gap, follow_profile, place_gap, synchronize_speed
 from avrare_openscenario.starts import build_path, lane_middle, nearest_lane, pick, place_point, resolve_speed
 from avrare_openscenario.story import (
     FORMS,
@@ -29,7 +28,6 @@ from avrare_openscenario.story import (
     Teleport,
     Trajectory,
 )
-from avrare_openscenario.synchronization import synchronize_speed
 from avrare_openscenario.trajectories import Path, Pose, list_places
 from avrare_openscenario.ways import Ways
 

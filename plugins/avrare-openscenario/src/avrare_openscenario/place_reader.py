@@ -1,4 +1,4 @@
-"""Reading of positions."""
+"""Reading of positions and routes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.story import Place
+from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.starts import place_point
+from avrare_openscenario.story import Place, Route
 from avrare_openscenario.xml_tree import Element
 
 if TYPE_CHECKING:
@@ -37,10 +39,8 @@ def _read_kind(reader: ActionReader, one: Element) -> Place:
         turned = one.get("h") is not None
         return Place("plane", number("x"), number("y"), number("h", 0.0), absolute=True, turned=turned)
     if one.tag == "RoutePosition":
-        from avrare_openscenario.route_reader import read_route_place  # which reads places itself
-
-        return read_route_place(reader, one)
-    heading, absolute = read_orientation(one, parameters)
+        return _read_route_place(reader, one)
+    heading, absolute = _read_orientation(one, parameters)
     match one.tag:
         case "RelativeWorldPosition":
             one.get("dz")
@@ -101,8 +101,8 @@ def _read_station(reader: ActionReader, element: Element) -> tuple[RoadMap, Numb
     return line, reader.parameters.shifted(reader.parameters.number(element, "s"), line.begins[road])
 
 
-def read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
-    """Return the heading that a position has, and whether it is one in the plane."""
+def _read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
+    # The heading that a position has, and whether it is one in the plane.
     found = position.find("Orientation")
     if found is None:
         return parameters.constant(0.0), False
@@ -110,3 +110,58 @@ def read_orientation(position: Element, parameters: Parameters) -> tuple[Number,
         found.get(name)
     kind = parameters.choose(found, "type", ("absolute", "relative"), "absolute")
     return parameters.number(found, "h", 0.0), kind == "absolute"
+
+
+def read_route(reader: ActionReader, action: Element, actor: int) -> Route:
+    """Read an ``AssignRouteAction``, or an ``AcquirePositionAction``: a route of one point."""
+    acquires = action.tag == "AcquirePositionAction"
+    points = [_read_waypoint(reader, action)] if acquires else _read_waypoints(reader, action)
+    return Route(actor, tuple(roads for _, roads in points))
+
+
+def _read_waypoint(reader: ActionReader, point: Element) -> tuple[Place, RoadMap]:
+    # The position of an element, and the road of it or next to it.
+    place = reader.read_place(point.child("Position"))
+    if place.roads is None and place.kind != "plane":
+        raise point.error("a place that is relative to an entity is not read here")
+    x, y = reader.parameters.table({}, 1)[0, [place.x, place.y]]
+    return place, place.roads or reader.roads.find_nearest(x, y)
+
+
+def _read_route_place(reader: ActionReader, position: Element) -> Place:
+    # A ``RoutePosition``: a way along the lane of the first waypoint.
+    (first, roads), *others = _read_waypoints(reader, position.child("RouteRef"))
+    where = position.child("InRoutePosition").choice()
+    lane_known = where.tag in ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
+    if not lane_known and where.tag not in ("FromRoadCoordinates", "PositionInRoadCoordinates"):
+        raise where.unknown("FromLaneCoordinates, FromRoadCoordinates")
+    if first.lane is None:
+        raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
+    names = {index: lane for lane, index in roads.lanes.items()}
+    line = follow_lane(reader.roads, roads, names[first.lane], [after for _, after in others])
+    pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
+    station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
+    heading, absolute = _read_orientation(position, reader.parameters)
+    if lane_known:
+        lane = reader.parameters.whole(where, "laneId")
+        if lane not in line.lanes:
+            raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")
+        offset, own = reader.parameters.number(where, "laneOffset", 0.0), line.lanes[lane]
+        return Place("lane", station, offset, heading, own, absolute=absolute, roads=line)
+    middle = -abs(roads.centres[names[first.lane]])
+    across = reader.parameters.shifted(reader.parameters.number(where, "t"), -middle)
+    return Place("road", station, across, heading, absolute=absolute, roads=line)
+
+
+def _read_waypoints(reader: ActionReader, action: Element) -> list[tuple[Place, RoadMap]]:
+    route = reader.catalogs.find(action, "Route")
+    route.skip_children("ParameterDeclarations")
+    route.get("name")
+    if reader.parameters.boolean(route, "closed"):
+        route.note("a closed route is driven once")
+    points = route.list("Waypoint")
+    for point in points:
+        point.get("routeStrategy")
+    if not points:
+        raise route.error("has no Waypoint")
+    return [_read_waypoint(reader, point) for point in points]

@@ -12,12 +12,11 @@ import numpy as np
 from avrare.base.errors import did_you_mean
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.catalogs import Catalogs
-from avrare_openscenario.crossings import add_crossings
 from avrare_openscenario.lanelet_map import is_lanelet_map, read_lanelet_map
 from avrare_openscenario.network import Network, RoadMap, open_plane
 from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
-from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.routes import add_crossings, follow_lane
 from avrare_openscenario.signals import Signals
 from avrare_openscenario.starts import Starts, nearest_lane, place_all, speed_all
 from avrare_openscenario.story import (

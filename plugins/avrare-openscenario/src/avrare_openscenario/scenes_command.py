@@ -16,9 +16,8 @@ import numpy as np
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare_openscenario.acted_traffic import ActedTraffic
-from avrare_openscenario.picture import draw_scene
 from avrare_openscenario.scenario_file import ScenarioFile, read_scenario
-from avrare_openscenario.trace import write_trace
+from avrare_openscenario.trace import draw_scene, write_trace
 from avrare_openscenario.xml_tree import read_xml
 
 _PLACE = re.compile(r"(?P<path>.*?\.\w+):(?P<line>\d+)(?::\d+)?: (?P<reason>.*)", re.DOTALL)

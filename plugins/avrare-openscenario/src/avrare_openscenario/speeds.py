@@ -1,0 +1,146 @@
+"""Speeds of vehicles that follow a profile, keep a distance, or meet another one at their targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avrare.driving import Vehicles
+from avrare.protocols import Bools, Floats
+from avrare_openscenario.story import Gap, SpeedProfile
+
+if TYPE_CHECKING:
+    from avrare_openscenario.scenario_file import Body
+
+_STIFFNESS = 0.4
+"""Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
+_STILL = 1e-3
+"""Speed below which a vehicle stands [m/s]."""
+
+
+def follow_profile(
+    profile: SpeedProfile, table: Floats, start: Floats, slope: Floats, clock: Floats
+) -> tuple[Floats, Bools]:
+    """Return the speed (N,) at a time since the begin, and whether the last one is reached.
+
+    Each speed is approached linearly, in its time or as fast as is allowed. Around each change of the
+    acceleration the jerk is constant; the first one begins at the start, so that the line comes later.
+
+    Args:
+        profile: The action.
+        table: (N, K) numbers of the file.
+        start: (N,) speed at the begin [m/s].
+        slope: (N,) acceleration there [m/s^2].
+        clock: (N,) time since then [s].
+    """
+    change = np.diff(np.column_stack([start, table[:, list(profile.speeds)]]), axis=1)
+    limits, sign = table[:, list(profile.limits)], np.where(change >= 0.0, 1.0, -1.0)
+    most, jerk = (np.where(sign > 0.0, limits[:, [k]], limits[:, [k + 1]]) for k in (0, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.maximum(table[:, list(profile.durations)], np.abs(change) / most)
+        if change.shape[1] == 1:  # the time includes the jerks
+            lag, late = (
+                0.5 * sign * (1.0 / limits[:, 2:3] + 1.0 / limits[:, 3:4]),
+                slope[:, None] / (sign * jerk),
+            )
+            longer, wanted = times + late, change + 0.5 * late * slope[:, None]
+            room = longer**2 - 4.0 * lag * wanted
+            rate = 2.0 * wanted / (longer + np.sqrt(room))
+            rate = np.where(room < 0.0, sign * np.sqrt(wanted / lag), rate)
+            times = change / np.clip(rate, -most, most)
+        slopes, times = np.nan_to_num(change / times), np.nan_to_num(times)
+        steps = np.diff(np.column_stack([slope, slopes, np.zeros(len(slope))]), axis=1)
+        reach = 0.5 * np.abs(steps) / np.where(steps >= 0.0, limits[:, 2:3], limits[:, 3:4])
+        kinks = np.column_stack([reach[:, 0], np.cumsum(times, axis=1)])
+        kinks[:, 1] -= np.nan_to_num(steps[:, 0] * reach[:, 0] / steps[:, 1])
+        since = clock[:, None] - kinks
+        bent = np.nan_to_num(np.maximum(reach - np.abs(since), 0.0) ** 2 / (4.0 * reach))
+    value = start + slope * clock + (steps * (np.maximum(since, 0.0) + bent)).sum(axis=1)
+    return value, clock >= kinks[:, -1] + reach[:, -1] - 1e-9
+
+
+def place_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles) -> Floats:
+    """Return the station (N,), or offset, at which a point of reference has its distance."""
+    value = table[:, gap.value]
+    if gap.timed:
+        value = value * np.abs(points.speed[:, gap.other])
+    place = points.y if gap.across else points.x
+    mine, theirs = place[:, gap.actor], place[:, gap.other]
+    along = np.sign(np.cos(points.heading[:, gap.other]))
+    side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
+    if not gap.free:
+        return np.asarray(theirs + side * value)
+    body, other = bodies[gap.actor], bodies[gap.other]
+    size = body.width + other.width if gap.across else body.length + other.length
+    centre = theirs + side * (value + 0.5 * size)
+    if gap.across:
+        return np.asarray(centre)
+    mine_along = np.sign(np.cos(points.heading[:, gap.actor]))
+    return np.asarray(centre - mine_along * body.ahead + along * other.ahead)
+
+
+def close_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles, dt: float) -> Floats:
+    """Return the speed (N,) of the next step of a vehicle that closes its distance."""
+    lag = place_gap(gap, bodies, table, points) - points.x[:, gap.actor]
+    lag = lag * np.sign(np.cos(points.heading[:, gap.actor]))
+    now, theirs = points.speed[:, gap.actor], points.speed[:, gap.other]
+    if gap.acceleration is None:
+        return np.asarray(theirs + lag / dt)
+    most = table[:, gap.acceleration]
+    stiffness = _STIFFNESS * most
+    demand = np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * (theirs - now), -most, most)
+    fastest = np.inf if gap.speed is None else table[:, gap.speed]
+    return np.clip(now + dt * demand, 0.0, fastest)
+
+
+def synchronize_speed(
+    now: Floats,
+    pace: Floats,
+    way: Floats,
+    master_way: Floats,
+    final: Floats | None,
+    steady: Floats,
+    dt: float,
+) -> Floats:
+    """Return the speed (N,) of the next step.
+
+    Args:
+        now: Own speed [m/s].
+        pace: Speed of the other [m/s].
+        way: Own way left [m].
+        master_way: The other's way left [m].
+        final: Own speed at the target; None: any.
+        steady: Way before the target on which that speed is held [m].
+        dt: Step [s].
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left = master_way / pace
+        if final is None:
+            return np.where(pace < _STILL, 0.0, np.maximum(way / left, 0.0))
+        holds = (way <= steady) | (left <= steady / final)
+        way, left = way - steady, left - steady / final
+        mean = way / left
+        # From rest: wait, then one acceleration to the final speed; later a straight line to it.
+        line = np.clip(2.0 * mean - final, 0.0, None)
+        waits = (now < _STILL) & (left > 2.0 * way / final)
+        resting = np.where(waits, 0.0, np.maximum(line, np.minimum(final, dt * final / np.maximum(left, dt))))
+        moving = _apex_speed(now, final, way, left, dt)
+        value = np.where(now < _STILL, resting, moving)
+        value = np.where(holds, final, value)
+    return np.where(pace < _STILL, 0.0, value)
+
+
+def _apex_speed(now: Floats, final: Floats, way: Floats, left: Floats, dt: float) -> Floats:
+    # Two equal and opposite accelerations, whose ways add to the way left in the time left.
+    mean = way / left
+    on_line = np.abs(2.0 * mean - (now + final)) < 0.02 * (1.0 + np.abs(final))
+    line = now + (final - now) * dt / np.maximum(left, dt)
+    # With x the share of the time before the apex v: (v - now) / x = (v - final) / (1 - x).
+    gap, excess = final - now, 2.0 * mean - now - final
+    root = np.sqrt(excess**2 + gap**2)
+    apex = 0.5 * (now + final + excess + np.where(excess >= 0.0, root, -root))
+    share = np.where(2.0 * apex - now - final == 0.0, 0.5, (apex - now) / (2.0 * apex - now - final))
+    rate = (apex - now) / np.maximum(share * left, dt)
+    return np.maximum(np.where(on_line, line, now + rate * dt), 0.0)
