@@ -29,6 +29,8 @@ _IDLE = {
     "SetMonitorAction": "monitors change nothing",
 }
 """Actions that are passed over, with their notes."""
+_GLOBAL = ("EntityAction", "InfrastructureAction", "ParameterAction", "VariableAction")
+_DOMAINS = ("LongitudinalAction", "LateralAction", "RoutingAction")
 _TYPES = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
 _ENDLESS = 1e9
 """Limit that is not given."""
@@ -71,36 +73,28 @@ class ActionReader:
         """Read a ``GlobalAction`` or ``UserDefinedAction``; None: it changes nothing."""
         if kind.tag == "UserDefinedAction":
             raise kind.error("a user-defined action is not read", "take it out")
-        action = kind.choice()
+        action = kind.choice(*_GLOBAL, *_IDLE)
         if action.tag in _IDLE:
             action.pass_over(_IDLE[action.tag])
             return None
-        if action.tag in ("ParameterAction", "VariableAction"):
-            return self._read_assignment(action)
         if action.tag == "InfrastructureAction":
-            return self.lights.read_action(action.child("TrafficSignalAction").choice())
-        if action.tag == "EntityAction":
-            actor, change = self.find_entity(action), action.choice()
-            if change.tag == "AddEntityAction":
-                return story.Teleport(actor, self.read_place(change.child("Position")))
-            return story.Removal(actor)
-        kinds = "EnvironmentAction, EntityAction, InfrastructureAction, ParameterAction, VariableAction"
-        raise action.unknown(kinds)
+            return self.lights.read_action(action.child("TrafficSignalAction"))
+        if action.tag != "EntityAction":
+            return self._read_assignment(action)
+        actor, change = self.find_entity(action), action.choice("AddEntityAction", "DeleteEntityAction")
+        if change.tag == "AddEntityAction":
+            return self._read_teleport(change, actor)
+        return story.Removal(actor)
 
     def read_private(self, private: Element, actor: int) -> story.Action | None:
         """Read a ``PrivateAction`` of a vehicle; None: it changes nothing."""
-        domain = private.choice()
-        if domain.tag in _IDLE:
-            domain.pass_over(_IDLE[domain.tag])
+        action = private.choice(*_DOMAINS, "TeleportAction", "SynchronizeAction", *_IDLE)
+        if action.tag in _IDLE:
+            action.pass_over(_IDLE[action.tag])
             return None
-        if domain.tag == "TeleportAction":
-            return story.Teleport(actor, self.read_place(domain.child("Position")))
-        if domain.tag == "SynchronizeAction":
-            return self._read_synchronize(domain, actor)
-        if domain.tag not in ("LongitudinalAction", "LateralAction", "RoutingAction"):
-            raise domain.unknown("LongitudinalAction, LateralAction, RoutingAction, TeleportAction")
-        action = domain.choice()
         readers: dict[str, Callable[[Element, int], story.Action]] = {
+            "TeleportAction": self._read_teleport,
+            "SynchronizeAction": self._read_synchronize,
             "SpeedAction": self._read_speed_change,
             "SpeedProfileAction": self._read_profile,
             "LongitudinalDistanceAction": self._read_gap,
@@ -111,8 +105,8 @@ class ActionReader:
             "AcquirePositionAction": partial(read_route, self),
             "FollowTrajectoryAction": self._read_trajectory,
         }
-        if action.tag not in readers:
-            raise action.unknown(", ".join(readers))
+        if action.tag in _DOMAINS:
+            action = action.choice(*readers)
         return readers[action.tag](action, actor)
 
     def _number(self, element: Element, name: str, default: float | None = None) -> Number:
@@ -122,6 +116,9 @@ class ActionReader:
         if element is None or element.get(name) is None:
             return None
         return self.parameters.number(element, name, low=0.0)
+
+    def _read_teleport(self, action: Element, actor: int) -> story.Teleport:
+        return story.Teleport(actor, self.read_place(action.child("Position")))
 
     def read_place(self, position: Element) -> story.Place:
         """Read a ``Position``."""
@@ -158,12 +155,10 @@ class ActionReader:
 
     def _read_assignment(self, action: Element) -> story.Assignment:
         name = self.find_variable(action)
-        change = action.choice()
+        change = action.choice("SetAction", "ModifyAction")
         if change.tag == "SetAction":
             return story.Assignment(name, self.parameters.value(change, "value"), "set")
-        rule = change.child("Rule").choice()
-        if rule.tag not in ("AddValue", "MultiplyByValue"):
-            raise rule.unknown("AddValue, MultiplyByValue")
+        rule = change.child("Rule").choice("AddValue", "MultiplyByValue")
         operation: Literal["add", "multiply"] = "add" if rule.tag == "AddValue" else "multiply"
         return story.Assignment(name, self._number(rule, "value"), operation)
 
@@ -183,19 +178,17 @@ class ActionReader:
 
     def _read_speed_change(self, action: Element, actor: int) -> story.SpeedChange:
         transition = self._read_transition(action.child("SpeedActionDynamics"))
-        target = action.child("SpeedActionTarget").choice()
+        target = action.child("SpeedActionTarget").choice("AbsoluteTargetSpeed", "RelativeTargetSpeed")
         continuous = target.tag == "RelativeTargetSpeed" and self.parameters.boolean(target, "continuous")
-        return story.SpeedChange(actor, transition, self.read_speed(target), continuous)
+        return story.SpeedChange(actor, transition, self._read_speed(target, target, "entityRef"), continuous)
 
-    def read_speed(self, target: Element) -> story.TargetSpeed:
-        """Read an absolute speed, or one relative to that of another vehicle."""
+    def _read_speed(self, target: Element, holder: Element, name: str) -> story.TargetSpeed:
+        # An absolute speed, or one relative to the vehicle that an attribute of the holder names.
         value = self._number(target, "value")
-        if target.tag in ("AbsoluteTargetSpeed", "AbsoluteSpeed"):
+        if target.tag.startswith("Absolute"):
             return story.TargetSpeed(value)
-        if target.tag != "RelativeTargetSpeed":
-            raise target.unknown("AbsoluteTargetSpeed, RelativeTargetSpeed")
         kind = self.parameters.choose(target, "speedTargetValueType", ("delta", "factor"))
-        return story.TargetSpeed(value, self.find_entity(target), kind == "factor")
+        return story.TargetSpeed(value, self.find_entity(holder, name), kind == "factor")
 
     def _read_profile(self, action: Element, actor: int) -> story.SpeedProfile:
         modes = ("position", "follow")
@@ -247,12 +240,9 @@ class ActionReader:
     def _read_lane_change(self, action: Element, actor: int) -> story.LaneChange:
         transition = self._read_transition(action.child("LaneChangeActionDynamics"))
         offset = self._number(action, "targetLaneOffset", 0.0)
-        target = action.child("LaneChangeTarget").choice()
+        target = action.child("LaneChangeTarget").choice("AbsoluteTargetLane", "RelativeTargetLane")
         if target.tag == "AbsoluteTargetLane":
-            lane = find_lane(self, target, "value")
-            return story.LaneChange(actor, transition, lane, offset)
-        if target.tag != "RelativeTargetLane":
-            raise target.unknown("AbsoluteTargetLane, RelativeTargetLane")
+            return story.LaneChange(actor, transition, find_lane(self, target, "value"), offset)
         other = self.find_entity(target)
         return story.LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
 
@@ -264,12 +254,11 @@ class ActionReader:
         transition = story.Transition("step", "time", self.parameters.constant(0.0))
         if form != "step" and highest is not None:
             transition = story.Transition(form, "curvature", highest)
-        target = action.child("LaneOffsetTarget").choice()
+        names = "AbsoluteTargetLaneOffset", "RelativeTargetLaneOffset"
+        target = action.child("LaneOffsetTarget").choice(*names)
         offset = self._number(target, "value")
         if target.tag == "AbsoluteTargetLaneOffset":
             return story.LaneChange(actor, transition, 0, offset, actor)
-        if target.tag != "RelativeTargetLaneOffset":
-            raise target.unknown("AbsoluteTargetLaneOffset, RelativeTargetLaneOffset")
         return story.LaneChange(actor, transition, 0, offset, self.find_entity(target), exact=True)
 
     def _read_trajectory(self, action: Element, actor: int) -> story.Trajectory:
@@ -296,18 +285,16 @@ class ActionReader:
         trajectory.skip_children("ParameterDeclarations")
         if self.parameters.boolean(trajectory, "closed"):
             trajectory.note("a closed trajectory is driven once")
-        form = trajectory.child("Shape").choice()
+        form = trajectory.child("Shape").choice("Polyline", "Clothoid", "ClothoidSpline", "Nurbs")
         if form.tag == "Polyline":
             return self._read_polyline(form, actor, timed, scale, offset)
-        if form.tag in ("Clothoid", "ClothoidSpline"):
-            times = [
-                self._number(form, name) for name in ("startTime", "stopTime") if timed and form.get(name)
-            ]
-            times = [self.parameters.scaled(one, scale, offset) for one in times] if len(times) == 2 else []
-            return replace(self._read_clothoids(form, actor), times=tuple(times))
         if form.tag == "Nurbs":
             return self._read_nurbs(form, actor)
-        raise form.unknown("Polyline, Clothoid, ClothoidSpline, Nurbs")
+        names = ("startTime", "stopTime")
+        if not timed or not all(form.get(name) for name in names):
+            return self._read_clothoids(form, actor)
+        times = tuple(self.parameters.scaled(self._number(form, name), scale, offset) for name in names)
+        return replace(self._read_clothoids(form, actor), times=times)
 
     def _read_polyline(
         self, form: Element, actor: int, timed: bool, scale: float, offset: float
@@ -375,13 +362,8 @@ class ActionReader:
         final = action.find("FinalSpeed")
         speed, steady, steady_timed = None, None, False
         if final is not None:
-            kind = final.choice()
-            if kind.tag == "RelativeSpeedToMaster":
-                factor = self.parameters.choose(kind, "speedTargetValueType", ("delta", "factor"))
-                master = self.find_entity(action, "masterEntityRef")
-                speed = story.TargetSpeed(self._number(kind, "value"), master, factor == "factor")
-            else:
-                speed = self.read_speed(kind)
+            kind = final.choice("AbsoluteSpeed", "RelativeSpeedToMaster")
+            speed = self._read_speed(kind, action, "masterEntityRef")
             for tag, timed in (("TargetDistanceSteadyState", False), ("TargetTimeSteadyState", True)):
                 if (element := kind.find(tag)) is not None:
                     name = next(iter(element.attributes), "distance")

@@ -37,13 +37,11 @@ class ConditionReader:
         condition.get("name")
         edge = self.parameters.choose(condition, "conditionEdge", EDGES, "none")
         delay = 0 if condition.get("delay") is None else self._read_steps(condition, "delay")
-        kind = condition.choice()
+        kind = condition.choice("ByValueCondition", "ByEntityCondition")
         if kind.tag == "ByValueCondition":
             found = self._read_by_value(kind.choice())
-        elif kind.tag == "ByEntityCondition":
-            found = self._read_by_entity(kind)
         else:
-            raise kind.unknown("ByValueCondition, ByEntityCondition")
+            found = self._read_by_entity(kind)
         return replace(found, edge=edge, delay=found.delay + delay)
 
     def _read_by_value(self, one: Element) -> Condition:
@@ -61,8 +59,7 @@ class ConditionReader:
             case "UserDefinedValueCondition":
                 one.pass_over("is never met: nothing outside the file sets values")
                 return Condition("time", "lessThan", self.parameters.constant(-1.0))
-        known = "SimulationTimeCondition, StoryboardElementStateCondition, ParameterCondition"
-        raise one.unknown(f"{known}, VariableCondition, TrafficSignalCondition")
+        raise one.error("is not read", "see docs/openscenario.md")
 
     def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
         return self.parameters.choose(one, "rule", RULES), self.parameters.number(one, "value")
@@ -130,11 +127,9 @@ class ConditionReader:
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
         one.note("is taken along the road, also to vehicles in other lanes")
-        target = one.child("TimeToCollisionConditionTarget").choice()
+        target = one.child("TimeToCollisionConditionTarget").choice("EntityRef", "Position")
         if target.tag == "Position":
             return replace(found, place=self.actions.read_place(target))
-        if target.tag != "EntityRef":
-            raise target.unknown("EntityRef, Position")
         return replace(found, other=self.actions.find_entity(target))
 
     def _read_clearance(self, one: Element) -> Condition:
@@ -169,11 +164,9 @@ class ConditionReader:
 
     def _read_against(self, one: Element) -> tuple[int, ...]:
         # Entities that a collision is with.
-        target = one.choice()
+        target = one.choice("EntityRef", "ByType", "ByObjectType")
         if target.tag == "EntityRef":
             return self.actions.find_members(target)
-        if target.tag not in ("ByType", "ByObjectType"):
-            raise target.unknown("EntityRef, ByType, ByObjectType")
         return self.actions.find_type(target)
 
     def _read_distance(self, one: Element, kind: str) -> Condition:

@@ -12,10 +12,13 @@ from avrare.plugin.component import FoundScene
 from avrare_openscenario.parameters import Parameters
 from avrare_openscenario.xml_tree import Element, read_xml
 
-_KNOWN = (
-    "NormalDistribution, LogNormalDistribution, UniformDistribution, Histogram, ProbabilityDistributionSet"
+_LAWS = (
+    "NormalDistribution",
+    "LogNormalDistribution",
+    "UniformDistribution",
+    "Histogram",
+    "ProbabilityDistributionSet",
 )
-
 _Axis = tuple[dict[str, str], ...]
 _PLACE = "parameters."
 
@@ -48,7 +51,7 @@ def _find_template(block: Element) -> str:
 
 
 def _read_axis(element: Element) -> _Axis:
-    choices = element.choice()
+    choices = element.choice("DistributionSet", "DistributionRange", "ValueSetDistribution")
     if choices.tag == "ValueSetDistribution":
         sets = (block.list("ParameterAssignment") for block in choices.list("ParameterValueSet"))
         return tuple(
@@ -58,8 +61,6 @@ def _read_axis(element: Element) -> _Axis:
     name = _PLACE + element.attribute("parameterName")
     if choices.tag == "DistributionSet":
         return tuple({name: _read_value(choice)} for choice in choices.list("Element"))
-    if choices.tag != "DistributionRange":
-        raise choices.unknown("DistributionSet, DistributionRange, ValueSetDistribution")
     step, bounds = choices.number("stepWidth"), _range(choices.child("Range"))
     if step <= 0.0 or bounds["high"] < bounds["low"]:
         raise choices.error("stepWidth should be above 0, and upperLimit not below lowerLimit")
@@ -96,56 +97,50 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]
     laws: dict[str, dict[str, object]] = {}
     for name in ("numberOfTestRuns", "randomSeed"):
         stochastic.get(name)  # the estimator's rollouts and the scenario's seed
-    for one in stochastic.list("StochasticDistribution"):
-        name = one.attribute("parameterName")
+    for element in stochastic.list("StochasticDistribution"):
+        name = element.attribute("parameterName")
         if not name.isidentifier():
-            raise one.error(f"{name!r} is no name of a parameter", "letters, digits and _")
+            raise element.error(f"{name!r} is no name of a parameter", "letters, digits and _")
         if name in laws:
-            raise one.error(f"a second distribution of {name!r}")
-        laws[name] = _read_law(one.choice())
+            raise element.error(f"a second distribution of {name!r}")
+        laws[name] = _read_law(element.choice(*_LAWS))
     top.refuse_unread()
     return file, laws
 
 
-def _read_law(one: Element) -> dict[str, object]:
-    match one.tag:
-        case "NormalDistribution" | "LogNormalDistribution":
-            mean, sd = one.number("expectedValue"), _not_negative(one, "variance") ** 0.5
-            law = one.tag.removesuffix("Distribution").lower()
-            return _cut(one, {"law": law, "mean": mean, "sd": sd})
-        case "UniformDistribution":
-            return {"law": "uniform", **_range(one.child("Range"))}
-        case "Histogram":
-            bins: list[tuple[float, dict[str, object]]] = [
-                (_not_negative(part, "weight"), {"law": "uniform", **_range(part.child("Range"))})
-                for part in one.list("Bin")
-            ]
-            bins = [(weight, law) for weight, law in bins if weight != 0.0]
-            if not bins:
-                raise one.error("has no bin with a weight")
-            if len(bins) == 1:
-                return bins[0][1]
-            return {"law": "mixture", "parts": [{"weight": weight, "of": law} for weight, law in bins]}
-        case "ProbabilityDistributionSet":
-            return _read_set(one)
-    raise one.unknown(_KNOWN)
-
-
-def _read_set(one: Element) -> dict[str, object]:
-    weights: dict[float, float] = {}
-    for part in one.list("Element"):
-        value = part.number("value")
-        weights[value] = weights.get(value, 0.0) + _not_negative(part, "weight")
-    kept = sorted(value for value, weight in weights.items() if weight > 0.0)
-    if len(kept) < 2:
-        text = "has fewer than two values with a weight"
-        raise one.error(text, "give the parameter a fixed value under `parameters`")
-    return {"law": "discrete", "values": kept, "weights": [weights[value] for value in kept]}
-
-
-def _cut(one: Element, law: dict[str, object]) -> dict[str, object]:
-    bounds = one.find("Range")
+def _read_law(element: Element) -> dict[str, object]:
+    if element.tag == "UniformDistribution":
+        return _read_uniform(element)
+    if element.tag == "ProbabilityDistributionSet":
+        return _read_set(element)
+    if element.tag == "Histogram":
+        bins = [(_not_negative(entry, "weight"), _read_uniform(entry)) for entry in element.list("Bin")]
+        bins = [(weight, law) for weight, law in bins if weight != 0.0]
+        if not bins:
+            raise element.error("has no bin with a weight")
+        if len(bins) == 1:
+            return bins[0][1]
+        return {"law": "mixture", "parts": [{"weight": weight, "of": law} for weight, law in bins]}
+    mean, sd = element.number("expectedValue"), _not_negative(element, "variance") ** 0.5
+    law = {"law": element.tag.removesuffix("Distribution").lower(), "mean": mean, "sd": sd}
+    bounds = element.find("Range")
     return law if bounds is None else {"law": "truncated", "of": law, **_range(bounds)}
+
+
+def _read_uniform(element: Element) -> dict[str, object]:
+    return {"law": "uniform", **_range(element.child("Range"))}
+
+
+def _read_set(element: Element) -> dict[str, object]:
+    weights: dict[float, float] = {}
+    for choice in element.list("Element"):
+        value = choice.number("value")
+        weights[value] = weights.get(value, 0.0) + _not_negative(choice, "weight")
+    values = sorted(value for value, weight in weights.items() if weight > 0.0)
+    if len(values) < 2:
+        text = "has fewer than two values with a weight"
+        raise element.error(text, "give the parameter a fixed value under `parameters`")
+    return {"law": "discrete", "values": values, "weights": [weights[value] for value in values]}
 
 
 def _range(bounds: Element) -> dict[str, float]:

@@ -275,7 +275,7 @@ def _read_piece(geometry: Element) -> Piece:
             if max(map(abs, ends)) * length > _MOST_TURNED:
                 raise shape.error(f"turns by more than {_MOST_TURNED:g} rad: no road does")
             return Piece(length, *ends)
-    raise shape.unknown("line, arc, spiral")
+    raise shape.error("is not read", "known here: line, arc, spiral")
 
 
 def _measure_joint(before: CurvedLine, x: float, y: float, heading: float) -> tuple[float, float]:

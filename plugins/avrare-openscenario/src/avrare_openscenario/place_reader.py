@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.parameters import Number, Parameters
@@ -15,70 +15,66 @@ from avrare_openscenario.xml_tree import Element
 if TYPE_CHECKING:
     from avrare_openscenario.action_reader import ActionReader
 
-POSITIONS = (
-    "WorldPosition, LanePosition, RoadPosition, RelativeLanePosition, RelativeRoadPosition, "
-    "RelativeObjectPosition, RelativeWorldPosition, TrajectoryPosition, RoutePosition"
+_POSITIONS = (
+    *("WorldPosition", "LanePosition", "RoadPosition", "TrajectoryPosition", "RoutePosition"),
+    *("RelativeLanePosition", "RelativeRoadPosition", "RelativeObjectPosition", "RelativeWorldPosition"),
 )
+_BY_LANE = ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
+_BY_ROAD = ("FromRoadCoordinates", "PositionInRoadCoordinates")
 
 
 def read_place(reader: ActionReader, position: Element) -> Place:
     """Read the element ``Position``."""
-    place = _read_kind(reader, position.choice())
+    place = _read_kind(reader, position.choice(*_POSITIONS))
     return replace(place, turned=place.turned or position.children[0].find("Orientation") is not None)
 
 
-def _read_kind(reader: ActionReader, one: Element) -> Place:
+def _read_kind(reader: ActionReader, position: Element) -> Place:
     parameters = reader.parameters
 
     def number(name: str, default: float | None = None) -> Number:
-        return parameters.number(one, name, default)
+        return parameters.number(position, name, default)
 
-    if one.tag == "WorldPosition":
+    if position.tag == "WorldPosition":
         for name in ("z", "p", "r"):
-            one.get(name)
-        turned = one.get("h") is not None
+            position.get(name)
+        turned = position.get("h") is not None
         return Place("plane", number("x"), number("y"), number("h", 0.0), absolute=True, turned=turned)
-    if one.tag == "RoutePosition":
-        return _read_route_place(reader, one)
-    heading, absolute = _read_orientation(one, parameters)
-    match one.tag:
-        case "RelativeWorldPosition":
-            one.get("dz")
-            other = reader.find_entity(one)
-            return Place("shifted", number("dx"), number("dy"), heading, None, other, absolute)
+    if position.tag == "RoutePosition":
+        return _read_route_place(reader, position)
+    heading, absolute = _read_orientation(position, parameters)
+    match position.tag:
         case "TrajectoryPosition":
-            curve = reader.read_curve(one.find("TrajectoryRef") or one, -1, False)
+            curve = reader.read_curve(position.find("TrajectoryRef") or position, -1, False)
             return Place("curve", number("s"), number("t", 0.0), heading, absolute=absolute, curve=curve)
         case "LanePosition":
-            line, station = _read_station(reader, one)
-            lane, offset = parameters.whole(one, "laneId"), number("offset", 0.0)
+            line, station = _read_station(reader, position)
+            lane, offset = parameters.whole(position, "laneId"), number("offset", 0.0)
             if lane in line.lanes:
                 index = line.lanes[lane]
                 return Place("lane", station, offset, heading, index, absolute=absolute, roads=line)
             if lane not in line.centres:
-                raise one.error(f"there is no lane {lane}", f"lanes of the road: {_list_lanes(line)}")
+                raise position.error(f"there is no lane {lane}", f"lanes of the road: {_list_lanes(line)}")
             beside = parameters.shifted(offset, line.centres[lane])
             return Place("road", station, beside, heading, absolute=absolute, roads=line)
         case "RoadPosition":
-            line, station = _read_station(reader, one)
+            line, station = _read_station(reader, position)
             return Place("road", station, number("t"), heading, absolute=absolute, roads=line)
         case "RelativeLanePosition":
-            other, across = reader.find_entity(one), parameters.whole(one, "dLane")
-            by_lane = one.get("dsLane") is not None
+            other, across = reader.find_entity(position), parameters.whole(position, "dLane")
+            by_lane = position.get("dsLane") is not None
             ahead, offset = number("dsLane" if by_lane else "ds", 0.0), number("offset", 0.0)
             return Place("beside", ahead, offset, heading, across, other, absolute, by_lane=by_lane)
         case "RelativeRoadPosition":
-            other = reader.find_entity(one)
+            other = reader.find_entity(position)
             return Place("beside", number("ds"), number("dt"), heading, None, other, absolute)
-        case "RelativeObjectPosition":
-            one.get("dz")
-            other = reader.find_entity(one)
-            return Place("ahead", number("dx"), number("dy"), heading, None, other, absolute)
-    raise one.unknown(POSITIONS)
+    position.get("dz")
+    kind: Literal["shifted", "ahead"] = "shifted" if position.tag == "RelativeWorldPosition" else "ahead"
+    return Place(kind, number("dx"), number("dy"), heading, None, reader.find_entity(position), absolute)
 
 
 def find_lane(reader: ActionReader, element: Element, name: str) -> int:
-    """Return the id of a lane of one of the roads, which an attribute has."""
+    """Return the id of a lane of position of the roads, which an attribute has."""
     lane, lines = reader.parameters.whole(element, name), reader.roads.maps
     if not any(lane in line.lanes for line in lines):
         driven = any(lane in line.centres for line in lines)
@@ -131,10 +127,7 @@ def _read_waypoint(reader: ActionReader, point: Element) -> tuple[Place, RoadMap
 def _read_route_place(reader: ActionReader, position: Element) -> Place:
     # A ``RoutePosition``: a way along the lane of the first waypoint.
     (first, roads), *others = _read_waypoints(reader, position.child("RouteRef"))
-    where = position.child("InRoutePosition").choice()
-    lane_known = where.tag in ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
-    if not lane_known and where.tag not in ("FromRoadCoordinates", "PositionInRoadCoordinates"):
-        raise where.unknown("FromLaneCoordinates, FromRoadCoordinates")
+    where = position.child("InRoutePosition").choice(*_BY_LANE, *_BY_ROAD)
     if first.lane is None:
         raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
     names = {index: lane for lane, index in roads.lanes.items()}
@@ -142,7 +135,7 @@ def _read_route_place(reader: ActionReader, position: Element) -> Place:
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
     station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
     heading, absolute = _read_orientation(position, reader.parameters)
-    if lane_known:
+    if where.tag in _BY_LANE:
         lane = reader.parameters.whole(where, "laneId")
         if lane not in line.lanes:
             raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")

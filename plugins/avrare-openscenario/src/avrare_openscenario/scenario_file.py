@@ -249,11 +249,9 @@ def _read_bodies(
 
 def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> Body:
     entity.skip_children("ObjectController")
-    kind = entity.choice()
+    kind = entity.choice(*_BODIES, "CatalogReference")
     if kind.tag == "CatalogReference":
         kind = catalogs.resolve(kind, _BODIES)
-    if kind.tag not in _BODIES:
-        raise kind.unknown(f"{', '.join(_BODIES)}, CatalogReference")
     if kind.path == entity.path:
         parameters.declare(kind.find("ParameterDeclarations"))
     box = kind.child("BoundingBox")

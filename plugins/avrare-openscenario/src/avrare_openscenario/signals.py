@@ -41,13 +41,12 @@ class Signals:
             controller = self._read_controller(element)
             self._controllers[controller.name] = controller
 
-    def read_action(self, action: Element) -> Assignment:
-        """Read what is in a ``TrafficSignalAction``."""
+    def read_action(self, holder: Element) -> Assignment:
+        """Read a ``TrafficSignalAction``."""
+        action = holder.choice("TrafficSignalStateAction", "TrafficSignalControllerAction")
         if action.tag == "TrafficSignalStateAction":
             light = self._find("light", self.parameters.text(action, "name"), UNSET)
             return Assignment(light, self.parameters.value(action, "state"), "set")
-        if action.tag != "TrafficSignalControllerAction":
-            raise action.unknown("TrafficSignalStateAction, TrafficSignalControllerAction")
         action.skip_children("Phase")
         controller = self._find_controller(action)
         spans = controller.list_spans("", self.parameters.text(action, "phase"))

@@ -69,16 +69,15 @@ class Element:
             one._known = True
         return found
 
-    def choice(self) -> Element:
-        """Return the first child, whatever its name."""
+    def choice(self, *tags: str) -> Element:
+        """Return the first child, which must have one of these names if there are any."""
         if not self.children:
             raise self.error("is empty")
-        self.children[0]._known = True
-        return self.children[0]
-
-    def unknown(self, known: str) -> UsageError:
-        """Return the error that this element is not among those that are read."""
-        return self.error("is not read", f"known here: {known}")
+        child = self.children[0]
+        child._known = True
+        if tags and child.tag not in tags:
+            raise child.error("is not read", f"known here: {', '.join(tags)}")
+        return child
 
     def get(self, name: str) -> str | None:
         """Return an attribute, or None."""
