@@ -190,3 +190,10 @@ def test_the_commands_of_a_page_run_in_their_order(page, stage, capsys):
         printed = capsys.readouterr()
         accepted = (0, 1, 3) if avrare_words(command)[0] in ("check", "monitor", "falsify") else (0,)
         assert code in accepted, (command, printed.err)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pictures_exist(page):
+    path = ROOT / page
+    pictures = re.findall(r"!\[[^]]*\]\(([^)#]+)\)", path.read_text(encoding="utf-8"))
+    assert [name for name in pictures if "://" not in name and not (path.parent / name).is_file()] == []
