@@ -329,7 +329,7 @@ def test_a_problem_is_falsified_and_compared_as_a_scenario_is():
     assert repr(comparison).startswith("Walk  low  p ")
     with pytest.raises(avrare.UsageError, match="specification must be named"):
         avrare.falsify(problem)
-    with pytest.raises(avrare.UsageError, match="there is no specification 'lo'"):
+    with pytest.raises(avrare.UsageError, match="unknown specification 'lo'"):
         avrare.falsify(problem, "lo")
 
 

@@ -189,7 +189,7 @@ class Registry:
                 )
             if name not in MESSAGES and name not in (texts := self.warnings()):
                 hint = did_you_mean(name, texts.keys() - {"errors"})
-                raise UsageError(f"there is no health warning {name!r}", hint)
+                raise UsageError(f"unknown health warning {name!r}", hint)
 
     def find(self, kind: str, name: str) -> Row:
         """Return the row of the component ``name``; its dependencies may be missing.

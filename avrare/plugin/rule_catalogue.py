@@ -53,11 +53,11 @@ class Catalogue:
             offers = [offer for offer in self.offers if _plain(offer.card.name) == _plain(name)]
         if not offers and not self.offers:
             raise PluginError(
-                f"there is no rule {name!r}: no installed plugin offers rules",
+                f"unknown rule {name!r}: no installed plugin offers rules",
                 self.failures[0] if self.failures else "pip install avrare-traffic-rules",
             )
         if not offers:
-            raise UsageError(f"there is no rule {name!r}", self._suggest(name) or "'avrare rules' lists them")
+            raise UsageError(f"unknown rule {name!r}", self._suggest(name) or "'avrare rules' lists them")
         return offers
 
     def _suggest(self, name: str) -> str | None:

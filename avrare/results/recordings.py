@@ -250,7 +250,7 @@ def replay_run_failure(
         specification = _find_rule(run, rule)
     elif specification not in problem.names:
         hint = did_you_mean(specification, problem.names)
-        raise UsageError(f"{run.folder}: there is no specification {specification!r}", hint)
+        raise UsageError(f"{run.folder}: unknown specification {specification!r}", hint)
     name, chosen = select_failure(run, specification, index)
     failures = run[name].failures
     count = len(failures.robustness)

@@ -18,7 +18,7 @@ def select_failing(run: Run, specification: str | None = None) -> list[str]:
     """
     if specification is not None and specification not in run:
         hint = did_you_mean(specification, list(run))
-        raise UsageError(f"{_place(run)}: there is no specification {specification!r}", hint)
+        raise UsageError(f"{_place(run)}: unknown specification {specification!r}", hint)
     names = [
         name
         for name, result in run.items()

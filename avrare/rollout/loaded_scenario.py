@@ -76,7 +76,7 @@ def select_specification(names: Sequence[str], specification: str | None, place:
     if specification is None and len(names) > 1:
         raise UsageError("a specification must be named", f"one of: {', '.join(names)}")
     if specification is not None and specification not in names:
-        text = f"{place}: there is no specification {specification!r}"
+        text = f"{place}: unknown specification {specification!r}"
         raise UsageError(text, did_you_mean(specification, names))
     return names[0] if specification is None else specification
 

@@ -295,7 +295,7 @@ class _Words:
     ) -> list[Disturbance]:
         """Return in words what a channel does on average over rollouts; its mean has these ``drifts``.
 
-        Without drifts only a detection is told; the largest disturbance gets the ``magnitude``.
+        Without drifts only a detection is described; the largest disturbance gets the ``magnitude``.
         """
         name = self.names[channel]
         readings = [rollout.misreadings[name] for rollout in rollouts if name in rollout.misreadings]

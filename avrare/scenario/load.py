@@ -34,8 +34,6 @@ from avrare.scenario.validation import Mistake, check, describe, find_places, sc
 from avrare.scenario.value_positions import Mark, Node, Path, merge, put
 from avrare.scenario.yaml import MAX_BYTES, parse
 
-_CORE_KEYS = {"estimator": ("plugin", "specifications")}
-"""Keys of a block that the core reads itself, where there are more than ``plugin``."""
 _SETTINGS = tuple(key for key in Document.model_fields if key not in (*PARTS, "specifications", "cheap"))
 _NOT_OF_MEMBER = ("ensemble", "thresholds", "regression", "cross_check")
 _STORED, _RESULT = "scenario.yaml", "result.json"
@@ -197,7 +195,8 @@ def _resolve_block(
     if kind == "simulator":
         config, draws, mistakes = check_drawn(model, node, path, folder)
     else:
-        config, mistakes = check(model, node, path, _CORE_KEYS.get(kind, ("plugin",)))
+        core_keys = ("plugin", "specifications") if kind == "estimator" else ("plugin",)
+        config, mistakes = check(model, node, path, core_keys)
         draws = None
     linked = find_linked_files(node, path, config, folder)
     if config is None or linked:
@@ -270,7 +269,7 @@ def _check_references(tree: Node, specifications: Collection[str]) -> list[Mista
             text = f"should be the name of a specification, found {describe(node)}"
             mistakes.append(Mistake(node.mark, at, text, did_you_mean("", specifications)))
         elif node.value not in specifications:
-            text, hint = f"there is no specification {node.value!r}", did_you_mean(node.value, specifications)
+            text, hint = f"unknown specification {node.value!r}", did_you_mean(node.value, specifications)
             mistakes.append(Mistake(node.mark, at, text, hint))
     return mistakes
 

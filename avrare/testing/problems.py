@@ -64,7 +64,7 @@ def reference_problem(id: str) -> ReferenceProblem:
     """
     problems = {problem.id: problem for problem in reference_problems()}
     if id not in problems:
-        raise UsageError(f"there is no reference problem {id!r}", did_you_mean(id, problems))
+        raise UsageError(f"unknown reference problem {id!r}", did_you_mean(id, problems))
     return problems[id]
 
 

@@ -101,9 +101,9 @@ def test_case_and_underscores_do_not_matter(offer, capsys, names):
 def test_an_unknown_rule(offer, capsys):
     offer(book="cards")
     assert main(["rules", "R_AB"]) == 4
-    assert capsys.readouterr().err == "there is no rule 'R_AB'\nhint: did you mean 'R_A' or 'R_B'?\n"
+    assert capsys.readouterr().err == "unknown rule 'R_AB'\nhint: did you mean 'R_A' or 'R_B'?\n"
     assert main(["rules", "speed"]) == 4
-    assert capsys.readouterr().err == "there is no rule 'speed'\nhint: 'avrare rules' lists them\n"
+    assert capsys.readouterr().err == "unknown rule 'speed'\nhint: 'avrare rules' lists them\n"
     offer()
     assert main(["rules", "R_a"]) == 5
     assert "pip install avrare-traffic-rules" in capsys.readouterr().err

@@ -39,7 +39,7 @@ def test_json_is_all_that_is_printed(run, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--specification", "lft"], "there is no specification 'lft'"),
+        (["--specification", "lft"], "unknown specification 'lft'"),
         (["--specification", "kept"], "no failure of kept is stored"),
     ],
 )

@@ -166,7 +166,7 @@ def test_warnings_can_be_suppressed_by_name():
     task = avrare.Problem(Solving(), avrare.stl("always[0:30] (x < 0.5)"), steps=20)
     result = avrare.estimate(task, rollouts=50, suppress=["horizon_short"])
     assert set(result.health) == {"solver_failures"}
-    with pytest.raises(avrare.UsageError, match="no health warning 'horizon'"):
+    with pytest.raises(avrare.UsageError, match="unknown health warning 'horizon'"):
         avrare.estimate(task, suppress=["horizon"])
     with pytest.raises(avrare.UsageError, match="cannot be suppressed"):
         avrare.estimate(task, suppress="errors")  # a string is one name

@@ -67,7 +67,7 @@ def test_its_warning_can_be_suppressed(run):
     text = "the noise is 1.5 times as wide as it is meant to be"
     assert run(estimator).health == {"widened_noise": text}
     assert not run(estimator, "suppress=[widened_noise]").health
-    with pytest.raises(avrare.AvrareError, match="no health warning 'wide_noise'"):
+    with pytest.raises(avrare.AvrareError, match="unknown health warning 'wide_noise'"):
         run(estimator, "suppress=[wide_noise]")
 
 
@@ -89,7 +89,7 @@ def test_its_charts_are_in_the_report(run):
 def test_without_the_plugin_its_names_are_unknown(run, monkeypatch):
     monkeypatch.setenv("AVRARE_PLUGINS", "gusts")
     default_registry.cache_clear()
-    with pytest.raises(avrare.AvrareError, match="no health warning 'widened_noise'"):
+    with pytest.raises(avrare.AvrareError, match="unknown health warning 'widened_noise'"):
         run("suppress=[widened_noise]")
     with pytest.raises(avrare.AvrareError, match="unknown estimator 'widened'"):
         run("cross_check={estimator: widened}")

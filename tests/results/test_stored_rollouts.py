@@ -81,7 +81,7 @@ def test_another_robustness_is_named(folder, tmp_path):
 @pytest.mark.parametrize(
     ("specification", "index", "message", "hint"),
     [
-        ("nears", None, "there is no specification 'nears'", "did you mean 'near'?"),
+        ("nears", None, "unknown specification 'nears'", "did you mean 'near'?"),
         ("far", None, "no failure of far is stored", "stored: near"),
         (None, None, "several specifications have failures", "choose a specification: near"),
         ("near", 99, "near has no failure 99", "numbered from 0"),

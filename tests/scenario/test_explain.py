@@ -17,7 +17,7 @@ def test_all_problems_at_once_in_the_order_of_the_file(fails, good):
         "hint: steps: steps per rollout; 0 for a static problem",
         "s.yaml:6:3: simulator.gapp: unknown key",
         "hint: did you mean 'gap'?",
-        "s.yaml:13:21: thresholds.0.specification: there is no specification 'neer'",
+        "s.yaml:13:21: thresholds.0.specification: unknown specification 'neer'",
         "hint: did you mean 'near'?",
     ]
 
@@ -95,7 +95,7 @@ def test_the_names_of_suppressed_warnings_are_checked_one_by_one(fails, read, go
     lines, code = fails(good + "suppress:\n  - extinct\n  - leapss\n  - errors\n")
     assert code == 4
     assert lines == [
-        "s.yaml:16:5: suppress.1: there is no health warning 'leapss'",
+        "s.yaml:16:5: suppress.1: unknown health warning 'leapss'",
         "hint: did you mean 'leaps'?",
         "s.yaml:17:5: suppress.2: health warning 'errors' cannot be suppressed",
         "hint: raise max_error_rate instead",

@@ -93,7 +93,7 @@ class FailureDatabase:
             hint = f"stored: {', '.join(ids[:8])}{', ...' if len(ids) > 8 else ''}"
             if not ids:
                 hint = "it is empty; `avrare run --failures DIR` fills it"
-            raise UsageError(f"{self.folder}: there is no failure {prefix!r}", hint)
+            raise UsageError(f"{self.folder}: unknown failure {prefix!r}", hint)
         if len(matches) > 1:
             raise UsageError(
                 f"{self.folder}: {prefix!r} is ambiguous", f"it could be {', '.join(matches[:8])}"

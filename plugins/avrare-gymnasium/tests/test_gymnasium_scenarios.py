@@ -40,7 +40,7 @@ def test_both_estimators_run(name):
 @pytest.mark.parametrize(
     ("change", "code", "message"),
     [
-        ("simulator.env=CartPol-v1", 4, "there is no environment 'CartPol-v1'"),
+        ("simulator.env=CartPol-v1", 4, "unknown environment 'CartPol-v1'"),
         ("simulator.env=os:CartPole-v1", 4, "not an installed plugin"),
         ("simulator.copy=hook", 4, "snapshot, restore"),
         ("controller.gain=[[1, 2]]", 4, "the gain has 2 columns, but the observation has 4 numbers"),

@@ -199,7 +199,7 @@ def test_an_environment_that_is_not_deterministic():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"env": "CartPole-v9"}, "there is no environment 'CartPole-v9'"),
+        ({"env": "CartPole-v9"}, "unknown environment 'CartPole-v9'"),
         ({"env": "CartPole-v1", "options": {"wheels": 4}}, "wheels"),
         ({"env": "CartPole-v1", "signals": {"z": 7}}, "signals.z: the observation has entries 0..3"),
         ({"env": "CartPole-v1", "noise": {"observation": {"scale": [1, 2]}}}, "2 scales for 4 numbers"),

@@ -103,7 +103,7 @@ def test_a_large_mean_does_not_hide_nonlinearity():
 def test_signals_of_vehicles_and_unknown_ones_are_refused():
     with pytest.raises(avrare.UsageError, match="'x' has more than one value"):
         TrajectoryGaussian.of(Paired(), 5)
-    with pytest.raises(avrare.UsageError, match="no signal 'y'"):
+    with pytest.raises(avrare.UsageError, match="the system has no signal 'y'"):
         TrajectoryGaussian.of(Walk(), 5, ("y",))
-    with pytest.raises(avrare.UsageError, match="no signal 'y'"):
+    with pytest.raises(avrare.UsageError, match="unknown signal 'y'"):
         TrajectoryGaussian.of(Walk(), 5).select(("y",))

@@ -45,7 +45,7 @@ class TestHighd:
         assert found.signals["others_x"][0, 0] > found.signals["ego_x"][0]  # and ahead
 
     def test_mistakes(self, drives, tmp_path):
-        with pytest.raises(UsageError, match="no vehicle '9'"):
+        with pytest.raises(UsageError, match="unknown vehicle '9'"):
             drives.recording("9")
         rows = highd_rows(1, 50.0, 26.0, 30.0, [0, 1, 3])
         with pytest.raises(UsageError, match="gaps in time"):

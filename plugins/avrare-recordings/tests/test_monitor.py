@@ -195,7 +195,7 @@ def test_files_of_the_result(gaps, monitor, tmp_path):
         ([DRIVE, "--stl", "always (distance(ego, van) > 2)"], "predicates of vehicles need a road"),
         (["gaps.csv", "--stl", "always (distance(ego, van) > 2)"], "predicates of vehicles need vehicles"),
         ([".", "--lane-width", "0"], "--lane-width cannot be used with a run folder"),
-        ([DRIVE, "--specification", "safe", "--scenario", LANE_CHANGE], "there is no specification 'safe'"),
+        ([DRIVE, "--specification", "safe", "--scenario", LANE_CHANGE], "unknown specification 'safe'"),
         (["none.csv", "--stl", "a > 0"], "none.csv: no such file"),
         (["none.xml", "--rule", "R_G1", "--ego", "1"], "none.xml"),
         ([".", "--ego", "a"], "--ego cannot be used with a run folder"),

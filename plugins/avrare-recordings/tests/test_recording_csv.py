@@ -122,7 +122,7 @@ BROKEN = [
     ("\n\n", "t.csv:1: the file is empty"),
     ("time,x\n", "t.csv: there are no rows below the header"),
     ("x,y\n1,2\n", "t.csv:1: there is no column 'time' or 't'"),
-    ("time\n0\n1\n", "t.csv:1: there is no signal column beside the time"),
+    ("time\n0\n1\n", "t.csv:1: there is no signal column besides the time"),
     ("time;x\n0;1\n", "t.csv:1: the columns are separated by semicolons"),
     ("time\tx\n0\t1\n", "t.csv:1: the columns are separated by tabs"),
     ("time,x,x\n0,1,1\n", "t.csv:1: two columns are called 'x'"),

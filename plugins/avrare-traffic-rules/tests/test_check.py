@@ -61,10 +61,10 @@ def test_the_shipped_rules_have_no_findings(rule, definitions, dt):
             None,
         ),
         ("fast = speed(ego) > 3\nalways (fast and", "line 2, column 17: the formula ends early", None),
-        ("always in_frontof(ego, ego)", "there is no predicate 'in_frontof'", "did you mean 'in_front_of'?"),
+        ("always in_frontof(ego, ego)", "unknown predicate 'in_frontof'", "did you mean 'in_front_of'?"),
         ("always speed(ego, ego) > 1", "speed takes 1 vehicle, not 2", "speed(a): Speed of a along"),
         ("always speed > 1", "'speed' has no vehicle as its argument", "did you mean 'speed'?"),
-        ("forall o in cars: always slow(o)", "there is no group of vehicles", "quantify over 'others'"),
+        ("forall o in cars: always slow(o)", "unknown group of vehicles", "quantify over 'others'"),
         ("always ahead(ego)", "line 1, column 8: ahead takes 2 arguments, not 1", "ahead(a, b)"),
         ("always speed(ego) > {speed_limitt}", "{speed_limitt} is not an", "did you mean 'speed_limit'?"),
         ("always speed(ego) > {lane_limit}", "the option lane_limit is not a number", None),
@@ -84,7 +84,7 @@ def test_mistakes_in_a_formula(lab, formula, message, hint):
 def test_several_mistakes_are_reported_together(lab):
     formula = "always (in_frontof(ego, ego) and speed(ego, ego) > 1 and in_frontof(ego, ego))"
     assert len(check(TrafficRuleConfig(formula=formula), 0.1)) == 2
-    with pytest.raises(FormulaError, match=r"no predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"):
+    with pytest.raises(FormulaError, match=r"unknown predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"):
         lab.rule(None, 1, formula=formula)
 
 

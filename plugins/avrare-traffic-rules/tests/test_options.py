@@ -58,10 +58,10 @@ class TestNamesThatAreNumbers:
             assert lab.judge(rule, {"x": 9.0}, {"x": 14.0})[1] == pytest.approx(gap)
 
     def test_messages_suggest_prefixed_names(self):
-        with pytest.raises(UsageError, match="no vehicle 'v71'") as error:
+        with pytest.raises(UsageError, match="unknown vehicle 'v71'") as error:
             self.rule("always (gap(ego, v71) > 5)", "17", "car-1")
         assert error.value.hint == "did you mean 'v17'?"
-        with pytest.raises(UsageError, match="no vehicle 'x'") as error:
+        with pytest.raises(UsageError, match="unknown vehicle 'x'") as error:
             self.rule("always (gap(ego, x) > 5)", "17", "car-1")
         assert error.value.hint == "known: ego, others, v17"
 

@@ -167,14 +167,14 @@ def test_falsify_that_finds_nothing(avrare):
     [
         (["replay"], "SCENARIO is required"),
         (["replay", SCENARIO], "name one failure: --failure, --blob or --run"),
-        (["replay", SCENARIO, "--failure", "abc"], "there is no failure 'abc'"),
+        (["replay", SCENARIO, "--failure", "abc"], "unknown failure 'abc'"),
         (["replay", SCENARIO, "--blob", "hello"], "not a failure blob"),
         (["replay", SCENARIO, "--failure", "abc", "--specification", "x"], "--specification requires --run"),
         (["replay", "--run", "none"], "none: no result.json in it"),
         (["replay", SCENARIO, "--failure", "a", "--budget", "rollouts=0"], "--budget"),
         (["replay", "--run", "none", "--blob", "x"], "--blob cannot be combined with --run"),
         (["falsify", SCENARIO, "--seed", "-1"], "--seed must be at least 0"),
-        (["falsify", SCENARIO, "--specification", "clean"], "no specification 'clean'"),
+        (["falsify", SCENARIO, "--specification", "clean"], "unknown specification 'clean'"),
     ],
 )
 def test_mistakes_are_one_clear_line(avrare, words, text):

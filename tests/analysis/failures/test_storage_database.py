@@ -39,12 +39,12 @@ def test_failures_of_one_scenario(database, failure):
 
 
 def test_names_that_fit_none_or_several(database, failure):
-    with pytest.raises(UsageError, match="no failure 'abc'") as caught:
+    with pytest.raises(UsageError, match="unknown failure 'abc'") as caught:
         database.load("abc")
     assert "avrare run --failures" in caught.value.hint
     database.add(failure)
     for name in ("zz", "../etc", "", failure.id + "0"):
-        with pytest.raises(UsageError, match="there is no failure") as caught:
+        with pytest.raises(UsageError, match="unknown failure") as caught:
             database.load(name)
         assert failure.id in caught.value.hint
     (database.folder / f"{failure.id[:7]}{'0' if failure.id[7] != '0' else '1'}.npz").touch()

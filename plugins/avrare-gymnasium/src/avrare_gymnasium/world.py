@@ -209,7 +209,7 @@ def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[object, object]:
         faults = register_installed()
         if name not in gymnasium.registry:
             near = did_you_mean(name, gymnasium.registry) or "see gymnasium.pprint_registry()"
-            raise UsageError(f"there is no environment {name!r}", "; ".join([near, *faults]))
+            raise UsageError(f"unknown environment {name!r}", "; ".join([near, *faults]))
     try:
         return gymnasium.make(config.env, disable_env_checker=True, **config.options)
     except (gymnasium.error.DependencyNotInstalled, ImportError) as error:

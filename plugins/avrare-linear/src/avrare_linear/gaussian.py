@@ -84,7 +84,7 @@ class TrajectoryGaussian:
         """
         for name in names:
             if name not in self.names:
-                raise UsageError(f"there is no signal {name!r}", did_you_mean(name, self.names))
+                raise UsageError(f"unknown signal {name!r}", did_you_mean(name, self.names))
         places = [self.names.index(name) for name in names]
         return TrajectoryGaussian(tuple(names), self.mean[:, places], self.map[:, places])
 

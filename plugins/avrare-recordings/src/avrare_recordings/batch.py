@@ -269,7 +269,7 @@ def _split_vehicles(file: str, question: Question, refusals: list[Refusal]) -> I
     if question.ego is not None:
         names = tuple(name for name in names if name == question.ego)
         if not names:
-            refusals.append(Refusal(file, question.ego, f"{file}: there is no vehicle {question.ego!r}"))
+            refusals.append(Refusal(file, question.ego, f"{file}: unknown vehicle {question.ego!r}"))
     size = 25  # egos that a worker takes at a time
     for begin in range(0, len(names), size):
         yield file, names[begin : begin + size]

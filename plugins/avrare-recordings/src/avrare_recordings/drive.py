@@ -142,7 +142,7 @@ def _build(question: _Question, recording: Recording, scenario: Scenario | None)
     part = scenario.specifications.get(name)
     if part is None:
         near = did_you_mean(name, scenario.specifications)
-        raise UsageError(f"{scenario.path}: there is no specification {name!r}", near)
+        raise UsageError(f"{scenario.path}: unknown specification {name!r}", near)
     return name, build_specification(part, recording.scene, recording.dt)
 
 

@@ -151,7 +151,7 @@ def _unknown_names(node: nodes.Node, definitions: Definitions) -> Iterator[Formu
 
 def _require_known(part: nodes.Node | nodes.Term, definitions: Definitions) -> None:
     if isinstance(part, nodes.Quantifier) and part.group != "others":
-        raise FormulaError(f"there is no group of vehicles {part.group!r}", "quantify over 'others'")
+        raise FormulaError(f"unknown group of vehicles {part.group!r}", "quantify over 'others'")
     if isinstance(part, nodes.Signal) and not part.arguments:
         hint = did_you_mean(part.name, definitions.predicates)
         raise FormulaError(

@@ -157,7 +157,7 @@ def _look_up(
             for word in words:
                 if word not in spellings:
                     raise FormulaError(
-                        f"there is no vehicle {word!r}", did_you_mean(word, spellings) or all_others
+                        f"unknown vehicle {word!r}", did_you_mean(word, spellings) or all_others
                     )
             meanings[part.name] = definitions.find(name, len(words)), tuple(spellings[word] for word in words)
     return meanings

@@ -117,7 +117,7 @@ class Definitions:
         predicate = self.predicates.get(name)
         if predicate is None:
             hint = did_you_mean(name, self.predicates) or f"there are {', '.join(sorted(self.predicates))}"
-            raise FormulaError(f"there is no predicate {name!r}", hint)
+            raise FormulaError(f"unknown predicate {name!r}", hint)
         wanted = len(predicate.arguments)
         if wanted != count:
             call = f"{name}({', '.join(predicate.arguments)})"

@@ -141,7 +141,7 @@ def _read_signals(table: CsvTable) -> Recording:
     signals = {name: np.array([table.number(row, name) for row in rows]) for name in names}
     dt = _find_step(table, times, rows)
     if not signals:
-        raise UsageError(f"{table.path}:1: there is no signal column beside the time")
+        raise UsageError(f"{table.path}:1: there is no signal column besides the time")
     return Recording(table.path, dt, float(times[0]), signals)
 
 

@@ -117,7 +117,7 @@ class CarriagewayDrives:
     def recording(self, ego: str) -> Recording:
         """Return the drive of one ego among those of its carriageway; UsageError if it is not there."""
         if ego not in self.tracks:
-            raise UsageError(f"{self.path}: there is no vehicle {ego!r}", "choose an ego by its id")
+            raise UsageError(f"{self.path}: unknown vehicle {ego!r}", "choose an ego by its id")
         ego_track = self.tracks[ego]
         first, last = self._spans[ego]
         samples = last - first + 1
