@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.conditions import Traffic, holds
-from avrare_openscenario.courses import Course, put
+from avrare_openscenario.conditions import StoryMemory, Traffic, holds
+from avrare_openscenario.courses import Course, Integers, put
 from avrare_openscenario.motions import GONE, Drive, Motions
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
@@ -20,48 +19,8 @@ from avrare_openscenario.starts import move_all, move_along_body, move_over, pic
 from avrare_openscenario.story import EDGES, Assignment, Route, Trigger
 from avrare_openscenario.ways import Ways
 
-Integers = NDArray[np.int64]
 _AT_REST = 1e-3
 """Speed below which a vehicle stands still [m/s]."""
-
-
-@dataclass(frozen=True)
-class StoryMemory:
-    """State of a storyboard in N particles: C conditions, A acts, E events, V vehicles and the ego.
-
-    Attributes:
-        table: (N, K) numbers of the file.
-        acts: (N, A) which acts have begun.
-        stopped: (N, A) which were ended by their stop triggers.
-        begun: (N, E) step at which an event began, -1 before.
-        ended: (N, E) step at which it ended, -1 before.
-        runs: (N, E) how often it began.
-        rounds: (N, G) how often a maneuver group was executed.
-        before: (N, C) 1 where a condition held at the last step, 0 where not, -1 before the first.
-        late: (N, C, D) what held, edges included, at the last D steps, the newest first.
-        travelled: (N, V + 1) way so far [m].
-        still: (N, V + 1) time at rest so far [s].
-        variables: (N, P) values of variables.
-        drive: What the vehicles are doing.
-        points: States (N, V) of their points of reference, each along its own road.
-        bodies: The same of their middles.
-    """
-
-    table: Floats
-    acts: Bools
-    stopped: Bools
-    begun: Integers
-    ended: Integers
-    runs: Integers
-    rounds: Integers
-    before: Integers
-    late: Bools
-    travelled: Floats
-    still: Floats
-    variables: Floats
-    drive: Drive
-    points: Vehicles
-    bodies: Vehicles
 
 
 class ActedTraffic:
@@ -76,8 +35,6 @@ class ActedTraffic:
         self.file, self.story, self.dt = file, file.story, dt
         self.maps: Sequence[RoadMap] = file.maps
         self.ways: Ways | None = None
-        self.lengths = np.array([body.length for body in file.bodies])
-        self.widths = np.array([body.width for body in file.bodies])
         self.ahead = np.array([body.ahead for body in file.bodies])
         self.count = len(file.bodies) - file.ego
         self.motions = Motions(file, dt)
@@ -203,17 +160,7 @@ class ActedTraffic:
     def _trigger(
         self, memory: StoryMemory, step: Integers, every: Vehicles, middles: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
-        traffic = Traffic(
-            np.asarray(step * self.dt, dtype=np.float64),
-            middles,
-            self.lengths,
-            self.widths,
-            self.ahead,
-            memory.travelled,
-            memory.still,
-            memory.variables,
-        )
-        held = self._listen(memory, traffic)
+        held = self._listen(memory, np.asarray(step * self.dt, dtype=np.float64), middles)
         _, met = self._meet(memory, held)
         acts, stopped = np.array(memory.acts), np.array(memory.stopped)
         for index, trigger in enumerate(self.story.acts):
@@ -244,11 +191,11 @@ class ActedTraffic:
                 memory = _drop(memory, event.actions, running)
         return replace(memory, ended=ended)
 
-    def _listen(self, memory: StoryMemory, traffic: Traffic) -> Bools:
+    def _listen(self, memory: StoryMemory, time: Floats, middles: Vehicles) -> Bools:
         # (N, C) which conditions hold, edges and delays aside.
         complete = (memory.ended >= 0) & ~self._wait(memory) | memory.stopped[:, self.acts]
-        states = memory.acts, memory.begun, memory.ended, complete
-        held = [holds(one, traffic, self.maps, memory.table, *states) for one in self.story.conditions]
+        traffic = Traffic(time, middles, self.file.bodies, self.maps, memory, complete)
+        held = [holds(condition, traffic) for condition in self.story.conditions]
         return np.stack(held, axis=1) if held else np.zeros((len(memory.table), 0), np.bool_)
 
     def _meet(self, memory: StoryMemory, held: Bools) -> tuple[StoryMemory, Bools]:

@@ -1,4 +1,4 @@
-"""Evaluation of a storyboard's conditions, all particles at once."""
+"""State of a storyboard, and evaluation of its conditions, all particles at once."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.driving import Vehicles
 from avrare.driving.geometry import Rectangle, signed_distance
 from avrare.driving.values import to_plane
 from avrare.protocols import Bools, Floats
+from avrare_openscenario.courses import Integers
+from avrare_openscenario.motions import Drive
 from avrare_openscenario.network import RoadMap
+from avrare_openscenario.scenario_file import Body
 from avrare_openscenario.signals import UNSET
 from avrare_openscenario.starts import move_along_body, move_over, nearest_lane, pick, place_point
 from avrare_openscenario.story import Condition, Place
@@ -25,69 +27,95 @@ _TURNED = 0.05
 
 
 @dataclass(frozen=True)
+class StoryMemory:
+    """State of a storyboard in N particles: C conditions, A acts, E events, V vehicles and the ego.
+
+    Attributes:
+        table: (N, K) numbers of the file.
+        acts: (N, A) which acts have begun.
+        stopped: (N, A) which were ended by their stop triggers.
+        begun: (N, E) step at which an event began, -1 before.
+        ended: (N, E) step at which it ended, -1 before.
+        runs: (N, E) how often it began.
+        rounds: (N, G) how often a maneuver group was executed.
+        before: (N, C) 1 where a condition held at the last step, 0 where not, -1 before the first.
+        late: (N, C, D) what held, edges included, at the last D steps, the newest first.
+        travelled: (N, V + 1) way so far [m].
+        still: (N, V + 1) time at rest so far [s].
+        variables: (N, P) values of variables.
+        drive: What the vehicles are doing.
+        points: States (N, V) of their points of reference, each along its own road.
+        bodies: The same of their middles.
+    """
+
+    table: Floats
+    acts: Bools
+    stopped: Bools
+    begun: Integers
+    ended: Integers
+    runs: Integers
+    rounds: Integers
+    before: Integers
+    late: Bools
+    travelled: Floats
+    still: Floats
+    variables: Floats
+    drive: Drive
+    points: Vehicles
+    bodies: Vehicles
+
+
+@dataclass(frozen=True)
 class Traffic:
-    """All vehicles at one step, the ego last.
+    """All vehicles at one step, the ego last, and the storyboard until then.
 
     Attributes:
         time: (N,) [s].
         vehicles: States (N, V + 1).
-        lengths: (V + 1,) [m].
-        widths: (V + 1,) [m].
-        ahead: (V + 1,) how far the middles are ahead of the points of reference [m].
-        travelled: (N, V + 1) way so far [m].
-        still: (N, V + 1) time at rest so far [s].
-        variables: (N, P) values of variables.
+        bodies: Bodies of the vehicles.
+        maps: The road of each.
+        memory: State of the storyboard.
+        complete: (N, E) which events have begun as often as they may, and ended.
     """
 
     time: Floats
     vehicles: Vehicles
-    lengths: Floats
-    widths: Floats
-    ahead: Floats
-    travelled: Floats
-    still: Floats
-    variables: Floats
+    bodies: Sequence[Body]
+    maps: Sequence[RoadMap]
+    memory: StoryMemory
+    complete: Bools
+
+    def see(self, index: int, roads: RoadMap) -> Vehicles:
+        """Return a vehicle along a road, which may not be its own."""
+        return move_over(pick(self.vehicles, index), self.maps[index], roads)
+
+    def refer(self, index: int, roads: RoadMap) -> Vehicles:
+        """Return the point of a vehicle that a file speaks of, along a road: the middle of the rear axle."""
+        vehicle = self.see(index, roads)
+        pose = move_along_body(roads, vehicle.x, vehicle.y, vehicle.heading, -self.bodies[index].ahead)
+        return Vehicles(*pose, vehicle.speed, vehicle.acceleration)
+
+    def outline(self, index: int, roads: RoadMap) -> Rectangle:
+        """Return the box of a vehicle in the plane of a road."""
+        return _box(roads, self.see(index, roads), self.bodies[index].length, self.bodies[index].width)
 
 
-def holds(
-    condition: Condition,
-    traffic: Traffic,
-    maps: Sequence[RoadMap],
-    table: Floats,
-    acts: Bools,
-    begun: NDArray[np.int64],
-    ended: NDArray[np.int64],
-    complete: Bools,
-) -> Bools:
-    """Tell (N,) where a condition holds, edges and delays aside.
-
-    Args:
-        condition: The condition.
-        traffic: The vehicles.
-        maps: The road of each vehicle.
-        table: (N, K) numbers of the file.
-        acts: (N, A) which acts have begun.
-        begun: (N, E) step at which each event began, -1 before.
-        ended: (N, E) step at which it ended, -1 before.
-        complete: (N, E) which events have begun as often as they may, and ended.
-    """
-    value = table[:, condition.value]
-    if condition.kind == "time":
-        return compare(condition.rule, traffic.time, value)
-    if condition.kind == "state":
-        over = ended >= 0 if (condition.begin, condition.state) == ("event", "endTransition") else complete
-        return _state_holds(condition, acts, begun, over)
-    if condition.kind == "variable":
-        return compare(condition.rule, traffic.variables[:, condition.variable], value)
-    if condition.kind == "light":
-        return _shows(condition, traffic, table)
-    found = np.stack(
-        [
-            compare(condition.rule, _measure(condition, entity, traffic, maps, table), value)
-            for entity in condition.entities
-        ]
-    )
-    return np.asarray(found.all(axis=0) if condition.every else found.any(axis=0))
+def holds(condition: Condition, traffic: Traffic) -> Bools:
+    """Tell (N,) where a condition holds, edges and delays aside."""
+    memory = traffic.memory
+    value = memory.table[:, condition.value]
+    match condition.kind:
+        case "time":
+            return compare(condition.rule, traffic.time, value)
+        case "state":
+            return _state_holds(condition, traffic)
+        case "variable":
+            return compare(condition.rule, memory.variables[:, condition.variable], value)
+        case "light":
+            return _shows(condition, traffic)
+    measures = [_measure(condition, entity, traffic) for entity in condition.entities]
+    verdicts = np.stack([compare(condition.rule, measure, value) for measure in measures])
+    return np.asarray(verdicts.all(axis=0) if condition.every else verdicts.any(axis=0))
 
 
 def compare(rule: str, left: Floats, right: Floats) -> Bools:
@@ -104,23 +132,26 @@ def compare(rule: str, left: Floats, right: Floats) -> Bools:
     return np.asarray(verdicts[rule])
 
 
-def _shows(condition: Condition, traffic: Traffic, table: Floats) -> Bools:
+def _shows(condition: Condition, traffic: Traffic) -> Bools:
     # Whether a traffic light shows a state, as an action set it or in the phase of its controller.
-    state = traffic.variables[:, condition.variable]
+    table, variables = traffic.memory.table, traffic.memory.variables
+    state = variables[:, condition.variable]
     cycle, *times = (table[:, number] for number in condition.reach)
-    clock = np.mod(traffic.time + traffic.variables[:, condition.other] + _TOLERANCE, cycle)
+    clock = np.mod(traffic.time + variables[:, condition.other] + _TOLERANCE, cycle)
     spans = zip(times[::2], times[1::2], strict=True)
     inside = np.any([(begin <= clock) & (clock < end) for begin, end in spans], axis=0)
     return np.asarray(np.where(state == UNSET, inside, state == table[:, condition.value]))
 
 
-def _state_holds(condition: Condition, acts: Bools, begun: NDArray[np.int64], over: Bools) -> Bools:
-    events = list(condition.events)
-    some = (begun[:, events] >= 0).any(axis=1)
+def _state_holds(condition: Condition, traffic: Traffic) -> Bools:
+    memory, events = traffic.memory, list(condition.events)
+    some = (memory.begun[:, events] >= 0).any(axis=1)
     if condition.begin == "act":
-        some = acts[:, condition.act]
+        some = memory.acts[:, condition.act]
     elif condition.begin == "story":
-        some = np.ones(len(begun), np.bool_)
+        some = np.ones(len(memory.begun), np.bool_)
+    ends = (condition.begin, condition.state) == ("event", "endTransition")
+    over = memory.ended >= 0 if ends else traffic.complete
     all_ended = some & over[:, events].all(axis=1)
     match condition.state:
         case "standbyState":
@@ -132,136 +163,122 @@ def _state_holds(condition: Condition, acts: Bools, begun: NDArray[np.int64], ov
     return np.asarray(all_ended)
 
 
-def _measure(
-    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Floats:
-    roads = maps[entity]
-    speeds, other = traffic.vehicles.speed, condition.other
+def _measure(condition: Condition, entity: int, traffic: Traffic) -> Floats:
+    vehicles, other = traffic.vehicles, condition.other
+    speeds, headings = vehicles.speed, vehicles.heading
     match condition.kind:
         case "travelled":
-            return traffic.travelled[:, entity]
+            return traffic.memory.travelled[:, entity]
         case "standstill":
-            return traffic.still[:, entity]
+            return traffic.memory.still[:, entity]
         case "speed":
             return speeds[:, entity]
         case "acceleration":
-            return traffic.vehicles.acceleration[:, entity]
+            return vehicles.acceleration[:, entity]
         case "relative_speed":
-            turned = traffic.vehicles.heading[:, other] - traffic.vehicles.heading[:, entity]
+            turned = headings[:, other] - headings[:, entity]
             if condition.direction == "longitudinal":
                 return np.asarray(speeds[:, entity] - np.cos(turned) * speeds[:, other])
             if condition.direction == "lateral":
                 return np.asarray(-np.sin(turned) * speeds[:, other])
             return np.asarray(speeds[:, entity] - speeds[:, other])
         case "collision":
-            return _touches(condition, entity, traffic, maps)
+            return _touches(condition, entity, traffic)
         case "angle":
-            return _turn_away(condition, entity, traffic, maps, table)
+            return _turn_away(condition, entity, traffic)
         case "clearance":
-            return _is_clear(condition, entity, traffic, maps, table)
+            return _is_clear(condition, entity, traffic)
         case "road_end":
-            station = _reference(roads, pick(traffic.vehicles, entity), traffic.ahead[entity]).x
-            slack = _TOLERANCE * (1.0 + roads.line.length)
-            return np.asarray((station <= slack) | (station >= roads.line.length - slack), dtype=np.float64)
+            roads = traffic.maps[entity]
+            station, length = traffic.refer(entity, roads).x, roads.line.length
+            slack = _TOLERANCE * (1.0 + length)
+            return np.asarray((station <= slack) | (station >= length - slack), dtype=np.float64)
         case "off_road":
-            return _off_road(pick(traffic.vehicles, entity), roads)
-    distance = _distance(condition, entity, traffic, maps, table)
+            return _off_road(pick(vehicles, entity), traffic.maps[entity])
+    distance = _distance(condition, entity, traffic)
     if condition.kind in ("distance", "reach"):
         return distance
     closing = speeds[:, entity]
     if condition.kind == "collision_time" and condition.place is None:
-        along = speeds * np.cos(traffic.vehicles.heading)
-        side = np.sign(traffic.vehicles.x[:, other] - traffic.vehicles.x[:, entity])
+        along = speeds * np.cos(headings)
+        side = np.sign(vehicles.x[:, other] - vehicles.x[:, entity])
         closing = side * (along[:, entity] - along[:, other])
     moving = closing > _TOLERANCE
     return np.where(moving, distance / np.where(moving, closing, 1.0), np.inf)
 
 
-def _distance(
-    condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Floats:
+def _distance(condition: Condition, entity: int, traffic: Traffic) -> Floats:
     # Distance of a vehicle to another one, or to a place.
-    roads, here, other = maps[one], pick(traffic.vehicles, one), condition.other
-    if condition.place is None:
-        there, size = _see(traffic, other, roads, maps), (traffic.lengths[other], traffic.widths[other])
+    roads, place, other = traffic.maps[entity], condition.place, condition.other
+    body, here = traffic.bodies[entity], pick(traffic.vehicles, entity)
+    length, width = 0.0, 0.0
+    if place is not None:
+        there = _locate(place, roads, traffic)
+    elif condition.free or condition.direction == "lateral":
+        there = traffic.see(other, roads)
+        length, width = traffic.bodies[other].length, traffic.bodies[other].width
     else:
-        there, size = _locate(condition.place, roads, traffic, maps, table), (0.0, 0.0)
-    length, width = 0.5 * (traffic.lengths[one] + size[0]), 0.5 * (traffic.widths[one] + size[1])
+        there = traffic.refer(other, roads)
     if condition.direction == "lateral":
-        return np.asarray(np.maximum(np.abs(here.y - there.y) - (width if condition.free else 0.0), 0.0))
+        margin = 0.5 * (body.width + width) if condition.free else 0.0
+        return np.asarray(np.maximum(np.abs(here.y - there.y) - margin, 0.0))
     if condition.free and condition.along:
-        return np.asarray(np.maximum(np.abs(here.x - there.x) - length, 0.0))
+        return np.asarray(np.maximum(np.abs(here.x - there.x) - 0.5 * (body.length + length), 0.0))
     if condition.free:
-        boxes = _box(roads, here, traffic.lengths[one], traffic.widths[one]), _box(roads, there, *size)
+        boxes = traffic.outline(entity, roads), _box(roads, there, length, width)
         return np.asarray(np.maximum(signed_distance(*boxes), 0.0))
-    here = _reference(roads, here, traffic.ahead[one])
-    if condition.place is None:
-        return _apart(condition.along, here, _reference(roads, there, traffic.ahead[other]), roads)
+    here = traffic.refer(entity, roads)
     distance = _apart(condition.along, here, there, roads)
-    turned = condition.kind == "reach" and condition.place.turned and condition.place.kind != "plane"
+    turned = condition.kind == "reach" and place is not None and place.turned and place.kind != "plane"
     aside = np.abs(np.remainder(here.heading - there.heading + np.pi, 2.0 * np.pi) - np.pi) > _TURNED
     return np.where(turned & aside, np.inf, distance)
 
 
-def _locate(
-    place: Place, roads: RoadMap, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Vehicles:
+def _locate(place: Place, roads: RoadMap, traffic: Traffic) -> Vehicles:
     # A place as a vehicle that stands there.
     references = {}
     for k in list_places(place):
-        seen = _reference(maps[k], pick(traffic.vehicles, k), traffic.ahead[k])
-        references[k] = seen.x, seen.y, seen.heading
-    s, d, heading = place_point(place, roads, maps, table, references)
+        point = traffic.refer(k, traffic.maps[k])
+        references[k] = point.x, point.y, point.heading
+    s, d, heading = place_point(place, roads, traffic.maps, traffic.memory.table, references)
     return Vehicles(s, d, heading, np.zeros_like(s), np.zeros_like(s))
 
 
-def _see(traffic: Traffic, other: int, roads: RoadMap, maps: Sequence[RoadMap]) -> Vehicles:
-    # Another vehicle along a road, which may not be its own.
-    return move_over(pick(traffic.vehicles, other), maps[other], roads)
-
-
-def _touches(condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap]) -> Floats:
-    touches = np.zeros(len(traffic.time), np.bool_)
-    roads, lengths, widths = maps[one], traffic.lengths, traffic.widths
-    mine = _box(roads, pick(traffic.vehicles, one), lengths[one], widths[one])
+def _touches(condition: Condition, entity: int, traffic: Traffic) -> Floats:
+    touches, roads = np.zeros(len(traffic.time), np.bool_), traffic.maps[entity]
+    box = traffic.outline(entity, roads)
     for other in condition.against:
-        if other != one:
-            theirs = _box(roads, _see(traffic, other, roads, maps), lengths[other], widths[other])
-            touches |= signed_distance(mine, theirs) <= 0.0
+        if other != entity:
+            touches |= signed_distance(box, traffic.outline(other, roads)) <= 0.0
     return touches.astype(np.float64)
 
 
-def _is_clear(
-    condition: Condition, one: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Floats:
-    roads, here = maps[one], pick(traffic.vehicles, one)
-    ahead, behind = (table[:, number] for number in condition.reach)
+def _is_clear(condition: Condition, entity: int, traffic: Traffic) -> Floats:
+    roads, here = traffic.maps[entity], pick(traffic.vehicles, entity)
+    ahead, behind = (traffic.memory.table[:, number] for number in condition.reach)
     along = np.sign(np.cos(here.heading))
     lane, taken = nearest_lane(roads, here.y, here.x), np.zeros(len(here.x), np.bool_)
     for other in condition.against:
-        if other == one:
+        if other == entity:
             continue
-        there = _see(traffic, other, roads, maps)
-        way, size = along * (there.x - here.x), 0.0
-        if condition.free:
-            size = 0.5 * (traffic.lengths[one] + traffic.lengths[other])
+        there = traffic.see(other, roads)
+        lengths = traffic.bodies[entity].length + traffic.bodies[other].length
+        way, size = along * (there.x - here.x), 0.5 * lengths if condition.free else 0.0
         near = (way - size <= ahead) & (-way - size <= behind)
-        beside = along * (nearest_lane(roads, there.y, there.x) - lane)
-        inside = [(low <= beside) & (beside <= high) for low, high in condition.lanes]
+        aside = along * (nearest_lane(roads, there.y, there.x) - lane)
+        inside = [(low <= aside) & (aside <= high) for low, high in condition.lanes]
         taken |= near & np.any(inside, axis=0) if inside else near
     return np.asarray(~taken, dtype=np.float64)
 
 
-def _turn_away(
-    condition: Condition, entity: int, traffic: Traffic, maps: Sequence[RoadMap], table: Floats
-) -> Floats:
+def _turn_away(condition: Condition, entity: int, traffic: Traffic) -> Floats:
     # How far a heading is from the one that is asked for.
-    found = -table[:, condition.reach[0]]
+    angle = -traffic.memory.table[:, condition.reach[0]]
     for k, sign in ((entity, 1.0), (condition.other, -1.0)):
         if k >= 0:
-            line = 0.0 if condition.along else maps[k].line.heading(traffic.vehicles.x[:, k])
-            found = found + sign * (traffic.vehicles.heading[:, k] + line)
-    return np.asarray(np.abs(np.remainder(found + np.pi, 2.0 * np.pi) - np.pi))
+            line = 0.0 if condition.along else traffic.maps[k].line.heading(traffic.vehicles.x[:, k])
+            angle = angle + sign * (traffic.vehicles.heading[:, k] + line)
+    return np.asarray(np.abs(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi))
 
 
 def _off_road(vehicle: Vehicles, roads: RoadMap) -> Floats:
@@ -275,14 +292,8 @@ def _box(roads: RoadMap, vehicles: Vehicles, length: float, width: float) -> Rec
     return Rectangle(place.x, place.y, place.heading, np.asarray(length), np.asarray(width))
 
 
-def _apart(along: bool, one: Vehicles, other: Vehicles, roads: RoadMap) -> Floats:
+def _apart(along: bool, here: Vehicles, there: Vehicles, roads: RoadMap) -> Floats:
     if along:
-        return np.asarray(np.abs(one.x - other.x))
-    one, other = to_plane(roads.road, one), to_plane(roads.road, other)
-    return np.hypot(one.x - other.x, one.y - other.y)
-
-
-def _reference(roads: RoadMap, vehicles: Vehicles, ahead: Floats) -> Vehicles:
-    # The point that a file speaks of: the middle of the rear axle.
-    s, d, heading = move_along_body(roads, vehicles.x, vehicles.y, vehicles.heading, -ahead)
-    return Vehicles(s, d, heading, vehicles.speed, vehicles.acceleration)
+        return np.asarray(np.abs(here.x - there.x))
+    here, there = to_plane(roads.road, here), to_plane(roads.road, there)
+    return np.hypot(here.x - there.x, here.y - there.y)

@@ -11,7 +11,8 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.driving import Scene, World
 from avrare.protocols import Bools, Floats
-from avrare_openscenario.acted_traffic import ActedTraffic, StoryMemory
+from avrare_openscenario.acted_traffic import ActedTraffic
+from avrare_openscenario.conditions import StoryMemory
 from avrare_openscenario.config import OpenScenarioConfig
 from avrare_openscenario.scenario_file import Body, ScenarioFile, read_scenario
 from avrare_openscenario.starts import speed_all

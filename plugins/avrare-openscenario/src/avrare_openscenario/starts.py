@@ -110,7 +110,7 @@ def _order(needs: Sequence[Sequence[int]]) -> list[int]:
 
 
 def move_along_body(
-    roads: RoadMap, s: Floats, d: Floats, heading: Floats, by: Floats
+    roads: RoadMap, s: Floats, d: Floats, heading: Floats, by: Floats | float
 ) -> tuple[Floats, Floats, Floats]:
     """Return poses that are ``by`` further ahead along the bodies, which are straight where roads bend."""
     along, across = by * np.cos(heading), by * np.sin(heading)
