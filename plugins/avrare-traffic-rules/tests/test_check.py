@@ -84,7 +84,9 @@ def test_mistakes_in_a_formula(lab, formula, message, hint):
 def test_several_mistakes_are_reported_together(lab):
     formula = "always (in_frontof(ego, ego) and speed(ego, ego) > 1 and in_frontof(ego, ego))"
     assert len(check(TrafficRuleConfig(formula=formula), 0.1)) == 2
-    with pytest.raises(FormulaError, match=r"unknown predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"):
+    with pytest.raises(
+        FormulaError, match=r"unknown predicate 'in_frontof'\nhint: .*\nspeed takes 1 vehicle"
+    ):
         lab.rule(None, 1, formula=formula)
 
 
