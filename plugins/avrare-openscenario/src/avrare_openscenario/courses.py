@@ -51,9 +51,20 @@ class Course:
         form, by_way = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
         return cls(np.full(shape, -1), start, target, clock, span, form, by_way)
 
-    def begin(self, action: int, vehicle: int, rows: Bools, **values: Floats | int | bool) -> Course:
-        """Return the courses with a new one of one vehicle in some rows."""
-        return put(self, vehicle, rows, action=action, clock=0.0, **values)
+    def begin(
+        self,
+        action: int,
+        vehicle: int,
+        rows: Bools,
+        start: Floats,
+        target: Floats,
+        span: Floats | float = np.inf,
+        form: int = 0,
+        by_way: bool = False,
+    ) -> Course:
+        """Return the courses with a new one of one vehicle in some rows, an endless one without a span."""
+        course = put(self, vehicle, rows, action=action, start=start, target=target, clock=0.0)
+        return put(course, vehicle, rows, span=span, form=form, by_way=by_way)
 
     def stop(self, actions: Sequence[int], rows: Bools) -> Course:
         """Return the courses without some actions in some rows."""

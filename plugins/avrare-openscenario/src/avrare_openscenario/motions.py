@@ -13,7 +13,7 @@ from avrare_openscenario.courses import Course, Integers, put, transition_span
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.speeds import close_gap, follow_profile, place_gap, synchronize_speed
-from avrare_openscenario.starts import build_path, lane_middle, nearest_lane, pick, place_point, resolve_speed
+from avrare_openscenario.starts import build_path, pick, place_point, resolve_speed
 from avrare_openscenario.story import (
     FORMS,
     Assignment,
@@ -29,7 +29,7 @@ from avrare_openscenario.story import (
     Trajectory,
 )
 from avrare_openscenario.trajectories import Path, Pose, list_places
-from avrare_openscenario.ways import Ways
+from avrare_openscenario.ways import Ways, aim_across
 
 _CRAWL = 0.5
 """Speed below which a heading does not follow a lane change [m/s]."""
@@ -89,7 +89,7 @@ class Motions:
                 across = self._begin_across(drive.across, number, action, rows, table, every)
                 return replace(drive, across=across), every
             case Teleport():
-                every = self._teleport(action, table, every, rows)
+                every = self.put(action, table, every, rows)
                 heading = np.array(drive.heading)
                 heading[rows, actor] = every.heading[rows, actor]
                 return replace(drive, heading=heading, across=drive.across.finish(actor, rows)), every
@@ -98,7 +98,7 @@ class Motions:
                 gone = put(every, actor, rows, x=GONE, speed=0.0)
                 return replace(drive, speed=speed, across=across), gone
             case Gap() if action.acceleration is None and not action.continuous:
-                return drive, self._set_gap(action, table, every, rows)
+                return drive, self.put(action, table, every, rows)
             case Trajectory():
                 anchors, poses = np.array(drive.anchors), np.stack([every.x, every.y, every.heading], axis=2)
                 anchors[rows, self.trajectories.index(number)] = poses[rows]
@@ -107,42 +107,34 @@ class Motions:
                 gear = path.gear(begin if action.begin is None else table[:, action.begin])
                 turns = action.may_reverse & (every.speed[:, actor] < 0.0)  # it drives the line backwards
                 gear = np.where(turns, -1.0, gear)
-                across = self._begin_endless(drive.across, number, rows, gear, not action.times)
-                across = put(across, actor, rows, target=np.where(turns, np.pi, 0.0))
+                turn = np.where(turns, np.pi, 0.0)
+                across = drive.across.begin(number, actor, rows, gear, turn, by_way=not action.times)
                 speed = drive.speed.finish(actor, rows) if action.times else drive.speed
                 return replace(drive, speed=speed, across=across), every
             case Gap(across=True):
-                across = self._begin_endless(drive.across, number, rows, every.y[:, actor])
+                across = drive.across.begin(number, actor, rows, every.y[:, actor], every.y[:, actor])
                 return replace(drive, across=across), every
             case Gap() | SpeedProfile() | Synchronize():
-                speed = self._begin_endless(drive.speed, number, rows, every.speed[:, actor])
-                if isinstance(action, SpeedProfile):  # which begins with the own acceleration
-                    speed.target[rows, actor] = every.acceleration[rows, actor]
-                return replace(drive, speed=speed), every
+                now, slope = every.speed[:, actor], every.acceleration[:, actor]
+                target = slope if isinstance(action, SpeedProfile) else now  # it begins with that slope
+                return replace(drive, speed=drive.speed.begin(number, actor, rows, now, target)), every
         raise AssertionError(action)
 
-    def _begin_endless(
-        self, course: Course, number: int, rows: Bools, value: Floats, by_way: bool = False
-    ) -> Course:
-        action = self.story.actions[number]
-        assert not isinstance(action, Assignment | Route)
-        span = np.full(len(rows), np.inf)
-        return course.begin(
-            number, action.actor, rows, start=value, target=value, span=span, form=0, by_way=by_way
-        )
-
-    def put(self, action: Gap | Teleport, table: Floats, every: Vehicles) -> Vehicles:
-        """Put a vehicle to its place, or its distance, in all rows."""
+    def put(
+        self, action: Gap | Teleport, table: Floats, every: Vehicles, rows: Bools | bool = True
+    ) -> Vehicles:
+        """Put a vehicle to its place, or to its distance with the other's speed, in some rows."""
+        actor = action.actor
         if isinstance(action, Gap):
-            return self._set_gap(action, table, every, True)
-        return self._teleport(action, table, every, True)
-
-    def _set_gap(self, gap: Gap, table: Floats, every: Vehicles, rows: Bools | bool) -> Vehicles:
-        # A vehicle at its distance to another one, with the other's speed.
-        place = place_gap(gap, self.bodies, table, every)
-        if gap.across:
-            return put(every, gap.actor, rows, y=place)
-        return put(every, gap.actor, rows, x=place, speed=every.speed[:, gap.other])
+            place = place_gap(action, self.bodies, table, every)
+            if action.across:
+                return put(every, actor, rows, y=place)
+            return put(every, actor, rows, x=place, speed=every.speed[:, action.other])
+        references = self._references(action.place, every)
+        if self.ways is not None:
+            self.ways.jump(actor, action.place, table, references)
+        s, d, heading = place_point(action.place, self.maps[actor], self.maps, table, references)
+        return put(every, actor, rows, x=s, y=d, heading=heading)
 
     def move(self, table: Floats, drive: Drive, step: Integers, every: Vehicles) -> tuple[Drive, Vehicles]:
         """Return what is done, and the points of reference (N, V) without the ego's, one step later.
@@ -202,47 +194,21 @@ class Motions:
             fastest = np.where(target >= now, *self.bodies[action.actor].rates)
             limit = replace(transition, dimension="rate")
             span = np.maximum(span, transition_span(limit, target - now, fastest))
-        form = FORMS.index(transition.form)
-        return course.begin(
-            number, action.actor, rows, start=now, target=target, span=span, form=form, by_way=False
-        )
+        return course.begin(number, action.actor, rows, now, target, span, FORMS.index(transition.form))
 
     def _begin_across(
         self, course: Course, number: int, action: LaneChange, rows: Bools, table: Floats, every: Vehicles
     ) -> Course:
-        now, offset = every.y[:, action.actor], table[:, action.offset]
-        station = every.x[:, action.actor]
+        actor, other, transition = action.actor, action.reference, action.transition
+        now, offset = every.y[:, actor], table[:, action.offset]
         if self.ways is not None:
             target = self.ways.find_target(action, every, offset)
-        elif action.exact:
-            target = every.y[:, action.other] + offset
         else:
-            roads = self.maps[action.actor]
-            lane = np.full(len(rows), roads.lanes.get(action.lane, -1))
-            if action.other >= 0:
-                roads = self.maps[action.other]
-                along = np.sign(np.cos(every.heading[:, action.other])).astype(np.int64)
-                y, s = every.y[:, action.other], every.x[:, action.other]
-                lane = nearest_lane(roads, y, s) + along * action.lane
-            target = lane_middle(self.maps[action.actor], lane, station) + offset
-        return course.begin(
-            number,
-            action.actor,
-            rows,
-            start=now,
-            target=target,
-            span=transition_span(action.transition, target - now, table[:, action.transition.value]),
-            form=FORMS.index(action.transition.form),
-            by_way=action.transition.dimension == "distance",
-        )
-
-    def _teleport(self, action: Teleport, table: Floats, every: Vehicles, rows: Bools | bool) -> Vehicles:
-        references = self._references(action.place, every)
-        if self.ways is not None:
-            self.ways.jump(action.actor, action.place, table, references)
-        roads = self.maps[action.actor]
-        s, d, heading = place_point(action.place, roads, self.maps, table, references)
-        return put(every, action.actor, rows, x=s, y=d, heading=heading)
+            roads, station, pose = self.maps[actor], every.x[:, actor], _pose(every, other)
+            target = aim_across(action, roads, station, self.maps[other], pose) + offset
+        span = transition_span(transition, target - now, table[:, transition.value])
+        by_way = transition.dimension == "distance"
+        return course.begin(number, actor, rows, now, target, span, FORMS.index(transition.form), by_way)
 
     def _steer(
         self, table: Floats, begun: Course, course: Course, drive: Drive, velocity: Floats, every: Vehicles

@@ -137,6 +137,11 @@ class LaneChange:
     other: int = -1
     exact: bool = False
 
+    @property
+    def reference(self) -> int:
+        """Return the index of the vehicle whose lane or place counts, its own where none is named."""
+        return self.other if self.other >= 0 else self.actor
+
 
 @dataclass(frozen=True)
 class Gap:

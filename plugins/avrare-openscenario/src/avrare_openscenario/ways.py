@@ -110,7 +110,7 @@ class Ways:
         return found is not None and found.lane != leg.lane
 
     def _renew(self, k: int, points: Vehicles) -> Vehicles:
-        leg, s, d, heading = self._find_leg(k, points)
+        leg, (s, d, heading) = self._find_leg(k, points)
         if leg is None:
             return points
         x, y = leg.roads.line.to_plane(s, d)
@@ -126,31 +126,19 @@ class Ways:
 
     def find_target(self, action: LaneChange, points: Vehicles, offset: Floats) -> Floats:
         """Return the offset (1,) at which a lane change ends, on the vehicle's own line."""
-        leg, s, d, _ = self._find_leg(action.actor, points)
+        leg, (s, d, _) = self._find_leg(action.actor, points)
         now = points.y[:, action.actor]
         if leg is None:
             return now + offset
-        roads = leg.roads
-        target = d + offset
-        if action.other < 0:
-            target = lane_middle(roads, np.array([roads.lanes.get(action.lane, -1)]), s) + offset
-        else:
-            other, their_s, their_d, heading = self._find_leg(action.other, points)
-            if other is None:
-                return now
-            if action.exact and other.roads is roads:
-                target = their_d + offset
-            elif not action.exact:
-                along = np.sign(np.cos(heading)).astype(np.int64)
-                lane = nearest_lane(other.roads, their_d, their_s) + along * action.lane
-                if other.roads is not roads:  # the lane of the same id
-                    name = other.roads.name_lane(int(lane[0]))
-                    lane = np.array([roads.lanes.get(name, -1)])
-                target = lane_middle(roads, lane, s) + offset
-        found = self.maps[action.actor].line.to_road(*roads.line.to_plane(s, target))[1]
-        return np.where(np.isfinite(found), found, now)
+        other, pose = self._find_leg(action.reference, points)
+        if other is None:
+            return now
+        apart = action.exact and other.roads is not leg.roads
+        target = d if apart else aim_across(action, leg.roads, s, other.roads, pose)
+        y = self.maps[action.actor].line.to_road(*leg.roads.line.to_plane(s, target + offset))[1]
+        return np.where(np.isfinite(y), y, now)
 
-    def _find_leg(self, k: int, points: Vehicles) -> tuple[Leg | None, Floats, Floats, Floats]:
+    def _find_leg(self, k: int, points: Vehicles) -> tuple[Leg | None, Pose]:
         # The lane in which a vehicle is, and its pose along the roads of that lane.
         roads, station = self.maps[k], points.x[:, k]
         x, y = roads.line.to_plane(station, points.y[:, k])
@@ -162,6 +150,28 @@ class Ways:
         s, d = roads.line.to_road(x, y)
         heading = turned - roads.line.heading(s)
         if not np.isfinite(s[0]) or not roads.lanes:
-            return None, s, d, heading
+            return None, (s, d, heading)
         lane = roads.name_lane(int(nearest_lane(roads, d, s)[0]))
-        return Leg(roads, lane, 1 if np.cos(heading[0]) >= 0.0 else -1), s, d, heading
+        return Leg(roads, lane, 1 if np.cos(heading[0]) >= 0.0 else -1), (s, d, heading)
+
+
+def aim_across(action: LaneChange, roads: RoadMap, s: Floats, other: RoadMap, pose: Pose) -> Floats:
+    """Return y (N,) at which a lane change ends, its own offset aside.
+
+    Args:
+        action: The lane change.
+        roads: Road of its vehicle.
+        s: Station of that.
+        other: Road of the vehicle whose lane counts.
+        pose: Pose of that along its road.
+    """
+    their_s, their_d, heading = pose
+    if action.exact:
+        return their_d
+    lane = np.full(len(s), roads.lanes.get(action.lane, -1))
+    if action.other >= 0:
+        along = np.sign(np.cos(heading)).astype(np.int64)
+        lane = nearest_lane(other, their_d, their_s) + along * action.lane
+        if other is not roads:  # the lane of the same id
+            lane = np.array([roads.lanes.get(other.name_lane(index), -1) for index in lane.tolist()])
+    return lane_middle(roads, lane, s)
