@@ -38,20 +38,16 @@ class ActedTraffic:
         self.ahead = np.array([body.ahead for body in file.bodies])
         self.count = len(file.bodies) - file.ego
         self.motions = Motions(file, dt)
-        self.delays = np.array([one.delay for one in self.story.conditions], dtype=np.int64)
-        self.edges = np.array([EDGES.index(one.edge) for one in self.story.conditions], np.int64)
-        self.owners = self._find_owners()
+        self.delays = np.array([condition.delay for condition in self.story.conditions], dtype=np.int64)
+        self.edges = np.array([EDGES.index(condition.edge) for condition in self.story.conditions], np.int64)
+        # What each condition starts or stops: an act, the stop of an act, or an event, in one row of them.
+        events = [event.trigger if event.whole < 0 else () for event in self.story.events]
+        self.owners = np.zeros(len(self.story.conditions), np.int64)
+        for index, trigger in enumerate((*self.story.acts, *self.story.stops, *events)):
+            self.owners[[number for group in trigger or () for number in group]] = index
         self.acts = np.array([event.act for event in self.story.events], np.int64)
         counts = [event.count if event.whole < 0 else 0 for event in self.story.events]
         self.counts = np.array(counts, np.int64)
-
-    def _find_owners(self) -> Integers:
-        # What each condition starts or stops: an act, the stop of an act, or an event, in one row of them.
-        events = [event.trigger if event.whole < 0 else () for event in self.story.events]
-        owners = np.zeros(len(self.story.conditions), np.int64)
-        for index, trigger in enumerate((*self.story.acts, *self.story.stops, *events)):
-            owners[[number for group in trigger or () for number in group]] = index
-        return owners
 
     def start(self, n: int, values: Mapping[str, Floats]) -> tuple[Vehicles, StoryMemory]:
         """Return the ego (N,) and the memory at t = 0, with drawn parameters (N,)."""
@@ -72,7 +68,6 @@ class ActedTraffic:
             points, _ = self.ways.renew(points, Course.idle(1, vehicles), [False] * len(self.maps))
         heading, speed = points.heading, points.speed
         every = move_all(self.maps, points, self.ahead)
-        own, others = (pick(part, slice(vehicles)) for part in (points, every))
         acts, conditions, events = len(story.acts), len(story.conditions), len(story.events)
         memory = StoryMemory(
             table,
@@ -93,8 +88,8 @@ class ActedTraffic:
                 Course.idle(n, vehicles),
                 np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
             ),
-            own,
-            others,
+            pick(points, slice(vehicles)),
+            pick(every, slice(vehicles)),
         )
         return pick(every, -1), memory
 
@@ -147,11 +142,11 @@ class ActedTraffic:
         if self.ways is not None:
             points = self.ways.stop(every, points, follows)
             self.ways.changed.update(np.flatnonzero((changes >= 0) & (drive.across.action[0] < 0)).tolist())
-        found = move_all(self.maps, points, self.ahead)
-        memory = replace(memory, drive=drive, points=points, bodies=found)
-        mean = replace(found, speed=0.5 * np.abs(others.speed + found.speed))
+        bodies = move_all(self.maps, points, self.ahead)
+        memory = replace(memory, drive=drive, points=points, bodies=bodies)
+        mean = replace(bodies, speed=0.5 * np.abs(others.speed + bodies.speed))
         driven = _join(mean, ego).speed * self.dt
-        resting = np.abs(_join(found, ego).speed) < _AT_REST
+        resting = np.abs(_join(bodies, ego).speed) < _AT_REST
         memory = replace(
             memory, travelled=memory.travelled + driven, still=np.where(resting, memory.still + self.dt, 0.0)
         )
@@ -183,13 +178,19 @@ class ActedTraffic:
 
     def _stop_events(self, memory: StoryMemory, step: Integers) -> StoryMemory:
         # The events of acts that their stop triggers ended.
-        ended = np.array(memory.ended)
         for index, event in enumerate(self.story.events):
-            running = memory.stopped[:, event.act] & (memory.begun[:, index] >= 0) & (ended[:, index] < 0)
-            if running.any():
-                ended[:, index] = np.where(running, step, ended[:, index])
-                memory = _drop(memory, event.actions, running)
-        return replace(memory, ended=ended)
+            memory = self._end_event(memory, index, memory.stopped[:, event.act], step)
+        return memory
+
+    def _end_event(self, memory: StoryMemory, index: int, rows: Bools, step: Integers) -> StoryMemory:
+        # An event that is running in some rows, and its actions, come to their end.
+        rows = rows & (memory.begun[:, index] >= 0) & (memory.ended[:, index] < 0)
+        if not rows.any():
+            return memory
+        ended, drive, actions = np.array(memory.ended), memory.drive, self.story.events[index].actions
+        ended[:, index] = np.where(rows, step, ended[:, index])
+        speed, across = (course.stop(actions, rows) for course in (drive.speed, drive.across))
+        return replace(memory, ended=ended, drive=replace(drive, speed=speed, across=across))
 
     def _listen(self, memory: StoryMemory, time: Floats, middles: Vehicles) -> Bools:
         # (N, C) which conditions hold, edges and delays aside.
@@ -217,18 +218,13 @@ class ActedTraffic:
         self, memory: StoryMemory, index: int, rows: Bools, step: Integers, every: Vehicles
     ) -> tuple[StoryMemory, Vehicles]:
         event = self.story.events[index]
+        for other, peer in enumerate(self.story.events):
+            if event.overrides and other != index and peer.maneuver == event.maneuver:
+                memory = self._end_event(memory, other, rows, step)
         ended, begun = np.array(memory.ended), np.array(memory.begun)
-        begun[:, index] = np.where(rows, step, begun[:, index])
-        ended[:, index] = np.where(rows, -1, ended[:, index])
-        if event.overrides:
-            for other, peer in enumerate(self.story.events):
-                running = rows & (begun[:, other] >= 0) & (ended[:, other] < 0)
-                if other != index and peer.maneuver == event.maneuver and running.any():
-                    ended[:, other] = np.where(running, step, ended[:, other])
-                    memory = _drop(memory, peer.actions, running)
-        singles = [k for k, single in enumerate(self.story.events) if single.whole == index]
-        begun[:, singles] = np.where(rows, step, begun[:, singles].T).T
-        ended[:, singles] = np.where(rows, -1, ended[:, singles].T).T
+        begins = [k for k, other in enumerate(self.story.events) if k == index or other.whole == index]
+        begun[:, begins] = np.where(rows, step, begun[:, begins].T).T
+        ended[:, begins] = np.where(rows, -1, ended[:, begins].T).T
         runs = np.array(memory.runs)
         runs[:, index] += rows
         memory = replace(memory, begun=begun, ended=ended, runs=runs)
@@ -266,17 +262,11 @@ class ActedTraffic:
             over &= memory.rounds[:, index] < group.count - 1
             if over.any():
                 again = over[:, None] & np.isin(np.arange(len(self.story.events)), events)
-                begun, ended = (np.where(again, -1, part) for part in (memory.begun, memory.ended))
+                begun, ended = (np.where(again, -1, steps) for steps in (memory.begun, memory.ended))
                 rounds, runs = np.array(memory.rounds), np.where(again, 0, memory.runs)
                 rounds[over, index] += 1
                 memory = replace(memory, begun=begun, ended=ended, runs=runs, rounds=rounds)
         return memory
-
-
-def _drop(memory: StoryMemory, actions: Sequence[int], rows: Bools) -> StoryMemory:
-    drive = memory.drive
-    stopped = replace(drive, speed=drive.speed.stop(actions, rows), across=drive.across.stop(actions, rows))
-    return replace(memory, drive=stopped)
 
 
 def _assign(action: Assignment, memory: StoryMemory, time: Floats) -> Floats:

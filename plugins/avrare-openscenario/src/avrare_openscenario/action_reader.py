@@ -65,9 +65,9 @@ class ActionReader:
         """Read each ``EntitySelection``: its name stands for its members from here on."""
         for selection in entities.list("EntitySelection"):
             members = selection.child("Members")
-            types = [self.find_type(one, "objectType") for one in members.list("ByType")]
-            found = sum(types, self.find_entities(members))
-            self.selections[self.parameters.text(selection, "name")] = tuple(dict.fromkeys(found))
+            types = [self.find_type(entry, "objectType") for entry in members.list("ByType")]
+            indices = sum(types, self.find_entities(members))
+            self.selections[self.parameters.text(selection, "name")] = tuple(dict.fromkeys(indices))
 
     def read_global(self, kind: Element) -> story.Action | None:
         """Read a ``GlobalAction`` or ``UserDefinedAction``; None: it changes nothing."""
@@ -203,8 +203,8 @@ class ActionReader:
         if not entries:
             raise action.error("has no SpeedProfileEntry")
         names = [f"max{kind}{rate}" for rate in ("", "Rate") for kind in ("Acceleration", "Deceleration")]
-        found = [self._limit(limits, name) for name in names]
-        most = [endless if limit is None else limit for limit in found]
+        values = [self._limit(limits, name) for name in names]
+        most = [endless if limit is None else limit for limit in values]
         most = most if follows else [*most[:2], endless, endless]
         if limits is not None:
             limits.get("maxSpeed")
@@ -272,9 +272,9 @@ class ActionReader:
             absolute = domain == "absolute"
             scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
         holder = action.find("TrajectoryRef") or action
-        found = self.read_curve(holder, actor, timing is not None, scale, offset)
+        curve = self.read_curve(holder, actor, timing is not None, scale, offset)
         begin = self._limit(action, "initialDistanceOffset")
-        return replace(found, begin=begin, absolute=absolute)
+        return replace(curve, begin=begin, absolute=absolute)
 
     def read_curve(
         self, holder: Element, actor: int, timed: bool, scale: float = 1.0, offset: float = 0.0
@@ -307,7 +307,7 @@ class ActionReader:
         timed = timed and None not in written
         times = [self._number(vertex, "time") for vertex in vertices] if timed else []
         return story.Trajectory(
-            actor, places, tuple(self.parameters.scaled(one, scale, offset) for one in times)
+            actor, places, tuple(self.parameters.scaled(time, scale, offset) for time in times)
         )
 
     def _read_clothoids(self, form: Element, actor: int) -> story.Trajectory:
@@ -316,8 +316,7 @@ class ActionReader:
         if form.tag == "Clothoid":
             start: Element | None = form.child("Position")
             length = fixed(form, "length")
-            for name in ("startTime", "stopTime"):
-                form.get(name)
+            form.ignore("startTime", "stopTime")
             bend = fixed(form, "curvature")
             turn = "curvaturePrime" if form.get("curvaturePrime") is not None else "curvatureDot"
             pieces.append((length, bend, bend + length * fixed(form, turn)))

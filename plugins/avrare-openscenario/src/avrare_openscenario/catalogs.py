@@ -50,8 +50,8 @@ class Catalogs:
         self._entries: list[Element] = []
         self._read: dict[str, Element] | None = None
         self._copied = 0
-        folders = [] if locations is None else [one for tag in READ for one in locations.list(tag)]
-        paths = [parameters.path(one.child("Directory"), "path") for one in folders]
+        folders = [] if locations is None else [folder for tag in READ for folder in locations.list(tag)]
+        paths = [parameters.path(folder.child("Directory"), "path") for folder in folders]
         self._folders = list(dict.fromkeys(map(os.path.normpath, paths)))
         self._given = list(given)
         if locations is not None:
@@ -69,27 +69,27 @@ class Catalogs:
             UsageError: The entry does not exist, or its parameters are not those that are assigned.
         """
         top = self._find(reference)
-        every = top.child("Catalog").children
+        children = top.child("Catalog").children
         name = self.parameters.text(reference, "entryName")
-        named = [one for one in every if one.get("name") == name]
-        if not named:
-            hint = did_you_mean(name, [one.get("name") or "" for one in every])
+        entries = [child for child in children if child.get("name") == name]
+        if not entries:
+            hint = did_you_mean(name, [child.get("name") or "" for child in children])
             raise reference.error(f"there is no entry {name!r} in {top.path}", hint)
-        if len(named) > 1:
-            raise named[1].error(f"a second entry {name!r}", "give it another name")
-        found = named[0]
-        if found.tag not in kinds:
-            raise reference.error(f"the entry {name!r} is a {found.tag}", f"known here: {', '.join(kinds)}")
-        values = _values(found, reference)
-        entry = self._copy(found, values)
+        if len(entries) > 1:
+            raise entries[1].error(f"a second entry {name!r}", "give it another name")
+        source = entries[0]
+        if source.tag not in kinds:
+            raise reference.error(f"the entry {name!r} is a {source.tag}", f"known here: {', '.join(kinds)}")
+        values = _values(source, reference)
+        entry = self._copy(source, values)
         entry.skip_children("ParameterDeclarations")
         self._entries.append(entry)
         return entry
 
     def refuse_unread(self) -> None:
         """Raise an error at the first part of an entry that was not asked for."""
-        for one in self._entries:
-            one.refuse_unread()
+        for entry in self._entries:
+            entry.refuse_unread()
 
     def notes(self) -> tuple[str, ...]:
         """Return the notes on the entries, each with its place."""
@@ -112,7 +112,7 @@ class Catalogs:
         return top
 
     def _read_all(self) -> dict[str, Element]:
-        found: dict[str, Element] = {}
+        catalogs: dict[str, Element] = {}
         for path in self._given or self._list_files():
             if self.allowed is not None:
                 self.allowed(path, "CatalogLocations")
@@ -121,10 +121,10 @@ class Catalogs:
             if catalog is None:  # a scenario that lies beside
                 continue
             name = catalog.attribute("name")
-            if name in found:
-                raise catalog.error(f"there are two catalogs {name!r}", f"the other is {found[name].path}")
-            found[name] = top
-        return found
+            if name in catalogs:
+                raise catalog.error(f"there are two catalogs {name!r}", f"the other is {catalogs[name].path}")
+            catalogs[name] = top
+        return catalogs
 
     def _list_files(self) -> list[str]:
         paths = []
@@ -142,7 +142,7 @@ class Catalogs:
         return replace(
             element,
             attributes={name: _put_in(element, text, values) for name, text in element.attributes.items()},
-            children=[self._copy(one, values) for one in element.children],
+            children=[self._copy(child, values) for child in element.children],
             _asked=set(),
         )
 
@@ -180,7 +180,7 @@ def _put_in(element: Element, text: str, values: Mapping[str, str]) -> str:
             raise element.error(f"no parameter {name!r} is declared in this entry", hint)
     if names == [text[1:]]:
         return values[names[0]]
-    return REFERENCE.sub(lambda found: f"({_bare(values[found[1]])})", text)
+    return REFERENCE.sub(lambda match: f"({_bare(values[match[1]])})", text)
 
 
 def _bare(value: str) -> str:

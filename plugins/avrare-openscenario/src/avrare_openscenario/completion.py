@@ -18,8 +18,8 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
     Raises:
         UsageError: Something in a file is not understood.
     """
-    given, dt = options.get("parameters", {}), options.get("dt", 0.1)
-    well_formed = isinstance(options.get("file"), str) and isinstance(given, Mapping)
+    parameters, dt = options.get("parameters", {}), options.get("dt", 0.1)
+    well_formed = isinstance(options.get("file"), str) and isinstance(parameters, Mapping)
     if not (well_formed and isinstance(dt, float | int) and 0.0 < dt <= 1.0):
         return {}  # the model says what is wrong
 
@@ -33,10 +33,10 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
     if top.find("ParameterValueDistribution") is not None:
         file, laws = read_distributions(top)
         allow(file, "ParameterValueDistribution: ScenarioFile")
-    laws = {name: law for name, law in laws.items() if name not in given}
-    numbers = {name: value for name, value in given.items() if isinstance(value, str | float | int)}
+    laws = {name: law for name, law in laws.items() if name not in parameters}
+    numbers = {name: value for name, value in parameters.items() if isinstance(value, str | float | int)}
     road, catalogs = options.get("road"), options.get("catalogs")
-    found = read_scenario(
+    scene = read_scenario(
         file,
         str(options.get("entity", "Ego")),
         float(dt),
@@ -46,11 +46,11 @@ def complete(options: Mapping[str, Any], folder: str) -> dict[str, Any]:
         [_find(str(path), folder) for path in catalogs] if isinstance(catalogs, list | tuple) else (),
         allow,
     )
-    files: dict[str, Any] = {"file": file, "road": found.road_path}
-    files |= {"catalogs": list(found.catalog_paths)} if found.catalog_paths else {}
+    files: dict[str, Any] = {"file": file, "road": scene.road_path}
+    files |= {"catalogs": list(scene.catalog_paths)} if scene.catalog_paths else {}
     return {**files, **({"parameters": laws} if laws else {})}
 
 
 def _find(path: str, folder: str) -> str:
-    beside = os.path.join(folder, path)
-    return beside if os.path.exists(beside) else path
+    neighbour = os.path.join(folder, path)
+    return neighbour if os.path.exists(neighbour) else path

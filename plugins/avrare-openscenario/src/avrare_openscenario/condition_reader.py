@@ -12,10 +12,11 @@ from avrare_openscenario.xml_tree import Element
 _LONGEST_DELAY = 100_000
 """Longest delay of a condition [steps]."""
 _MANY_LANES = 1_000
+_DIRECTIONS: tuple[Direction, ...] = ("longitudinal", "lateral")
 _MEASURES = {
-    "SpeedCondition": "speed",
-    "RelativeSpeedCondition": "relative_speed",
-    "AccelerationCondition": "acceleration",
+    "SpeedCondition": ("speed", _DIRECTIONS[:1]),
+    "RelativeSpeedCondition": ("relative_speed", _DIRECTIONS),
+    "AccelerationCondition": ("acceleration", _DIRECTIONS[:1]),
 }
 _DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
 _SYSTEMS = ("entity", "lane", "road", "trajectory", "world")
@@ -39,30 +40,31 @@ class ConditionReader:
         delay = 0 if condition.get("delay") is None else self._read_steps(condition, "delay")
         kind = condition.choice("ByValueCondition", "ByEntityCondition")
         if kind.tag == "ByValueCondition":
-            found = self._read_by_value(kind.choice())
+            result = self._read_by_value(kind.choice())
         else:
-            found = self._read_by_entity(kind)
-        return replace(found, edge=edge, delay=found.delay + delay)
+            result = self._read_by_entity(kind)
+        return replace(result, edge=edge, delay=result.delay + delay)
 
-    def _read_by_value(self, one: Element) -> Condition:
-        match one.tag:
+    def _read_by_value(self, element: Element) -> Condition:
+        match element.tag:
             case "SimulationTimeCondition":
-                return Condition("time", *self._read_comparison(one))
+                return Condition("time", *self._read_comparison(element))
             case "StoryboardElementStateCondition":  # resolved when all elements are read
                 return Condition("state", "equalTo", self.parameters.constant(0.0))
             case "ParameterCondition" | "VariableCondition":
-                variable = self.actions.find_variable(one)
-                rule, value = self.parameters.choose(one, "rule", RULES), self.parameters.value(one, "value")
+                variable = self.actions.find_variable(element)
+                rule = self.parameters.choose(element, "rule", RULES)
+                value = self.parameters.value(element, "value")
                 return Condition("variable", rule, value, variable=variable)
             case "TrafficSignalCondition" | "TrafficSignalControllerCondition":
-                return self.actions.lights.read_condition(one)
+                return self.actions.lights.read_condition(element)
             case "UserDefinedValueCondition":
-                one.pass_over("is never met: nothing outside the file sets values")
+                element.pass_over("is never met: nothing outside the file sets values")
                 return Condition("time", "lessThan", self.parameters.constant(-1.0))
-        raise one.error("is not read", "see docs/openscenario.md")
+        raise element.error("is not read", "see docs/openscenario.md")
 
-    def _read_comparison(self, one: Element) -> tuple[Rule, Number]:
-        return self.parameters.choose(one, "rule", RULES), self.parameters.number(one, "value")
+    def _read_comparison(self, element: Element) -> tuple[Rule, Number]:
+        return self.parameters.choose(element, "rule", RULES), self.parameters.number(element, "value")
 
     def _read_by_entity(self, condition: Element) -> Condition:
         triggering = condition.child("TriggeringEntities")
@@ -70,77 +72,78 @@ class ConditionReader:
         amount = self.parameters.choose(triggering, "triggeringEntitiesRule", ("any", "all"))
         if not entities:
             raise triggering.error("names no entities")
-        found = self._read_entity_condition(condition.child("EntityCondition").choice())
-        return replace(found, entities=entities, every=amount == "all")
+        measure = self._read_entity_condition(condition.child("EntityCondition").choice())
+        return replace(measure, entities=entities, every=amount == "all")
 
-    def _read_entity_condition(self, one: Element) -> Condition:
-        match one.tag:
+    def _read_entity_condition(self, element: Element) -> Condition:
+        match element.tag:
             case "SpeedCondition" | "RelativeSpeedCondition" | "AccelerationCondition":
-                rule, value = self._read_comparison(one)
-                kind = _MEASURES[one.tag]
-                other = self.actions.find_entity(one) if kind == "relative_speed" else -1
-                return Condition(kind, rule, value, other=other, direction=self._read_direction(one))
+                rule, value = self._read_comparison(element)
+                kind, directions = _MEASURES[element.tag]
+                direction = self.parameters.choose(element, "direction", directions, "")
+                other = self.actions.find_entity(element) if kind == "relative_speed" else -1
+                return Condition(kind, rule, value, other=other, direction=direction)
             case "TraveledDistanceCondition":
-                return Condition("travelled", "greaterOrEqual", self.parameters.number(one, "value"))
+                return Condition("travelled", "greaterOrEqual", self.parameters.number(element, "value"))
             case "StandStillCondition":
-                return Condition("standstill", "greaterOrEqual", self.parameters.number(one, "duration"))
+                return Condition("standstill", "greaterOrEqual", self.parameters.number(element, "duration"))
             case "TimeHeadwayCondition" | "RelativeDistanceCondition":
-                kind = "headway" if one.tag == "TimeHeadwayCondition" else "distance"
-                return replace(self._read_distance(one, kind), other=self.actions.find_entity(one))
+                kind = "headway" if element.tag == "TimeHeadwayCondition" else "distance"
+                return replace(self._read_distance(element, kind), other=self.actions.find_entity(element))
             case "DistanceCondition":
-                return replace(self._read_distance(one, "distance"), place=self._place(one))
+                return replace(self._read_distance(element, "distance"), place=self._place(element))
             case "TimeToCollisionCondition":
-                return self._read_collision_time(one)
+                return self._read_collision_time(element)
             case "ReachPositionCondition":
-                tolerance = self.parameters.number(one, "tolerance")
-                return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(one))
+                tolerance = self.parameters.number(element, "tolerance")
+                return Condition("reach", "lessOrEqual", tolerance, along=False, place=self._place(element))
             case "CollisionCondition":
-                return replace(self._ask("collision"), against=self._read_against(one))
+                return replace(self._ask("collision"), against=self._read_against(element))
             case "RelativeClearanceCondition":
-                return self._read_clearance(one)
+                return self._read_clearance(element)
             case "EndOfRoadCondition" | "OffroadCondition":
-                kind = "road_end" if one.tag == "EndOfRoadCondition" else "off_road"
-                return replace(self._ask(kind), delay=self._read_steps(one, "duration"))
+                kind = "road_end" if element.tag == "EndOfRoadCondition" else "off_road"
+                return replace(self._ask(kind), delay=self._read_steps(element, "duration"))
             case "AngleCondition" | "RelativeAngleCondition":
-                return self._read_angle(one)
-        raise one.error("is not read", "see docs/openscenario.md")
+                return self._read_angle(element)
+        raise element.error("is not read", "see docs/openscenario.md")
 
     def _ask(self, kind: str) -> Condition:
         # Condition that holds where what is measured is 1.
         return Condition(kind, "equalTo", self.parameters.constant(1.0))
 
-    def _read_angle(self, one: Element) -> Condition:
+    def _read_angle(self, element: Element) -> Condition:
         # Whether a heading is within a tolerance of an angle.
-        self.parameters.choose(one, "angleType", ("heading",))  # roads are flat
-        relative = one.tag == "RelativeAngleCondition"
+        self.parameters.choose(element, "angleType", ("heading",))  # roads are flat
+        relative = element.tag == "RelativeAngleCondition"
         frames = ("entity", "lane") if relative else ("world", "road", "lane")
-        frame = self.parameters.choose(one, "coordinateSystem", frames, frames[0])
-        other = self.actions.find_entity(one) if relative else -1
-        angle, limit = (self.parameters.number(one, name) for name in ("angle", "angleTolerance"))
+        frame = self.parameters.choose(element, "coordinateSystem", frames, frames[0])
+        other = self.actions.find_entity(element) if relative else -1
+        angle, limit = (self.parameters.number(element, name) for name in ("angle", "angleTolerance"))
         along = frame in ("road", "lane")
         return Condition("angle", "lessOrEqual", limit, other=other, along=along, reach=(angle,))
 
-    def _read_collision_time(self, one: Element) -> Condition:
-        found = self._read_distance(one, "collision_time")
-        if not found.along:
-            raise one.error(
+    def _read_collision_time(self, element: Element) -> Condition:
+        distance = self._read_distance(element, "collision_time")
+        if not distance.along:
+            raise element.error(
                 "a time to collision is read along the road", 'relativeDistanceType="longitudinal"'
             )
-        one.note("is taken along the road, also to vehicles in other lanes")
-        target = one.child("TimeToCollisionConditionTarget").choice("EntityRef", "Position")
+        element.note("is taken along the road, also to vehicles in other lanes")
+        target = element.child("TimeToCollisionConditionTarget").choice("EntityRef", "Position")
         if target.tag == "Position":
-            return replace(found, place=self.actions.read_place(target))
-        return replace(found, other=self.actions.find_entity(target))
+            return replace(distance, place=self.actions.read_place(target))
+        return replace(distance, other=self.actions.find_entity(target))
 
-    def _read_clearance(self, one: Element) -> Condition:
+    def _read_clearance(self, element: Element) -> Condition:
         # Whether no other vehicle is within a way ahead and behind, in some lanes.
         reach = tuple(
-            self.parameters.number(one, name, 0.0) for name in ("distanceForward", "distanceBackward")
+            self.parameters.number(element, name, 0.0) for name in ("distanceForward", "distanceBackward")
         )
-        if self.parameters.boolean(one, "oppositeLanes"):
-            one.note("vehicles in opposing lanes count where the lanes do")
+        if self.parameters.boolean(element, "oppositeLanes"):
+            element.note("vehicles in opposing lanes count where the lanes do")
         lanes = []
-        for span in one.list("RelativeLaneRange"):
+        for span in element.list("RelativeLaneRange"):
             low, high = (
                 limit if span.get(name) is None else self.parameters.whole(span, name)
                 for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
@@ -148,37 +151,32 @@ class ConditionReader:
             lanes.append((low, high))
         return replace(
             self._ask("clearance"),
-            free=self.parameters.boolean(one, "freeSpace"),
-            against=self.actions.find_entities(one) or tuple(range(len(self.actions.kinds))),
+            free=self.parameters.boolean(element, "freeSpace"),
+            against=self.actions.find_entities(element) or tuple(range(len(self.actions.kinds))),
             reach=reach,
             lanes=tuple(lanes),
         )
 
-    def _place(self, one: Element) -> Place:
-        return self.actions.read_place(one.child("Position"))
+    def _place(self, element: Element) -> Place:
+        return self.actions.read_place(element.child("Position"))
 
-    def _read_direction(self, one: Element) -> Direction:
-        choices: tuple[Direction, ...] = ("longitudinal", "lateral")
-        count = 2 if one.tag == "RelativeSpeedCondition" else 1
-        return self.parameters.choose(one, "direction", choices[:count], "")
-
-    def _read_against(self, one: Element) -> tuple[int, ...]:
+    def _read_against(self, element: Element) -> tuple[int, ...]:
         # Entities that a collision is with.
-        target = one.choice("EntityRef", "ByType", "ByObjectType")
+        target = element.choice("EntityRef", "ByType", "ByObjectType")
         if target.tag == "EntityRef":
             return self.actions.find_members(target)
         return self.actions.find_type(target)
 
-    def _read_distance(self, one: Element, kind: str) -> Condition:
+    def _read_distance(self, element: Element, kind: str) -> Condition:
         # Condition on a distance, without what it is to.
-        rule, value = self._read_comparison(one)
-        along = self.parameters.boolean(one, "alongRoute") or kind == "collision_time"
+        rule, value = self._read_comparison(element)
+        along = self.parameters.boolean(element, "alongRoute") or kind == "collision_time"
         default = "longitudinal" if along else "euclidianDistance"
-        way = self.parameters.choose(one, "relativeDistanceType", _DISTANCES, default)
-        self.parameters.choose(one, "coordinateSystem", _SYSTEMS, "entity")
-        one.get("routingAlgorithm")
-        one.attribute("freespace")
-        free = self.parameters.boolean(one, "freespace")
+        way = self.parameters.choose(element, "relativeDistanceType", _DISTANCES, default)
+        self.parameters.choose(element, "coordinateSystem", _SYSTEMS, "entity")
+        element.get("routingAlgorithm")
+        element.attribute("freespace")
+        free = self.parameters.boolean(element, "freespace")
         side: Direction = "lateral" if way == "lateral" else ""
         return Condition(kind, rule, value, along=way == "longitudinal", free=free, direction=side)
 

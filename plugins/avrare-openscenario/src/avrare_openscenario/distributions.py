@@ -95,8 +95,7 @@ def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]
         )
     stochastic = block.child("Stochastic")
     laws: dict[str, dict[str, object]] = {}
-    for name in ("numberOfTestRuns", "randomSeed"):
-        stochastic.get(name)  # the estimator's rollouts and the scenario's seed
+    stochastic.ignore("numberOfTestRuns", "randomSeed")  # of the estimator and the scenario
     for element in stochastic.list("StochasticDistribution"):
         name = element.attribute("parameterName")
         if not name.isidentifier():

@@ -60,7 +60,8 @@ def read_lanelet_map(path: str, named: Element) -> Network:
     line = road.line
     assert line is not None
     _check(named, path, road, line.length)
-    indices = {int(one.lanelet_id): lane for one in lanelets if (lane := _lane_of(road, one)) is not None}
+    places = ((int(lanelet.lanelet_id), _lane_of(road, lanelet)) for lanelet in lanelets)
+    indices = {name: lane for name, lane in places if lane is not None}
     centres = {name: road.lane_centres[lane] for name, lane in indices.items()}
     return Network((RoadMap(road, line, {_ROAD: 0.0}, indices, centres),))
 
@@ -68,8 +69,8 @@ def read_lanelet_map(path: str, named: Element) -> Network:
 def _middles(lanelets: Sequence[Lanelet]) -> tuple[Floats, Floats]:
     # Points all over the network, in the directions of its lanelets.
     points, headings = [], []
-    for one in lanelets:
-        centre = np.asarray(one.center_vertices)[:, :2]
+    for lanelet in lanelets:
+        centre = np.asarray(lanelet.center_vertices)[:, :2]
         steps = np.diff(centre, axis=0)
         points.append(0.5 * (centre[1:] + centre[:-1]))
         headings.append(np.arctan2(steps[:, 1], steps[:, 0]))

@@ -166,14 +166,14 @@ class Motions:
         along = np.where(self.free, np.cos(heading), direction * np.cos(angle))
         x = self._advance(others.x, 0.5 * (others.y + y), along * way)
         turned = heading + direction * angle
-        found = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
-        return self._follow(table, replace(drive, speed=speed, across=across), step, every, found)
+        points = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
+        return self._follow(table, replace(drive, speed=speed, across=across), step, every, points)
 
     def _advance(self, x: Floats, y: Floats, way: Floats) -> Floats:
         # Stations after a way along the roads, each vehicle on its own.
         moved = x + way
         for roads in dict.fromkeys(self.maps[: x.shape[1]]):
-            columns = [k for k, own in enumerate(self.maps[: x.shape[1]]) if own is roads]
+            columns = [k for k, other in enumerate(self.maps[: x.shape[1]]) if other is roads]
             if (line := roads.road.line) is not None:
                 moved[:, columns] = line.advance(x[:, columns], y[:, columns], way[:, columns])
             if roads.closed:
@@ -280,22 +280,22 @@ class Motions:
         return np.asarray(way)
 
     def _follow(
-        self, table: Floats, drive: Drive, step: Integers, every: Vehicles, found: Vehicles
+        self, table: Floats, drive: Drive, step: Integers, every: Vehicles, points: Vehicles
     ) -> tuple[Drive, Vehicles]:
         # Vehicles on trajectories, or at a distance across.
         heading, across = np.array(drive.heading), drive.across
         for number, action in enumerate(self.story.actions):
-            if not isinstance(action, Trajectory | Gap) or action.actor >= found.x.shape[1]:
+            if not isinstance(action, Trajectory | Gap) or action.actor >= points.x.shape[1]:
                 continue
             rows = across.action[:, action.actor] == number
             if not rows.any():
                 continue
             actor = action.actor
             if isinstance(action, Gap):
-                found = put(found, actor, rows, y=place_gap(action, self.bodies, table, every))
+                points = put(points, actor, rows, y=place_gap(action, self.bodies, table, every))
                 continue
             path = self._path(number, table, drive)
-            clock, velocity = across.clock[:, actor], found.speed[:, actor]
+            clock, velocity = across.clock[:, actor], points.speed[:, actor]
             begin = 0.0 if action.begin is None else table[:, action.begin]
             way = clock + begin
             backwards = across.start[:, actor] * velocity < 0.0
@@ -311,11 +311,11 @@ class Motions:
             roads = self.maps[actor]
             s, d = roads.line.to_road(x, y)
             turn = turn - roads.line.heading(s)
-            found = put(found, actor, rows, x=s, y=d, heading=turn, speed=velocity)
+            points = put(points, actor, rows, x=s, y=d, heading=turn, speed=velocity)
             snapped = turn if self.free[actor] else np.where(np.cos(turn) < 0.0, np.pi, 0.0)
             heading[:, actor] = np.where(rows, snapped, heading[:, actor])
             across = across.finish(actor, rows & over)
-        return replace(drive, across=across, heading=heading), found
+        return replace(drive, across=across, heading=heading), points
 
     def _path(self, number: int, table: Floats, drive: Drive) -> Path:
         action = self.story.actions[number]

@@ -55,7 +55,7 @@ def read_opendrive(path: str) -> Network:
 def _list_connections(
     top: Element, chains: Sequence[Sequence[Element]], network: Network
 ) -> dict[tuple[int, int], list[Connection]]:
-    found: dict[tuple[int, int], list[Connection]] = {}
+    connections: dict[tuple[int, int], list[Connection]] = {}
     junctions = {junction.attributes.get("id"): junction for junction in top.list("junction")}
     for chain, roads in zip(chains, network.maps, strict=True):
         for direction, road, side in ((1, chain[-1], "successor"), (-1, chain[0], "predecessor")):
@@ -63,7 +63,7 @@ def _list_connections(
             target = None if link is None else link.find(side)
             if target is None:
                 continue
-            ways = found.setdefault((id(roads), direction), [])
+            ways = connections.setdefault((id(roads), direction), [])
             name = target.attributes.get("elementId", "")
             if target.attributes.get("elementType") != "junction":
                 into = 1 if target.attributes.get("contactPoint", "start") == "start" else -1
@@ -81,7 +81,7 @@ def _list_connections(
                 if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
                     continue
                 into = 1 if way.attributes.get("contactPoint", "start") == "start" else -1
-                lanes = {int(one.number("from")): int(one.number("to")) for one in way.list("laneLink")}
+                lanes = {int(pair.number("from")): int(pair.number("to")) for pair in way.list("laneLink")}
                 lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
                 ranks = [
                     rank
@@ -93,15 +93,15 @@ def _list_connections(
                 ends = sorted(begin for begin in other.begins.values() if begin > other.begins[connecting])
                 span = other.begins[connecting], [*ends, other.line.length][0]
                 ways.append(Connection(other, into, lanes, span, name, rank, _LIGHT in signs))
-    return found
+    return connections
 
 
 def _list_signs(road: Element) -> set[str]:
     block = road.find("signals")
     signals = () if block is None else block.list("signal")
     return {
-        _LIGHT if one.attributes.get("dynamic") == "yes" else one.attributes.get("type", "")
-        for one in signals
+        _LIGHT if signal.attributes.get("dynamic") == "yes" else signal.attributes.get("type", "")
+        for signal in signals
     }
 
 
@@ -164,8 +164,7 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
         for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
             _pass_over_profile(profile)
         road.skip_children("objects", "signals", "type", "surface", "railroad", "CRG")
-        for name in ("name", "length", "junction"):
-            road.get(name)
+        road.ignore("name", "length", "junction")
     return _assemble(line, begins, lanes, left)
 
 
@@ -279,7 +278,7 @@ def _read_piece(geometry: Element) -> Piece:
 
 
 def _measure_joint(before: CurvedLine, x: float, y: float, heading: float) -> tuple[float, float]:
-    end_x, end_y, end, _ = (part.item() for part in before.frame(np.array([before.length])))
+    end_x, end_y, end, _ = (value.item() for value in before.frame(np.array([before.length])))
     return math.hypot(x - end_x, y - end_y), math.remainder(heading - end, 2.0 * math.pi)
 
 
@@ -296,16 +295,16 @@ def _find_gap(geometry: Element, before: CurvedLine, x: float, y: float, heading
 
 
 def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStrip], left: bool) -> RoadMap:
-    kept = [lane for lane in lanes if lane.kind in KINDS]
-    kinds = [KINDS[lane.kind] for lane in kept]
-    widths = [float(np.median(lane.border.left - lane.border.right)) for lane in kept]
+    driven = [lane for lane in lanes if lane.kind in KINDS]
+    kinds = [KINDS[lane.kind] for lane in driven]
+    widths = [float(np.median(lane.border.left - lane.border.right)) for lane in driven]
     centres = {lane.name: float(np.median(0.5 * (lane.border.right + lane.border.left))) for lane in lanes}
     varies = any(
         np.ptp(lane.border.right) or np.ptp(lane.border.left) or len(lane.border.stations) > 2
-        for lane in kept
+        for lane in driven
     )
     apart = varies or any(
-        abs(lane.border.left[0] - other.border.right[0]) > 1e-6 for lane, other in pairwise(kept)
+        abs(lane.border.left[0] - other.border.right[0]) > 1e-6 for lane, other in pairwise(driven)
     )
     apart |= max(widths, default=0.0) - min(widths, default=0.0) > 1e-6
     tip = np.array([0.0, line.length])
@@ -318,17 +317,17 @@ def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStr
         return tuple(index for index, yes in enumerate(test) if yes)
 
     road = Road(
-        tuple(centres[lane.name] for lane in kept),
+        tuple(centres[lane.name] for lane in driven),
         float(np.median(widths)) if widths else 0.0,
         chosen([kind == "ramp" for kind in kinds]),
         0.0,
         line.length,
         own_frame if bent else None,
-        tuple(lane.border if varies else replace(lane.border, stations=tip) for lane in kept if apart),
+        tuple(lane.border if varies else replace(lane.border, stations=tip) for lane in driven if apart),
         chosen([kind == "shoulder" for kind in kinds]),
-        chosen([(lane.name > 0) != left for lane in kept]),
-        chosen([lane.broad for lane in kept]),
+        chosen([(lane.name > 0) != left for lane in driven]),
+        chosen([lane.broad for lane in driven]),
     )
     closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
-    indices = {lane.name: index for index, lane in enumerate(kept)}
+    indices = {lane.name: index for index, lane in enumerate(driven)}
     return RoadMap(road, line, begins, indices, centres, closed)

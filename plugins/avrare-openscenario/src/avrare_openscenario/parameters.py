@@ -159,11 +159,11 @@ class Parameters:
             raise value.error(f"the parameter {name!r} is no number: {self.values[name]!r}")
         return rule, written
 
-    def _fits(self, constraint: _Constraint, known: Mapping[str, object]) -> Any:
+    def _fits(self, constraint: _Constraint, scope: Mapping[str, object]) -> Any:
         name, groups = constraint
-        value, fits = known[name], np.False_
+        value, fits = scope[name], np.False_
         for group in groups:
-            bounds = [bound if isinstance(bound, str) else self._evaluate(bound, known) for _, bound in group]
+            bounds = [bound if isinstance(bound, str) else self._evaluate(bound, scope) for _, bound in group]
             meets = [_RULES[rule](value, bound) for (rule, _), bound in zip(group, bounds, strict=True)]
             fits = np.logical_or(fits, functools.reduce(np.logical_and, meets, np.True_))
         return fits
@@ -268,16 +268,16 @@ class Parameters:
 
         NaN stands for a number that is less than it may be, and for all of a row that a constraint forbids.
         """
-        known = {**self.values, **self._numbers(), **values}
+        current = {**self.values, **self._numbers(), **values}
         table = np.empty((n, len(self._trees)))
         with np.errstate(all="ignore"):
             for name, derived in self._derived.items():
                 if name not in values:
-                    known[name] = self._evaluate(derived, known)
+                    current[name] = self._evaluate(derived, current)
             for column, tree in enumerate(self._trees):
-                table[:, column] = self._evaluate(tree, known)
+                table[:, column] = self._evaluate(tree, current)
         for constraint in self._constraints:
-            table[~np.broadcast_to(self._fits(constraint, known), n)] = np.nan
+            table[~np.broadcast_to(self._fits(constraint, current), n)] = np.nan
         for column, low in self._lowest.items():
             table[table[:, column] < low, column] = np.nan
         return table
@@ -305,7 +305,7 @@ class Parameters:
             if len(inner) > _LONGEST or "__" in inner:
                 raise ValueError
             names = {name: self._names.get(name, name) for name in REFERENCE.findall(inner)}
-            tree = ast.parse(REFERENCE.sub(lambda found: names[found[1]], inner), mode="eval").body
+            tree = ast.parse(REFERENCE.sub(lambda match: names[match[1]], inner), mode="eval").body
             with np.errstate(all="ignore"):
                 self._evaluate(tree, dict.fromkeys(names.values(), 1.0))
         except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError):
@@ -321,26 +321,26 @@ class Parameters:
             raise element.error(f"{name}: {element.attribute(name)} is no finite number")
         return value
 
-    def _evaluate(self, tree: ast.expr | float, known: Mapping[str, object]) -> Any:
+    def _evaluate(self, tree: ast.expr | float, scope: Mapping[str, object]) -> Any:
         match tree:
             case float() | int():
                 return tree
             case ast.Constant(value=int() | float() as value):
                 return float(value)
-            case ast.Name(id=name) if name in _CONSTANTS or name in known:
-                return _CONSTANTS.get(name, known.get(name))
+            case ast.Name(id=name) if name in _CONSTANTS or name in scope:
+                return _CONSTANTS.get(name, scope.get(name))
             case ast.BoolOp(op=sign, values=terms):
                 return functools.reduce(
-                    _OPERATORS[type(sign)], [self._evaluate(term, known) for term in terms]
+                    _OPERATORS[type(sign)], [self._evaluate(term, scope) for term in terms]
                 )
             case ast.BinOp(op=sign) if type(sign) in _OPERATORS:
-                terms = [self._evaluate(term, known) for term in (tree.left, tree.right)]
+                terms = [self._evaluate(term, scope) for term in (tree.left, tree.right)]
                 return _OPERATORS[type(sign)](*terms)
             case ast.UnaryOp(op=sign) if type(sign) in _OPERATORS:
-                return _OPERATORS[type(sign)](self._evaluate(tree.operand, known))
+                return _OPERATORS[type(sign)](self._evaluate(tree.operand, scope))
             case ast.Call(func=ast.Name(id=name), args=terms, keywords=[]) if name in _FUNCTIONS:
                 if len(terms) == _FUNCTIONS[name].nin:
-                    return _FUNCTIONS[name](*(self._evaluate(term, known) for term in terms))
+                    return _FUNCTIONS[name](*(self._evaluate(term, scope) for term in terms))
         raise ValueError
 
 

@@ -36,8 +36,7 @@ def _read_kind(reader: ActionReader, position: Element) -> Place:
         return parameters.number(position, name, default)
 
     if position.tag == "WorldPosition":
-        for name in ("z", "p", "r"):
-            position.get(name)
+        position.ignore("z", "p", "r")
         turned = position.get("h") is not None
         return Place("plane", number("x"), number("y"), number("h", 0.0), absolute=True, turned=turned)
     if position.tag == "RoutePosition":
@@ -55,8 +54,8 @@ def _read_kind(reader: ActionReader, position: Element) -> Place:
                 return Place("lane", station, offset, heading, index, absolute=absolute, roads=line)
             if lane not in line.centres:
                 raise position.error(f"there is no lane {lane}", f"lanes of the road: {_list_lanes(line)}")
-            beside = parameters.shifted(offset, line.centres[lane])
-            return Place("road", station, beside, heading, absolute=absolute, roads=line)
+            aside = parameters.shifted(offset, line.centres[lane])
+            return Place("road", station, aside, heading, absolute=absolute, roads=line)
         case "RoadPosition":
             line, station = _read_station(reader, position)
             return Place("road", station, number("t"), heading, absolute=absolute, roads=line)
@@ -68,7 +67,7 @@ def _read_kind(reader: ActionReader, position: Element) -> Place:
         case "RelativeRoadPosition":
             other = reader.find_entity(position)
             return Place("beside", number("ds"), number("dt"), heading, None, other, absolute)
-    position.get("dz")
+    position.ignore("dz")
     kind: Literal["shifted", "ahead"] = "shifted" if position.tag == "RelativeWorldPosition" else "ahead"
     return Place(kind, number("dx"), number("dy"), heading, None, reader.find_entity(position), absolute)
 
@@ -92,20 +91,19 @@ def _read_station(reader: ActionReader, element: Element) -> tuple[RoadMap, Numb
     road = reader.parameters.text(element, "roadId")
     line = reader.roads.find(road)
     if line is None:
-        known = ", ".join(name for line in reader.roads.maps for name in line.begins)
-        raise element.error(f"there is no road {road!r}", f"there are: {known}")
+        names = ", ".join(name for line in reader.roads.maps for name in line.begins)
+        raise element.error(f"there is no road {road!r}", f"there are: {names}")
     return line, reader.parameters.shifted(reader.parameters.number(element, "s"), line.begins[road])
 
 
 def _read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
     # The heading that a position has, and whether it is one in the plane.
-    found = position.find("Orientation")
-    if found is None:
+    orientation = position.find("Orientation")
+    if orientation is None:
         return parameters.constant(0.0), False
-    for name in ("p", "r"):
-        found.get(name)
-    kind = parameters.choose(found, "type", ("absolute", "relative"), "absolute")
-    return parameters.number(found, "h", 0.0), kind == "absolute"
+    orientation.ignore("p", "r")
+    kind = parameters.choose(orientation, "type", ("absolute", "relative"), "absolute")
+    return parameters.number(orientation, "h", 0.0), kind == "absolute"
 
 
 def read_route(reader: ActionReader, action: Element, actor: int) -> Route:
@@ -139,8 +137,8 @@ def _read_route_place(reader: ActionReader, position: Element) -> Place:
         lane = reader.parameters.whole(where, "laneId")
         if lane not in line.lanes:
             raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")
-        offset, own = reader.parameters.number(where, "laneOffset", 0.0), line.lanes[lane]
-        return Place("lane", station, offset, heading, own, absolute=absolute, roads=line)
+        offset = reader.parameters.number(where, "laneOffset", 0.0)
+        return Place("lane", station, offset, heading, line.lanes[lane], absolute=absolute, roads=line)
     middle = -abs(roads.centres[names[first.lane]])
     across = reader.parameters.shifted(reader.parameters.number(where, "t"), -middle)
     return Place("road", station, across, heading, absolute=absolute, roads=line)

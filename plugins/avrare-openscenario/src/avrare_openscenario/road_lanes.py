@@ -12,22 +12,12 @@ from avrare.protocols import Floats
 from avrare_openscenario.curves import polynomial
 from avrare_openscenario.xml_tree import Element
 
+_DRIVEN = ("driving", "bidirectional", "bus", "taxi", "HOV", "parking")
+_LEAVING = ("exit", "mwyExit", "offRamp", "connectingRamp")
 KINDS = {
-    "driving": "driving",
-    "entry": "ramp",
-    "mwyEntry": "ramp",
-    "onRamp": "ramp",
-    "exit": "driving",
-    "mwyExit": "driving",
-    "offRamp": "driving",
-    "connectingRamp": "driving",
-    "bidirectional": "driving",
-    "bus": "driving",
-    "taxi": "driving",
-    "HOV": "driving",
-    "parking": "driving",
-    "shoulder": "shoulder",
-    "stop": "shoulder",
+    **dict.fromkeys((*_DRIVEN, *_LEAVING), "driving"),
+    **dict.fromkeys(("entry", "mwyEntry", "onRamp"), "ramp"),
+    **dict.fromkeys(("shoulder", "stop"), "shoulder"),
 }
 """Types of lanes that are lanes of the road; others only take their width."""
 _IDLE = ("speed", "material", "access", "height", "rule", "visibility")
@@ -80,8 +70,8 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         UsageError: It has no section, or ids have gaps.
     """
     block, length = road.child("lanes"), min(length, _LONGEST)
-    offsets = [_polynomial(one, "s") for one in block.list("laneOffset")] or [(0.0,) * 5]
-    sections = [_read_section(one) for one in block.list("laneSection")]
+    offsets = [_polynomial(record, "s") for record in block.list("laneOffset")] or [(0.0,) * 5]
+    sections = [_read_section(record) for record in block.list("laneSection")]
     if not sections:
         raise block.error("has no laneSection")
     ends = [*(min(section.begin, length) for section in sections[1:]), length]
@@ -102,7 +92,7 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
             pieces = strips.setdefault(name, [])
             pieces.append([stations, right, left])
             kinds.setdefault(name, (section.lanes[name].kind, section.lanes[name].broad))
-    if not all(np.isfinite(part).all() for pieces in strips.values() for piece in pieces for part in piece):
+    if not all(np.isfinite(row).all() for pieces in strips.values() for piece in pieces for row in piece):
         raise block.error("its lanes have no finite widths")
     return [LaneStrip(name, kinds[name][0], _join(strips[name]), kinds[name][1]) for name in sorted(strips)]
 
@@ -131,8 +121,8 @@ def _join(pieces: Sequence[Sequence[Floats]]) -> Lane:
     longest = max(runs, key=lambda run: float(run[-1][0][-1] - run[0][0][0]))
     stations, right, left = (np.concatenate([piece[axis] for piece in longest]) for axis in range(3))
     inner = len(stations) > 2 and bool(np.ptp(right) == 0.0 and np.ptp(left) == 0.0)
-    kept = [0, -1] if inner else slice(None)
-    return Lane(stations[kept], right[kept], left[kept])
+    points = [0, -1] if inner else slice(None)
+    return Lane(stations[points], right[points], left[points])
 
 
 def _read_section(section: Element) -> _Section:
@@ -152,8 +142,8 @@ def _read_section(section: Element) -> _Section:
     for name, lane in lanes.items():
         if name == 0:
             continue
-        widths = [_polynomial(one, "sOffset") for one in lane.list("width")]
-        borders = [_polynomial(one, "sOffset") for one in lane.list("border")]
+        widths = [_polynomial(record, "sOffset") for record in lane.list("width")]
+        borders = [_polynomial(record, "sOffset") for record in lane.list("border")]
         if not (widths or borders):
             lane.note("has no width")
         broad = marks.get(name if name > 0 else name + 1, False)
@@ -163,8 +153,7 @@ def _read_section(section: Element) -> _Section:
 
 
 def _is_broad(lane: Element) -> bool:
-    for name in _PLAIN:
-        lane.get(name)
+    lane.ignore(*_PLAIN)
     weights = {mark.attributes.get("weight") for mark in lane.list("roadMark")}
     lane.skip_children("roadMark", "link", *_IDLE)
     if lane.number("id") == 0:

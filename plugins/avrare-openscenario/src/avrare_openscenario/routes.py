@@ -50,11 +50,11 @@ def follow_lane(
             break
         legs.append(replace(after, begin=begin))
     line = PolygonalLine(np.concatenate(points))
-    own = first.lane_centres[index]
+    centre = first.lane_centres[index]
     order = range(len(first.lane_centres))[::direction]
     names = {place: name for name, place in roads.lanes.items()}
     road = Road(
-        tuple(direction * (first.lane_centres[k] - own) for k in order),
+        tuple(direction * (first.lane_centres[k] - centre) for k in order),
         first.lane_width,
         begin=0.0,
         end=line.length,
@@ -69,8 +69,8 @@ def _sample(leg: Leg) -> Floats:
     line = leg.roads.line
     stations = np.linspace(0.0, line.length, max(2, 1 + math.ceil(line.length / _STEP)))[:: leg.direction]
     across = leg.roads.middles(stations)[:, leg.roads.lanes[leg.lane]]
-    kept = np.isfinite(across)
-    return np.stack(line.to_plane(stations[kept], across[kept]), axis=1)
+    inside = np.isfinite(across)
+    return np.stack(line.to_plane(stations[inside], across[inside]), axis=1)
 
 
 def _list_goals(network: Network, leg: Leg, wanted: Sequence[RoadMap]) -> Sequence[RoadMap]:
@@ -96,14 +96,14 @@ def _count_legs(network: Network, leg: Leg, goal: RoadMap) -> float:
 
 def _find_next(network: Network, leg: Leg, goals: Sequence[RoadMap]) -> Leg | None:
     ways = [way for way in network.find_ways(leg.roads, leg.direction) if _leads_on(way)]
-    own = [way for way in ways if way.lanes.get(leg.lane) in way.roads.lanes]
+    straight = [way for way in ways if way.lanes.get(leg.lane) in way.roads.lanes]
 
     def rank(way: Connection) -> tuple[float, bool, float]:
         far = _count_legs(network, Leg(way.roads, 0, way.direction), goals[0]) if goals else 0.0
-        return far, way not in own, abs(_turn(way.roads))
+        return far, way not in straight, abs(_turn(way.roads))
 
-    best = min(ways if goals else own, key=rank, default=None)
-    if best is None or (best not in own and not math.isfinite(rank(best)[0])):
+    best = min(ways if goals else straight, key=rank, default=None)
+    if best is None or (best not in straight and not math.isfinite(rank(best)[0])):
         return None
     lane = min(
         (name for name in best.lanes if best.lanes[name] in best.roads.lanes),
@@ -128,12 +128,12 @@ def add_crossings(network: Network, roads: RoadMap) -> RoadMap:
         incoming = id(before.roads), before.direction
         for way in network.find_ways(before.roads, before.direction):
             if way.junction and way.roads is after.roads and way.lanes.get(before.lane) == after.lane:
-                mine = _build(way, after.lane)
+                passage = _build(way, after.lane)
                 stops += [after.begin] if way.rank < 0 else []
                 others = _list_others(network, way.junction, incoming)
-                areas += [find_crossing(roads.line, mine, other) for other in others]
-    found = tuple(area for area in areas if area is not None)
-    return replace(roads, road=replace(roads.road, crossings=found, stop_signs=tuple(stops)))
+                areas += [find_crossing(roads.line, passage, other) for other in others]
+    crossings = tuple(area for area in areas if area is not None)
+    return replace(roads, road=replace(roads.road, crossings=crossings, stop_signs=tuple(stops)))
 
 
 def _list_others(network: Network, junction: str, incoming: tuple[int, int]) -> Iterator[Way]:

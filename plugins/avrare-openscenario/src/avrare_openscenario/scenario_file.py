@@ -223,17 +223,16 @@ def _follow_ways(
     for k, place in enumerate(story.places[:-1]):  # a curve may begin beyond its road
         if place.curve is not None and not 0.0 <= stations[0, k] <= ways[k].line.length:
             ways[k] = ways[-1]
-    ego = add_crossings(network, ways[-1])
+    ways[-1] = add_crossings(network, ways[-1])
     passed = [[(leg.roads, leg.direction) for leg in way.legs] for way in ways]
-    return tuple(
-        ego if own and own == passed[-1] else way for way, own in zip([*ways[:-1], ego], passed, strict=True)
-    )
+    pairs = zip(ways, passed, strict=True)
+    return tuple(ways[-1] if legs and legs == passed[-1] else way for way, legs in pairs)
 
 
 def _read_bodies(
     entities: Element, parameters: Parameters, catalogs: Catalogs, ego: str | None
 ) -> tuple[Body, ...]:
-    bodies = [_read_body(one, parameters, catalogs) for one in entities.list("ScenarioObject")]
+    bodies = [_read_body(entity, parameters, catalogs) for entity in entities.list("ScenarioObject")]
     names = [body.name for body in bodies]
     if not names:
         raise entities.error("has no ScenarioObject")
@@ -260,8 +259,7 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
     kind.skip_children("Properties", "ParameterDeclarations", "TrailerHitch", "TrailerCoupler")
     for trailer in kind.list("Trailer"):
         trailer.pass_over("trailers are left out")
-    for name in kind.attributes:
-        kind.get(name)
+    kind.ignore(*kind.attributes)
 
     read = parameters.fixed
     top_speed, rates, performance = None, (np.inf, np.inf), kind.find("Performance")
@@ -295,8 +293,8 @@ def _read_starts(init: Element, reader: ActionReader, acting: set[str]) -> Start
             later += [action for action in [reader.read_global(kind)] if action is not None]
         for private in actions.list("Private"):
             members, deeds = reader.find_members(private), private.list("PrivateAction")
-            for actor, one in product(members, deeds):
-                match reader.read_private(one, actor):
+            for actor, deed in product(members, deeds):
+                match reader.read_private(deed, actor):
                     case Route(roads=wanted):
                         routes[actor] = wanted
                     case Teleport(place=place) as teleport:
@@ -343,11 +341,8 @@ def _begin_curve(curve: Trajectory, speed: TargetSpeed | None, parameters: Param
 def _read_variables(top: Element, parameters: Parameters) -> dict[str, Number]:
     # Value of each parameter and variable at the start, as conditions see them.
     variables: dict[str, Number] = {}
-    for block, tag in (
-        ("ParameterDeclarations", "ParameterDeclaration"),
-        ("VariableDeclarations", "VariableDeclaration"),
-    ):
-        declarations = top.find(block)
+    for tag in ("ParameterDeclaration", "VariableDeclaration"):
+        declarations = top.find(f"{tag}s")
         for element in declarations.list(tag) if declarations is not None else ():
             element.get("variableType")
             variables[element.attribute("name")] = parameters.value(element, "value")

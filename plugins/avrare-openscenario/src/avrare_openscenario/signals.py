@@ -54,17 +54,17 @@ class Signals:
             raise action.error(f"{controller.name!r} has no such phase")
         return Assignment(self._find_clock(controller), self.parameters.constant(spans[0][0]), "start")
 
-    def read_condition(self, one: Element) -> Condition:
+    def read_condition(self, condition: Element) -> Condition:
         """Read a condition on what a light shows, or on the phase of a controller."""
-        if one.tag == "TrafficSignalControllerCondition":
-            light, name, controllers = "", "phase", [self._find_controller(one)]
+        if condition.tag == "TrafficSignalControllerCondition":
+            light, name, controllers = "", "phase", [self._find_controller(condition)]
         else:
-            light, name, every = self.parameters.text(one, "name"), "state", self._controllers.values()
+            light, name, every = self.parameters.text(condition, "name"), "state", self._controllers.values()
             controllers = [each for each in every if any(light in shown for *_, shown in each.phases)]
-        variable, value = self._find("light", light, UNSET), self.parameters.value(one, name)
+        variable, value = self._find("light", light, UNSET), self.parameters.value(condition, name)
         if not controllers:
             return Condition("variable", "equalTo", value, variable=variable)
-        spans = controllers[0].list_spans(light, self.parameters.text(one, name))
+        spans = controllers[0].list_spans(light, self.parameters.text(condition, name))
         times = (controllers[0].phases[-1][1], *(time for span in spans for time in span))
         reach, clock = tuple(map(self.parameters.constant, times)), self._find_clock(controllers[0])
         return Condition("light", "equalTo", value, variable=variable, other=clock, reach=reach)

@@ -60,8 +60,8 @@ class OpenScenario(SingleTrack):
             [str(path) for path in config.catalogs],
         )
         *others, ego = file.bodies
-        own = _build_ego(config, file, ego)
-        super().__init__(SingleTrackConfig(dt=config.dt, ego=own, after_impact=config.after_impact))
+        ego_config = _build_ego(config, file, ego)
+        super().__init__(SingleTrackConfig(dt=config.dt, ego=ego_config, after_impact=config.after_impact))
         self.acted = ActedTraffic(file, config.dt)
         driven = {action.actor for action in file.story.actions if not isinstance(action, Assignment)}
         speeds = speed_all(file.story, file.parameters.table({}, 1))[0]
@@ -95,9 +95,9 @@ class OpenScenario(SingleTrack):
 
     def reset_drawn(self, noise: Floats, values: Mapping[str, Floats]) -> StoryWorld:
         """Return the worlds at the start with drawn parameters (N,)."""
-        own = {path.removeprefix(PREFIX): value for path, value in values.items() if path.startswith(PREFIX)}
+        parameters = {path.removeprefix(PREFIX): values[path] for path in values if path.startswith(PREFIX)}
         world = super().reset(noise)
-        ego, story = self.acted.start(len(noise), own)
+        ego, story = self.acted.start(len(noise), parameters)
         fields = {**vars(world), "ego": ego, "others": self.acted.show(story)}
         if (weather := values.get("weather")) is not None:
             fields["weather"] = weather

@@ -67,14 +67,14 @@ def place_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles)
     if gap.timed:
         value = value * np.abs(points.speed[:, gap.other])
     place = points.y if gap.across else points.x
-    mine, theirs = place[:, gap.actor], place[:, gap.other]
+    here, there = place[:, gap.actor], place[:, gap.other]
     along = np.sign(np.cos(points.heading[:, gap.other]))
-    side = gap.side * along if gap.side else np.where(mine >= theirs, 1.0, -1.0)
+    side = gap.side * along if gap.side else np.where(here >= there, 1.0, -1.0)
     if not gap.free:
-        return np.asarray(theirs + side * value)
+        return np.asarray(there + side * value)
     body, other = bodies[gap.actor], bodies[gap.other]
     size = body.width + other.width if gap.across else body.length + other.length
-    centre = theirs + side * (value + 0.5 * size)
+    centre = there + side * (value + 0.5 * size)
     if gap.across:
         return np.asarray(centre)
     mine_along = np.sign(np.cos(points.heading[:, gap.actor]))

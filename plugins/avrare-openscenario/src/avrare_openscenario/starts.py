@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.base.errors import UsageError
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
+from avrare_openscenario.courses import Integers
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.story import Action, Gap, Place, Storyboard, TargetSpeed, Teleport, Trajectory
 from avrare_openscenario.trajectories import Path, Pose, list_places
-
-Integers = NDArray[np.int64]
 
 
 def nearest_lane(roads: RoadMap, y: Floats, s: Floats) -> Integers:
@@ -72,10 +70,10 @@ def place_all(story: Storyboard, maps: Sequence[RoadMap], table: Floats) -> Pose
         UsageError: Places are relative to each other in a circle.
     """
     needs = [list_places(place) for place in story.places]
-    found: dict[int, Pose] = {}
+    poses: dict[int, Pose] = {}
     for k in _order(needs):
-        found[k] = place_point(story.places[k], maps[k], maps, table, found)
-    s, d, heading = (np.stack([found[k][axis] for k in range(len(found))], axis=1) for axis in range(3))
+        poses[k] = place_point(story.places[k], maps[k], maps, table, poses)
+    s, d, heading = (np.stack([poses[k][axis] for k in range(len(poses))], axis=1) for axis in range(3))
     return s, d, heading
 
 
@@ -136,7 +134,7 @@ def move_all(maps: Sequence[RoadMap], vehicles: Vehicles, ahead: Floats) -> Vehi
 
 def pick(vehicles: Vehicles, columns: int | slice) -> Vehicles:
     """Return one of all vehicles (N, V), or some of them."""
-    return Vehicles(*(part[:, columns] for part in vars(vehicles).values()))
+    return Vehicles(*(values[:, columns] for values in vars(vehicles).values()))
 
 
 def move_over(vehicles: Vehicles, old: RoadMap, new: RoadMap) -> Vehicles:
@@ -190,9 +188,9 @@ def _place_on(
         their_s, their_d, their_heading = others[place.other]
         along = lane_direction(roads, their_d, their_s)
         if place.kind == "ahead":
-            s, d, own = move_along_body(roads, their_s, their_d, their_heading, x)
-            s, d, _ = move_along_body(roads, s, d, own + 0.5 * np.pi, y)
-            return s, d, heading - roads.line.heading(s) if place.absolute else own + heading
+            s, d, bent = move_along_body(roads, their_s, their_d, their_heading, x)
+            s, d, _ = move_along_body(roads, s, d, bent + 0.5 * np.pi, y)
+            return s, d, heading - roads.line.heading(s) if place.absolute else bent + heading
         if place.kind == "shifted":
             their_x, their_y = roads.line.to_plane(their_s, their_d)
             s, d = roads.line.to_road(their_x + x, their_y + y)

@@ -197,8 +197,8 @@ class Trajectory:
     @property
     def may_reverse(self) -> bool:
         """Return whether vehicles whose speed is below 0 drive along the line, against their own heading."""
-        given = self.shape is None and self.shares is None and all(place.turned for place in self.vertices)
-        return self.begin is None and not self.times and not given
+        headed = self.shape is None and self.shares is None and all(place.turned for place in self.vertices)
+        return self.begin is None and not self.times and not headed
 
 
 @dataclass(frozen=True)

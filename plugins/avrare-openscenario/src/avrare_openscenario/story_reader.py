@@ -121,12 +121,10 @@ class StoryReader:
         actors = group.child("Actors")
         self.selects = self.parameters.boolean(actors, "selectTriggeringEntities")
         chosen = list(self.reading.find_entities(actors))
-        referred = [
-            self.reading.catalogs.resolve(one, ("Maneuver",)) for one in group.list("CatalogReference")
-        ]
+        references = group.list("CatalogReference")
+        referred = [self.reading.catalogs.resolve(reference, ("Maneuver",)) for reference in references]
         for maneuver in [*referred, *group.list("Maneuver")]:
-            entry = any(maneuver is one for one in referred)
-            declarations = None if entry else maneuver.find("ParameterDeclarations")
+            declarations = None if maneuver in referred else maneuver.find("ParameterDeclarations")
             with self.parameters.scope(declarations), self._named(maneuver, "maneuver", act):
                 self._read_maneuver(maneuver, act, chosen)
         if count > 1:
@@ -160,9 +158,8 @@ class StoryReader:
         trigger = () if start is None else self._read_trigger(start, chosen)
         actions = tuple(range(first, len(self.actions)))
         name, overrides = event.attribute("name"), priority in ("override", "overwrite")
-        count = self._count(event)
-        waits = priority == "skip"
-        self.events.append(Event(name, act, self.maneuvers, trigger, actions, overrides, count, waits))
+        how = overrides, self._count(event), priority == "skip"
+        self.events.append(Event(name, act, self.maneuvers, trigger, actions, *how))
 
     def _find_triggering(self, event: Element) -> list[int]:
         # Entities that may meet the trigger of an event, or of its act where it has none.
@@ -200,14 +197,12 @@ class StoryReader:
         for group in trigger.list("ConditionGroup"):
             first = len(self.conditions)
             for condition in group.list("Condition"):
-                if (state := condition.find("ByValueCondition")) is not None and (
-                    element := state.find("StoryboardElementStateCondition")
-                ):
-                    self._waiting.append((len(self.conditions), element))
-                found = self.asking.read(condition)
-                if chosen is not None and chosen in found.entities:
-                    found = replace(found, entities=(chosen,))
-                self.conditions.append(found)
+                asked = self.asking.read(condition)
+                if asked.kind == "state":
+                    self._waiting.append((len(self.conditions), condition.choice().choice()))
+                if chosen is not None and chosen in asked.entities:
+                    asked = replace(asked, entities=(chosen,))
+                self.conditions.append(asked)
             if len(self.conditions) == first:
                 raise group.error("has no condition")
             groups.append(tuple(range(first, len(self.conditions))))
@@ -215,22 +210,22 @@ class StoryReader:
             trigger.note("a trigger without conditions is met at once")
         return tuple(groups)
 
-    def _resolve_state(self, index: int, one: Element) -> None:
-        kind, name = (self.parameters.text(one, f"storyboardElement{part}") for part in ("Type", "Ref"))
-        state = self.parameters.choose(one, "state", _STATES)
+    def _resolve_state(self, index: int, element: Element) -> None:
+        kind, name = (self.parameters.text(element, f"storyboardElement{end}") for end in ("Type", "Ref"))
+        state = self.parameters.choose(element, "state", _STATES)
         parts = tuple(re.split("::|/", name))
-        found = [each for each in self.elements if (each.kind, each.path[-len(parts) :]) == (kind, parts)]
-        if not found:
-            raise one.error(f"there is no {kind} {name!r}")
-        if len(found) > 1:
-            text = f"there are {len(found)} elements {kind} {name!r}"
-            raise one.error(text, f"say which one: {'::'.join(found[0].path)}")
-        events = found[0].events
-        if found[0].actions:  # an event of its own, which begins with the whole one
+        matches = [each for each in self.elements if (each.kind, each.path[-len(parts) :]) == (kind, parts)]
+        if not matches:
+            raise element.error(f"there is no {kind} {name!r}")
+        if len(matches) > 1:
+            text = f"there are {len(matches)} elements {kind} {name!r}"
+            raise element.error(text, f"say which one: {'::'.join(matches[0].path)}")
+        events = matches[0].events
+        if matches[0].actions:  # an event of its own, which begins with the whole one
             whole = self.events[events[0]]
-            single = replace(whole, maneuver=-2, actions=found[0].actions, overrides=False, whole=events[0])
+            single = replace(whole, maneuver=-2, actions=matches[0].actions, overrides=False, whole=events[0])
             events = (len(self.events),)
             self.events.append(single)
         self.conditions[index] = replace(
-            self.conditions[index], events=events, state=state, begin=found[0].begin, act=found[0].act
+            self.conditions[index], events=events, state=state, begin=matches[0].begin, act=matches[0].act
         )

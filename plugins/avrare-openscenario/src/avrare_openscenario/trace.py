@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,16 +27,12 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
         until: End [s].
     """
     traffic = ActedTraffic(file, dt)
-    states = [_describe(traffic.maps, points) for points in _drive(traffic, until)]
-    return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
-
-
-def _drive(traffic: ActedTraffic, until: float) -> Iterator[Vehicles]:
     _, memory = traffic.start(1, {})
-    yield memory.points
-    for step in range(round(until / traffic.dt)):
+    states = [_describe(traffic.maps, memory.points)]
+    for step in range(round(until / dt)):
         memory = traffic.step(memory, np.array([step]), None)
-        yield memory.points
+        states.append(_describe(traffic.maps, memory.points))
+    return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
 
 
 def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None:

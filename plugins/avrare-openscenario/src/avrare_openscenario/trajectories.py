@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avrare.protocols import Floats
+from avrare_openscenario.courses import Integers
 from avrare_openscenario.story import Place, Trajectory
 
-Integers = NDArray[np.int64]
 Pose = tuple[Floats, Floats, Floats]
 _CORNER = 2.0
 """Most way before and after a corner of a polyline on which a body turns [m]."""
@@ -81,8 +80,8 @@ class Path:
         last = headings.shape[1] - 1
         here, length = headings[rows, begin], lengths[rows, begin]
         turned = np.array(here)
-        for beside, left in ((begin - 1, share), (begin + 1, 1.0 - share)):
-            other = np.clip(beside, 0, last)
+        for neighbour, left in ((begin - 1, share), (begin + 1, 1.0 - share)):
+            other = np.clip(neighbour, 0, last)
             reach = np.minimum(_CORNER, 0.5 * np.minimum(length, lengths[rows, other]))
             near = np.clip(1.0 - left * length / np.maximum(reach, 1e-9), 0.0, 1.0)
             turned += 0.5 * near * (headings[rows, other] - here)

@@ -106,8 +106,8 @@ class Ways:
             return bool(ways) and station < roads.line.length + _BEYOND
         if leg is after:
             return False
-        found = self._find_leg(k, points)[0]
-        return found is not None and found.lane != leg.lane
+        place = self._find_leg(k, points)[0]
+        return place is not None and place.lane != leg.lane
 
     def _renew(self, k: int, points: Vehicles) -> Vehicles:
         leg, (s, d, heading) = self._find_leg(k, points)

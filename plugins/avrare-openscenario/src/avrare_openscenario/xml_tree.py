@@ -50,24 +50,24 @@ class Element:
 
     def find(self, tag: str) -> Element | None:
         """Return the only child with this name, or None."""
-        found = self.list(tag)
-        if len(found) > 1:
-            raise found[1].error(f"a second {tag} in {self.tag}")
-        return found[0] if found else None
+        children = self.list(tag)
+        if len(children) > 1:
+            raise children[1].error(f"a second {tag} in {self.tag}")
+        return children[0] if children else None
 
     def child(self, tag: str) -> Element:
         """Return the only child with this name."""
-        found = self.find(tag)
-        if found is None:
+        child = self.find(tag)
+        if child is None:
             raise self.error(f"lacks the element {tag}")
-        return found
+        return child
 
     def list(self, tag: str) -> list[Element]:
         """Return all children with this name."""
-        found = [one for one in self.children if one.tag == tag]
-        for one in found:
-            one._known = True
-        return found
+        children = [child for child in self.children if child.tag == tag]
+        for child in children:
+            child._known = True
+        return children
 
     def choice(self, *tags: str) -> Element:
         """Return the first child, which must have one of these names if there are any."""
@@ -83,6 +83,10 @@ class Element:
         """Return an attribute, or None."""
         self._asked.add(name)
         return self.attributes.get(name)
+
+    def ignore(self, *names: str) -> None:
+        """Count attributes as understood: they change nothing."""
+        self._asked.update(names)
 
     def attribute(self, name: str) -> str:
         """Return an attribute that must be there."""
@@ -104,15 +108,15 @@ class Element:
 
     def skip(self) -> None:
         """Count the element and all within it as understood: it changes nothing."""
-        for one in self.walk():
-            one._known = True
-            one._asked.update(one.attributes)
+        for element in self.walk():
+            element._known = True
+            element._asked.update(element.attributes)
 
     def skip_children(self, *tags: str) -> None:
         """Skip the children with these names."""
         for tag in tags:
-            for one in self.list(tag):
-                one.skip()
+            for child in self.list(tag):
+                child.skip()
 
     def skip_everywhere(self, *tags: str) -> None:
         """Skip the elements with these names at any depth."""
@@ -121,7 +125,7 @@ class Element:
 
     def list_names(self, within: str, attribute: str) -> set[str]:
         """Return what the children of all elements with a name have as an attribute."""
-        children = (child for one in self.walk() if one.tag == within for child in one.children)
+        children = (child for element in self.walk() if element.tag == within for child in element.children)
         return {name for child in children if (name := child.attributes.get(attribute)) is not None}
 
     def pass_over(self, note: str) -> None:
@@ -135,21 +139,21 @@ class Element:
 
     def notes(self) -> tuple[str, ...]:
         """Return the notes on it and all within it, each with its place."""
-        return tuple(f"{one.path}:{one.line}: {one.tag}: {one._note}" for one in self.walk() if one._note)
+        noted = (element for element in self.walk() if element._note)
+        return tuple(f"{element.path}:{element.line}: {element.tag}: {element._note}" for element in noted)
 
     def refuse_unread(self) -> None:
         """Raise an error at the first element or attribute in it that was not asked for.
 
         Elements without attributes and children say nothing.
         """
-        for one in self.walk():
-            for child in one.children:
+        for element in self.walk():
+            for child in element.children:
                 if not child._known and (child.children or child.attributes):
-                    raise child.error(
-                        f"is not read in {one.tag}", "see docs/openscenario.md for what is; or take it out"
-                    )
-            if unread := sorted(set(one.attributes) - one._asked):
-                raise one.error(f"the attribute {unread[0]} is not read", "see docs/openscenario.md")
+                    hint = "see docs/openscenario.md for what is; or take it out"
+                    raise child.error(f"is not read in {element.tag}", hint)
+            if unread := sorted(set(element.attributes) - element._asked):
+                raise element.error(f"the attribute {unread[0]} is not read", "see docs/openscenario.md")
 
     def walk(self) -> Iterator[Element]:
         """Return the element and all within it."""
@@ -207,9 +211,9 @@ class _Builder:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if len(self.open) >= _DEEPEST:
             raise UsageError(f"{self._here()}: more than {_DEEPEST} elements within each other")
-        own = {name: text for name, text in attributes.items() if ":" not in name and name != "xmlns"}
+        written = {name: text for name, text in attributes.items() if ":" not in name and name != "xmlns"}
         place = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
-        element = Element(tag.rpartition(":")[2], self.path, *place, own)
+        element = Element(tag.rpartition(":")[2], self.path, *place, written)
         if self.open:
             self.open[-1].children.append(element)
         else:
