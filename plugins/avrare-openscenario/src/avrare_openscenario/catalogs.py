@@ -14,15 +14,8 @@ from avrare_openscenario.xml_tree import Element, read_xml
 _SUFFIX = ".xosc"
 _MOST = 100_000
 """Most elements that entries put into a scenario."""
-READ = (
-    "VehicleCatalog",
-    "PedestrianCatalog",
-    "MiscObjectCatalog",
-    "ManeuverCatalog",
-    "TrajectoryCatalog",
-    "RouteCatalog",
-)
-"""Locations that are looked into."""
+_KINDS = ("Vehicle", "Pedestrian", "MiscObject", "Maneuver", "Trajectory", "Route")
+"""Catalogs whose locations are looked into."""
 
 
 class Catalogs:
@@ -50,12 +43,13 @@ class Catalogs:
         self._entries: list[Element] = []
         self._read: dict[str, Element] | None = None
         self._copied = 0
-        folders = [] if locations is None else [folder for tag in READ for folder in locations.list(tag)]
+        folders: list[Element] = []
+        if locations is not None:
+            folders = [folder for kind in _KINDS for folder in locations.list(f"{kind}Catalog")]
+            locations.skip()
         paths = [parameters.path(folder.child("Directory"), "path") for folder in folders]
         self._folders = list(dict.fromkeys(map(os.path.normpath, paths)))
         self._given = list(given)
-        if locations is not None:
-            locations.skip()
 
     def find(self, holder: Element, tag: str) -> Element:
         """Return the only child with this name, or the entry that the holder refers to instead."""

@@ -63,37 +63,42 @@ def _list_connections(
             target = None if link is None else link.find(side)
             if target is None:
                 continue
-            ways = connections.setdefault((id(roads), direction), [])
-            name = target.attributes.get("elementId", "")
-            if target.attributes.get("elementType") != "junction":
-                into = 1 if target.attributes.get("contactPoint", "start") == "start" else -1
-                if (other := network.find(name)) is not None:
-                    lanes = _lane_links(road, side, -1 if direction > 0 else 0)
-                    lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
-                    ways.append(Connection(other, into, lanes))
-                continue
-            if (junction := junctions.get(name)) is None:
-                continue
-            signs = _list_signs(road)
-            for way in junction.list("connection"):
-                connecting = way.attributes.get("connectingRoad") or way.attributes.get("linkedRoad", "")
-                other = network.find(connecting)
-                if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
-                    continue
-                into = 1 if way.attributes.get("contactPoint", "start") == "start" else -1
-                lanes = {int(pair.number("from")): int(pair.number("to")) for pair in way.list("laneLink")}
-                lanes = lanes or {lane: lane * into * direction for lane in roads.lanes}
-                ranks = [
-                    rank
-                    for priority in junction.list("priority")
-                    for side, rank in (("high", 2), ("low", 0))
-                    if priority.attributes.get(side) == connecting
-                ]
-                rank = min([*ranks, *(_RANKS[sign] for sign in signs if sign in _RANKS)], default=1)
-                ends = sorted(begin for begin in other.begins.values() if begin > other.begins[connecting])
-                span = other.begins[connecting], [*ends, other.line.length][0]
-                ways.append(Connection(other, into, lanes, span, name, rank, _LIGHT in signs))
+            name, ways = target.attributes.get("elementId", ""), list[Connection]()
+            if target.attributes.get("elementType") == "junction":
+                ways = _list_crossings(junctions[name], road, network) if name in junctions else []
+            elif (other := network.find(name)) is not None:
+                lanes = _lane_links(road, side, -1 if direction > 0 else 0)
+                ways = [Connection(other, _find_direction(target), lanes)]
+            leads = connections.setdefault((id(roads), direction), [])
+            for way in ways:
+                same = {lane: lane * way.direction * direction for lane in roads.lanes}
+                leads.append(replace(way, lanes=way.lanes or same))
     return connections
+
+
+def _list_crossings(junction: Element, road: Element, network: Network) -> list[Connection]:
+    # Ways of a road through a junction.
+    ways, signs = [], _list_signs(road)
+    for way in junction.list("connection"):
+        connecting = way.attributes.get("connectingRoad") or way.attributes.get("linkedRoad", "")
+        other = network.find(connecting)
+        if other is None or way.attributes.get("incomingRoad") != road.attributes["id"]:
+            continue
+        lanes = {int(pair.number("from")): int(pair.number("to")) for pair in way.list("laneLink")}
+        ranks = [_RANKS[sign] for sign in signs if sign in _RANKS]
+        for priority in junction.list("priority"):
+            sides = (("high", 2), ("low", 0))
+            ranks += [rank for side, rank in sides if priority.attributes.get(side) == connecting]
+        ends = [begin for begin in other.begins.values() if begin > other.begins[connecting]]
+        span = other.begins[connecting], min(ends, default=other.line.length)
+        name, rank = junction.attributes.get("id", ""), min(ranks, default=1)
+        ways.append(Connection(other, _find_direction(way), lanes, span, name, rank, _LIGHT in signs))
+    return ways
+
+
+def _find_direction(element: Element) -> int:
+    # Direction in which a road is driven that is entered at the point of contact of a link.
+    return 1 if element.attributes.get("contactPoint", "start") == "start" else -1
 
 
 def _list_signs(road: Element) -> set[str]:

@@ -134,22 +134,9 @@ def read_scenario(
     entries = Catalogs(top.find("CatalogLocations"), parameters, catalogs, allowed)
     top.skip_children("MonitorDeclarations")
     named = top.child("RoadNetwork")
-    named.skip_children("SceneGraphFile", "UsedArea")
-    logic = named.find("LogicFile")
-    if logic is None and road is None:
-        if ego is not None:
-            raise named.error("names no LogicFile", "the lanes must be known")
-        named.note("names no road: vehicles move in the open plane")
-        file, roads = "", open_plane()
-    else:
-        file = road or parameters.path(logic or named, "filepath")
-        if logic is not None:
-            logic.get("filepath")
-        if allowed is not None:
-            allowed(file, "RoadNetwork: LogicFile")
-        if not os.path.isfile(file):
-            raise (logic or named).error(f"there is no road file {file}", "name it with the option `road`")
-        roads = read_lanelet_map(file, logic or named) if is_lanelet_map(file) else read_opendrive(file)
+    file, roads = _read_roads(named, parameters, road, allowed)
+    if ego is not None and not file:
+        raise named.error("names no LogicFile", "the lanes must be known")
     entities = top.child("Entities")
     bodies = _read_bodies(entities, parameters, entries, ego)
     names = [body.name for body in bodies]
@@ -185,6 +172,25 @@ def read_scenario(
         story,
         notes,
     )
+
+
+def _read_roads(
+    block: Element, parameters: Parameters, road: str | None, allowed: Callable[[str, str], None] | None
+) -> tuple[str, Network]:
+    # The road file, empty where there is none, and its roads.
+    block.skip_children("SceneGraphFile", "UsedArea")
+    logic = block.find("LogicFile")
+    if logic is None and road is None:
+        block.note("names no road: vehicles move in the open plane")
+        return "", open_plane()
+    element = logic or block
+    file = road or parameters.path(element, "filepath")
+    element.ignore("filepath")
+    if allowed is not None:
+        allowed(file, "RoadNetwork: LogicFile")
+    if not os.path.isfile(file):
+        raise element.error(f"there is no road file {file}", "name it with the option `road`")
+    return file, read_lanelet_map(file, element) if is_lanelet_map(file) else read_opendrive(file)
 
 
 def _find_roads(story: Storyboard, roads: Network, parameters: Parameters) -> tuple[RoadMap, ...]:
