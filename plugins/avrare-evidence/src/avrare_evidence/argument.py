@@ -25,8 +25,6 @@ from avrare_evidence.sources import Source
 
 Sheet = dict[str, Any]
 """Content of a test-case sheet."""
-_OF_BALANCES = {"positive": "pass", "negative": "fail", "not known": "inconclusive"}
-"""Verdict of a risk balance -> that of the claim on it."""
 _FAULTS = {"fail": "does not keep to", "inconclusive": "reaches past"}
 """Verdict -> relation of the interval to the bound."""
 
@@ -91,7 +89,7 @@ def _claim_rates(source: Source, rates: CatalogueRates) -> Iterator[Claim]:
     for balance in rates.balances:
         ratio = None if math.isnan(balance.ratio) else balance.ratio
         low, high = balance.interval
-        verdict = _OF_BALANCES[balance.verdict]
+        verdict = {"positive": "pass", "negative": "fail"}.get(balance.verdict, "inconclusive")
         measure = Measure(balance.rule, ratio, low, high, "less often", verdict, "times as often", None)
         subject = f"{source.name}: the stack breaks {balance.rule}"
         yield _make_claim(source, subject, f" than {rates.driver}", measure, source.file, "")

@@ -27,7 +27,6 @@ _OPTIONS: Options = {
     **SAFE,
     **DISPLAY,
 }
-_CODES = {"agree": ExitCode.PASS, "disagree": ExitCode.FAIL, "not decided": ExitCode.INCONCLUSIVE}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,4 +44,5 @@ def execute(args: argparse.Namespace) -> int:
     write_files(folder, {CONFIRMATION: dump_yaml(content)})
     show(args, content, [confirmation])
     say_beside(args, f"sheet to sign: {folder / CONFIRMATION}")
-    return int(_CODES[confirmation.outcome])
+    codes = {"agree": ExitCode.PASS, "disagree": ExitCode.FAIL, "not decided": ExitCode.INCONCLUSIVE}
+    return int(codes[confirmation.outcome])

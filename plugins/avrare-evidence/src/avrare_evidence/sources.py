@@ -25,7 +25,6 @@ from avrare.scenario.fingerprint import fingerprint
 
 CHECK, MANIFEST = "check.json", "manifest.json"
 _HINT = "give a folder that avrare run, check or rate has written"
-_AGAIN = "run it again; relative paths in its options are those of the folder from which it was called"
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,8 @@ def _read_run(folder: Path) -> Run:
     if run.changes:
         raise UsageError("; ".join(run.changes), "evidence is of files as they were written: run it again")
     if run.definition is None:
-        raise UsageError(f"{folder}: its scenario cannot be loaded: {run.build_errors[0]}", _AGAIN)
+        hint = "run it again; relative paths in its options are those of the folder from which it was called"
+        raise UsageError(f"{folder}: its scenario cannot be loaded: {run.build_errors[0]}", hint)
     if fingerprint(run.definition) != run.fingerprint:
         text = f"{folder}: versions or files that its options name are missing, or have changed since the run"
         again = "run it again; relative paths in its options are those of the folder from which it was called"

@@ -19,7 +19,6 @@ from avrare.protocols import Floats, System
 from avrare_linear.gaussian import TrajectoryGaussian
 
 _STEP = 1e-30
-_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,7 @@ def _refuse_without_noise(factor: Floats, mean: Floats, spread: Floats) -> None:
     noisy = factor @ np.linalg.pinv(factor)
     lost = np.concatenate([mean - mean @ noisy.T, (spread - noisy @ spread).reshape(len(mean), -1)], axis=1)
     scale = max(np.abs(mean).max(initial=0.0), np.abs(spread).max(initial=0.0))
-    if np.abs(lost).max(initial=0.0) > _TOLERANCE * scale:
+    if np.abs(lost).max(initial=0.0) > 1e-7 * scale:
         raise UsageError(
             "the parameter changes signals in a direction without noise: samples do not give the gradient",
             "give initial covariance and process noise to all states",

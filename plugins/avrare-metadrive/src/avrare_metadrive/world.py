@@ -20,7 +20,6 @@ from avrare_metadrive.process import Process, RootProcess
 
 ENGINE = "avrare_metadrive.engine"
 """Module that the processes run."""
-_OVER = SIGNALS.index("over")
 
 
 def build(config: MetaDriveConfig, scene: object | None = None) -> Worlds:
@@ -93,7 +92,7 @@ class MetaDriveWorld(World):
 
     def step(self, action: Floats, noise: Floats) -> None:
         """Advance by 0.1 s with an action (2,)."""
-        if not self._numbers[_OVER]:
+        if not self._numbers[SIGNALS.index("over")]:
             steering, throttle = action.tolist()
             self._see(self._running().call("step", steering, throttle), noise)
 

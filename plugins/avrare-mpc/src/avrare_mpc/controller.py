@@ -20,9 +20,6 @@ from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
 from avrare_mpc.stopping import stopping_acceleration
 
-_EARLIER = 0.5
-"""Factor on the deceleration that one plans with that brakes earlier."""
-
 
 class MpcController(Controller):
     """Controller that plans H steps ahead around the predicted vehicles and applies the first input.
@@ -71,7 +68,7 @@ class MpcController(Controller):
         """Return one that brakes earlier, or stops at all, and one that searches more plans."""
         changes: dict[str, dict[str, object]] = {"stops where it cannot pass": {"stops": True}}
         if self._config.stops:
-            changes = {"brakes earlier": {"stop_braking": _EARLIER * self._config.stop_braking}}
+            changes = {"brakes earlier": {"stop_braking": 0.5 * self._config.stop_braking}}
         if self._config.search != "everywhere":
             changes["looks for a plan everywhere"] = {"search": "everywhere"}
         return {

@@ -51,7 +51,6 @@ _COLUMNS = {
     "err_rot_y": "error_yaw",
     "err_rot_z": "error_yaw",
 }
-_VISIBILITY_OF_OCCLUSION = np.array([4.0, 2.0, 1.0, 2.0])
 
 
 def convert(inputs: Path, labels: Path) -> DetectionTable:
@@ -77,7 +76,8 @@ def _visibility(occlusion: Floats, path: Path, lines: Sequence[int]) -> Floats:
     if not valid.all():
         first = int(np.argmin(valid))
         raise UsageError(f"{path}:{lines[first]}: occlusion: {occlusion[first]:g} is not 0, 1, 2 or 3")
-    return _VISIBILITY_OF_OCCLUSION[occlusion.astype(np.intp)]
+    visibility = np.array([4.0, 2.0, 1.0, 2.0])  # of each occlusion
+    return visibility[occlusion.astype(np.intp)]
 
 
 def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Sequence[str]]:

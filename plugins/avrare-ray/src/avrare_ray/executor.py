@@ -19,8 +19,6 @@ from avrare.rollout.executors.work import Task, Work
 from avrare.rollout.executors.worker_pool import WorkerLost, WorkerPool
 from avrare_ray.config import RayConfig
 
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-
 
 def build(config: RayConfig, scene: object | None = None) -> RayExecutor:
     """Build the executor of a scenario or a call."""
@@ -67,7 +65,8 @@ class RayExecutor(WorkerPool):
 
     def start_worker(self) -> RayWorker:
         """Start an actor."""
-        environment = {**_ONE_THREAD, **self.config.runtime_env.get("env_vars", {})}
+        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        environment = {**one_thread, **self.config.runtime_env.get("env_vars", {})}
         remote = self._ray.remote(
             num_cpus=self.config.cpus_per_worker,
             max_restarts=0,

@@ -20,11 +20,10 @@ from avrare.base.errors import UsageError
 from avrare.plugin import Options
 from avrare_traffic_rules.rulebook import Rulebook, read, read_shipped
 
-_LIMITS = {"ge": "at least", "gt": "above", "lt": "below"}
-
 
 def _option(default: Any, unit: str, text: str, source: str, **limits: Any) -> Any:
-    bounds = "".join(f", {_LIMITS[kind]} {limit:g}" for kind, limit in limits.items())
+    comparisons = {"ge": "at least", "gt": "above", "lt": "below"}
+    bounds = "".join(f", {comparisons[kind]} {limit:g}" for kind, limit in limits.items())
     words = f"{text} [{unit}]{bounds}" if unit else f"{text}{bounds}"
     words += f"; {source}" if source != "ours" else ""
     extra: Any = {"unit": unit, "source": source}

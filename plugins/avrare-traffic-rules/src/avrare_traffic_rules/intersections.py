@@ -16,8 +16,6 @@ from avrare_traffic_rules.vocabulary import Setting, predicate
 LIT = frozenset({"on_red_line", "on_yellow_line", "before_yellow_line", "can_stop_at_yellow"})
 """Names of the predicates that read the colours of lights."""
 
-_ALIGNED = 0.25 * np.pi  # largest angle between a vehicle and the way that it drives on [rad]
-
 
 @predicate("longitudinal")
 def at_stop_line(s: Setting, a: Bodies) -> Floats:
@@ -157,7 +155,8 @@ def _on_way(s: Setting, a: Bodies, line: ReferenceLine, half_width: float) -> tu
     station, offset = line.to_road(plane.x, plane.y)
     turned = np.remainder(plane.heading - line.heading(station) + np.pi, 2.0 * np.pi) - np.pi
     sideways = (half_width - np.abs(offset)) / s.scales.lateral
-    return station, np.minimum(sideways, (_ALIGNED - np.abs(turned)) / s.scales.heading)
+    along_way = (0.25 * np.pi - np.abs(turned)) / s.scales.heading  # turned by less than 45 degrees
+    return station, np.minimum(sideways, along_way)
 
 
 def _reach(s: Setting, a: Bodies, station: Floats, begin: float, end: float) -> Floats:

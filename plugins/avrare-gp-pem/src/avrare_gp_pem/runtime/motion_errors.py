@@ -23,7 +23,6 @@ from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import YawErrors
 from avrare_gp_pem.runtime.visibility import relative
 
-_QUARTER = np.pi / 2
 _NO_FLIP = 8.0
 _SPEED, _HEADING = ("speed error across",), ("flip of heading", "heading error")
 
@@ -83,7 +82,7 @@ class MotionErrorPem:
             flipped = normal.cdf(parts[_HEADING[0]]) < self.heading.flip_probability(distance)
             scale = self.heading.scale[0] + self.heading.scale[1] * distance
             rest = scale * student(float(self.heading.dof)).draw_truncated(
-                parts[_HEADING[1]], _QUARTER / scale
+                parts[_HEADING[1]], 0.5 * np.pi / scale
             )
             error = rest + np.where(flipped, np.pi, 0.0)
             seen = replace(seen, heading=_wrap(others.heading - error) + missing)

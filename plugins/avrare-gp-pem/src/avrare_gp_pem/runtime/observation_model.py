@@ -21,12 +21,12 @@ from avrare_gp_pem.runtime.student_t import student
 
 NOISE_PER_VEHICLE = 4
 """Detection, error along, error across, speed."""
-_NOISE = ("detection", "longitudinal error", "lateral error", "speed error")
 
 
 def noise_names(vehicles: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the noise numbers of an observation of these vehicles."""
-    return tuple(f"{kind} of {vehicle}" for vehicle in vehicles for kind in _NOISE)
+    kinds = ("detection", "longitudinal error", "lateral error", "speed error")
+    return tuple(f"{kind} of {vehicle}" for vehicle in vehicles for kind in kinds)
 
 
 def perfect_noise(vehicles: Sequence[str]) -> tuple[float, ...]:

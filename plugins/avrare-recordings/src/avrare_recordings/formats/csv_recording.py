@@ -25,8 +25,6 @@ VEHICLE_COLUMNS = ("vehicle", "x", "y", "heading", "speed", "length", "width")
 _EGO = "ego"
 _ALIASES = ("vehicleid", "id", "trackid", "objectid", "carid", "name", "vehicles", "car", "track", "object")
 """Names of the column ``vehicle`` in other formats, ignoring case, ``_`` and ``-``."""
-_OFF_GRID = 0.25  # largest distance of a row from its sample, as a share of a step
-_JITTER = 0.05  # largest deviation of a step from the usual one, as a share of it
 
 
 def read_csv(path: str, ego: str = _EGO, road: Road | None = None) -> Recording:
@@ -239,7 +237,7 @@ def _place(table: CsvTable, vehicle: _VehicleRows, start: float, dt: float, samp
     near = np.flatnonzero((exact > -1.0) & (exact < samples))  # of any size, even infinite
     at = np.rint(exact[near]).astype(np.int64)
     near, at = near[(at >= 0) & (at < samples)], at[(at >= 0) & (at < samples)]
-    for row in near[np.abs(exact[near] - at) > _OFF_GRID][:1]:
+    for row in near[np.abs(exact[near] - at) > 0.25][:1]:  # of a step
         text = f"{vehicle.name!r} at {vehicle.times[row]:g} s lies between two samples of the ego"
         where = table.position(vehicle.rows[row], _find_time_column(table))
         raise UsageError(f"{where}: {text}", "resample the recording")
@@ -278,7 +276,7 @@ def _find_step(table: CsvTable, times: Floats, rows: Sequence[int]) -> float:
     wrong = np.flatnonzero(steps <= 0.0)
     if not len(wrong):
         with np.errstate(invalid="ignore"):  # infinite steps: told below
-            wrong = np.flatnonzero(np.abs(steps - usual) > _JITTER * usual)
+            wrong = np.flatnonzero(np.abs(steps - usual) > 0.05 * usual)
     if len(wrong):
         k = int(wrong[0])
         where = table.position(rows[k + 1], _find_time_column(table))

@@ -19,7 +19,6 @@ from avrare.analysis.monitor.monitoring import (
 from avrare.base.number_format import format_robustness
 from avrare.protocols import Floats
 
-_WIDTH = 80
 _CHART_WIDTH = 64
 _UP_BLOCKS, _DOWN_BLOCKS = " ▁▂▃▄▅▆▇█", " ▔▀█"
 _UP_ROWS, _DOWN_ROWS = 4, 3
@@ -53,7 +52,7 @@ def _wrap_formula_lines(formula: str) -> list[str]:
 
 def _wrap(line: str, indent: str) -> str:
     return textwrap.fill(
-        line, _WIDTH, initial_indent=indent, subsequent_indent=indent + "    ", break_on_hyphens=False
+        line, 80, initial_indent=indent, subsequent_indent=indent + "    ", break_on_hyphens=False
     )
 
 

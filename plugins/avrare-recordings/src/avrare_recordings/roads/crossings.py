@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _PRIORITY = {"PRIORITY": 2, "RIGHT_OF_WAY": 2, "YIELD": 0, "STOP": -1}
 """Rank of an incoming lanelet by its sign; 1 without one."""
-_COLOURS = {"red": RED, "redYellow": RED, "yellow": YELLOW}
 _TURNS = ("left", "straight", "right")
 
 
@@ -139,7 +138,8 @@ def _is_for(light: TrafficLight, turn: str) -> bool:
 
 
 def _colour(light: TrafficLight, step: int) -> float:
-    return _COLOURS.get(str(light.get_state_at_time_step(step).value), GREEN)
+    state = str(light.get_state_at_time_step(step).value)
+    return {"red": RED, "redYellow": RED, "yellow": YELLOW}.get(state, GREEN)
 
 
 def _list_ways(
