@@ -14,7 +14,6 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
-_MAX_DISTURBANCES = 8
 _NEUTRAL_FACTOR = 3.0
 """Errors are described above this multiple of the largest one without noise."""
 _USUAL_DRAW = 0.5
@@ -34,7 +33,6 @@ _MAX_LENGTHS = 100
 """Lengths of a stretch that are tried."""
 _NEAR_PEAK_SHARE = 0.95
 """Share of the least likely sum above which a longer stretch is preferred."""
-_MAX_CAUSES = 3
 
 
 def format_time(step: int, dt: float | None) -> str:
@@ -86,7 +84,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
     """Join disturbances to one sentence; of a long list the smallest ones are only counted."""
     if not disturbances:
         return "nothing is disturbed"
-    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_DISTURBANCES]
+    largest = sorted(disturbances, key=lambda each: -each.magnitude)[:8]
     largest = [each for each in largest if each.magnitude] or largest[:1]
     largest.sort(key=lambda each: each.step)
     phrases, previous = [], ""
@@ -152,7 +150,7 @@ def find_common_noise(
         if drifts or wide:
             magnitude = max([abs(score) for _, _, score in drifts] + [each.magnitude for each in wide])
             disturbances += words.describe_mean(channel, drifts, rollouts, shares, magnitude) or wide
-    return sorted(disturbances, key=lambda each: -each.magnitude)[:_MAX_CAUSES]
+    return sorted(disturbances, key=lambda each: -each.magnitude)[:3]
 
 
 def _find_drifts(numbers: Floats, least: float) -> Iterator[tuple[int, int, float]]:

@@ -13,11 +13,6 @@ from avrare.base.errors import ExitCode, PluginError, UsageError
 if TYPE_CHECKING:
     from avrare_pem_training.cleaning import CleanedData
 
-_DATA = (
-    "CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, height, "
-    "visibility, detected, error_right, error_forward, error_yaw, track, time, ghost [m, rad, s]; see "
-    "docs/perception.md"
-)
 _ARTEFACT = {"auto": None, "yes": True, "no": False}
 
 
@@ -89,7 +84,14 @@ def _period(text: str) -> float:
 
 
 def _add_data(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", type=Path, metavar="DATA", help=_DATA)
+    parser.add_argument(
+        "data",
+        type=Path,
+        metavar="DATA",
+        help="CSV of annotated vehicles in the order of recording: right, forward, yaw, length, width, "
+        "height, visibility, detected, error_right, error_forward, error_yaw, track, time, ghost "
+        "[m, rad, s]; see docs/perception.md",
+    )
     parser.add_argument(
         "--artefact",
         choices=tuple(_ARTEFACT),

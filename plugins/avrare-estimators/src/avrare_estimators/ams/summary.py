@@ -27,10 +27,6 @@ from avrare_estimators.common.looks import Looks
 
 _MOST_TIES = 2.0
 """Ratio of discarded to requested particles, median over the levels."""
-_STATIC = (
-    "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw no "
-    "failure count as 0; use ess"
-)
 
 
 def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
@@ -44,7 +40,11 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
     roots = _count_roots(ended, values)
     warnings = health.check_runs(values.tolist(), roots)
     if plan.steps == 0:  # more particles or fewer discards are no cure
-        warnings |= {name: _STATIC for name in ("extinct", "few_roots") if name in warnings}
+        static = (
+            "without steps there is nothing to branch from: splitting is Monte Carlo here, and runs that saw "
+            "no failure count as 0; use ess"
+        )
+        warnings |= {name: static for name in ("extinct", "few_roots") if name in warnings}
     discarded = [[count for _, count in levels] for levels in ended.levels]
     warnings |= health.check_errors(tally.errors, tally.rollouts, plan.max_error_rate, tally.messages)
     if probability == 1.0:

@@ -106,8 +106,9 @@ _Kernel = Annotated[
     PcnConfig | ShrinkConfig | LipschitzConfig | GrowingLipschitzConfig | BayesianConfig,
     Field(discriminator="name"),
 ]
-_NAMES_ALONE = Literal["pcn", "shrink", "lipschitz_growing", "bayesian"]
-KernelConfig = Annotated[_Kernel, allow_name(_NAMES_ALONE, _Kernel)]
+KernelConfig = Annotated[
+    _Kernel, allow_name(Literal["pcn", "shrink", "lipschitz_growing", "bayesian"], _Kernel)
+]
 
 
 class NestedLevelsConfig(GrowingConfig):

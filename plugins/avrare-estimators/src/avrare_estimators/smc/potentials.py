@@ -19,7 +19,6 @@ from avrare_estimators.smc.network import Examples, Network, fit
 
 _LEAST_HITS = 15.0
 """Effective rollouts beyond a level that is learnt."""
-_LADDER = 10.0 ** (-np.arange(1, 25) / 2.0)
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ def _choose_levels(paths: Paths) -> tuple[Floats, Floats]:
     order = np.argsort(-depth, kind="stable")
     beyond = np.cumsum(weights[order])
     levels: dict[float, float] = {}
-    for chance in _LADDER:
+    for chance in 10.0 ** (-np.arange(1, 25) / 2.0):
         level = float(depth[order[min(int(np.searchsorted(beyond, chance)), len(order) - 1)]])
         hit = depth >= level
         if effective_size(weights[hit]) < _LEAST_HITS or np.isinf(level):

@@ -23,8 +23,6 @@ _HALF = 0.5
 """Failures of the stack that a pilot is taken to have seen beyond those that it saw, evenly over its tapes:
 where none was seen, some may still be."""
 _LEAST_RATE = 0.005
-_RATES = np.logspace(-3.0, 4.0, 281)
-"""Factors that are tried between the rates and the roots of the probabilities."""
 GAIN = 1.3
 """Foreseen gain below which plain Monte Carlo is taken: the pilot may be wrong by some."""
 _LOSS = 0.95
@@ -123,7 +121,8 @@ def _plan(twin: Bools, robustness: Floats, stack: Bools, cost: float) -> tuple[B
     shares = sizes / len(band)
     # Var is proportional to sum(share chance / rate), the cost to cost + sum(share rate): Neyman's
     # allocation has rates proportional to the roots of the chances, and the factor is found by trial.
-    rates = np.clip(_RATES[:, None] * np.sqrt(chances), _LEAST_RATE, 1.0)
+    factors = np.logspace(-3.0, 4.0, 281)  # between the rates and the roots of the probabilities
+    rates = np.clip(factors[:, None] * np.sqrt(chances), _LEAST_RATE, 1.0)
     product = ((shares * chances) / rates).sum(axis=1) * (cost + (shares * rates).sum(axis=1))
     best = rates[int(np.argmin(product))]
     return Bands(limits, best), chances[band]

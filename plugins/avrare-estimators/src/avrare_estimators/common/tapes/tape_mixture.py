@@ -27,7 +27,6 @@ _LEAST_SHARE = 1e-3
 _BLOCK = 2**20
 """Atoms of all rows that are weighed at once."""
 NONE = -1
-_CHOSEN = np.dtype([("atom", np.int64), ("amount", np.float64)])
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ class TapeMixture:
             component, rest = _pick(self.share, picks)
         else:
             component, rest = _pick_by_row(self.component_logs(logs), picks)
-        chosen = np.zeros((len(uniform), 2), _CHOSEN)
+        chosen = np.zeros((len(uniform), 2), [("atom", np.int64), ("amount", np.float64)])
         chosen["atom"] = NONE
         for column in (0, 1):
             group = self.parts[component, column]

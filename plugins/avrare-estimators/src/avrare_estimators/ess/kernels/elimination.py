@@ -20,7 +20,6 @@ from avrare.rollout.request import Integers
 from avrare_estimators.common.chains.kernel import Draw, Kernel, Move, Points, rotate
 
 _CIRCLE = 2.0 * np.pi
-_GROWTH = 1.1
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Elimination(Kernel):
         bound, angle = work.bound.copy(), angle.copy()
         while empty.any():
             at = rows[empty]
-            bound[at] *= _GROWTH
+            bound[at] *= 1.1
             angle[empty], still = free_angle(
                 work.tried[at], work.short[at] / bound[at, None], uniforms[empty]
             )

@@ -17,12 +17,6 @@ _ROUNDING = 1e-9
 """Relative difference of two scores below which it is rounding."""
 
 
-_EXCEEDED = (
-    "{steep} of {pairs} pairs of tapes differ by more than bound: {slope:g} allows, by up to {most:.3g} per "
-    "unit of length: it is not a bound, and the estimate may be biased; raise it, or use kernel shrink"
-)
-
-
 class LipschitzKernel(Elimination):
     """Valid where ``slope`` bounds the score's slope per unit of Euclidean length of the tape.
 
@@ -68,7 +62,11 @@ class LipschitzKernel(Elimination):
         steep, pairs = int(tuning.steep.sum()), int(tuning.pairs.sum())
         if not steep:
             return {}
-        note = _EXCEEDED.format(steep=steep, pairs=pairs, slope=self.slope, most=tuning.most.max())
+        note = (
+            f"{steep} of {pairs} pairs of tapes differ by more than bound: {self.slope:g} allows, by up to "
+            f"{tuning.most.max():.3g} per unit of length: it is not a bound, and the estimate may be biased; "
+            "raise it, or use kernel shrink"
+        )
         return health.warn("heuristic_kernel", note=note)
 
 
