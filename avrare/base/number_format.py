@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-_MAX_DIGITS = 17  # of a float
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def format_probability(value: float, digits: int = 3) -> str:
     """Return ``0``, ``0.0123`` or ``3.4e-05``; below 1 as many digits as tell it from 1."""
     if value == 0.0 or value == 1.0:
         return f"{value:.0f}"
-    while value < 1.0 and digits < _MAX_DIGITS and float(f"{value:.{digits}g}") == 1.0:
+    while value < 1.0 and digits < 17 and float(f"{value:.{digits}g}") == 1.0:
         digits += 1
     return f"{value:.{digits}g}" if value >= 1e-3 else f"{value:.1e}"
 
@@ -60,7 +57,8 @@ def format_power_of_ten(exponent: int) -> str:
     """Return ``10⁻³``; 1 and 0.1 are written out."""
     if exponent in (0, -1):
         return "1" if exponent == 0 else "0.1"
-    return f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+    superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"10{str(exponent).translate(superscripts)}"
 
 
 def format_amount(value: float, digits: int = 2) -> str:

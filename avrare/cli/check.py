@@ -139,10 +139,10 @@ def _saved_chunks(
 def _explain_interruption(saved: Checkpoint | None) -> tuple[str, str]:
     if saved is None:
         hint = "run the check again; with --out DIR --resume it saves finished work"
-        return "interrupted, there is no verdict", hint
+        return "interrupted before a verdict", hint
     count = saved.chunks
     progress = f"{count} {'chunk is' if count == 1 else 'chunks are'} saved"
-    return f"interrupted, there is no verdict; {progress}", resume_hint(saved.folder.parent)
+    return f"interrupted before a verdict; {progress}", resume_hint(saved.folder.parent)
 
 
 def _load_targets(args: argparse.Namespace) -> list[CheckTarget]:
@@ -225,23 +225,20 @@ def _write(args: argparse.Namespace, out: Path | None, outcome: CheckResult) -> 
     return messages
 
 
-_OF_SCENARIOS = (
-    "set",
-    "estimator",
-    "seed",
-    "looks",
-    "baseline",
-    "save",
-    "require_baseline",
-    "accept_changes",
-    "plan",
-)
-"""Options that a catalogue has no use for, or has keys of its own for."""
-
-
 def _check_catalogue(args: argparse.Namespace) -> int:
     """Estimate the rates of the catalogue, report their verdicts, and return the exit code."""
-    catalogue = choose_catalogue(args.scenarios, **{name: getattr(args, name) for name in _OF_SCENARIOS})
+    refused = (
+        "set",
+        "estimator",
+        "seed",
+        "looks",
+        "plan",
+        "baseline",
+        "save",
+        "require_baseline",
+        "accept_changes",
+    )
+    catalogue = choose_catalogue(args.scenarios, **{name: getattr(args, name) for name in refused})
     ensure_files({"--junit": args.junit, "--markdown": args.markdown})
     rates = rate.estimate(
         argparse.Namespace(

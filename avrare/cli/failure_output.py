@@ -46,16 +46,12 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     if args.write_blob is not None:
         write_file(args.write_blob, blob + "\n", "choose another --write-blob")
         elsewhere = shlex.join([*command, "--blob", "@" + args.write_blob])
-    elif len(blob) <= MAX_BLOB:
+    elif len(blob) <= 1000:  # a longer one would fill the terminal
         elsewhere = shlex.join([*command, "--blob", blob])
     else:
         export = shlex.join(["avrare", "failures", "blob", failure.id, *folder])
         elsewhere = f"{export} > FILE, then {shlex.join([*command, '--blob'])} @FILE"
     say_beside(args, f"on another machine: {elsewhere}")
-
-
-MAX_BLOB = 1000
-"""Longest blob [characters] that is printed; for longer ones the command that prints them is shown."""
 
 
 def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:

@@ -14,9 +14,6 @@ from avrare.plugin.component import KINDS
 from avrare.plugin.first_party import FIRST_PARTY
 from avrare.plugin.registry import Registry
 
-_TEMPLATES = Path(__file__).parent / "templates"
-_NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*")
-
 _SUMMARIES = {
     "simulator": "a point mass in gusty wind",
     "perception": "normally distributed position errors and missed detections",
@@ -40,7 +37,7 @@ def check_name(name: str, kinds: Sequence[str], registry: Registry) -> str:
     if keyword.iskeyword(short):
         raise UsageError(f"{name!r} is a Python keyword", "choose another name; for example wind_gusts")
     longest = 24
-    if not _NAME.fullmatch(short) or len(short) > longest:
+    if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short) or len(short) > longest:
         raise UsageError(
             f"{name!r} is not a valid plugin name",
             f"use lowercase letters and digits, '-' or '_' between them, at longest {longest} characters; "
@@ -125,4 +122,5 @@ def _placeholders(name: str, kind: str, driving: bool) -> dict[str, str]:
 
 
 def _fill(file: str, words: Mapping[str, str]) -> str:
-    return Template((_TEMPLATES / file).read_text(encoding="utf-8")).substitute(words)
+    template = Path(__file__).parent / "templates" / file
+    return Template(template.read_text(encoding="utf-8")).substitute(words)

@@ -15,9 +15,6 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
 from avrare.stack.closed_loop import ClosedLoop
 
-_REPEATS = 3
-"""The first one pays for compilation and loading."""
-
 
 @dataclass(frozen=True)
 class Twin:
@@ -82,7 +79,8 @@ def _sizes(system: System) -> dict[str, int]:
 def measure_cost(problem: Any, twin: Any) -> float:
     """Return the time of a rollout of a twin over that of the stack, as the nearest power of 2."""
     seconds: dict[int, list[float]] = {0: [], 1: []}
-    for _ in range(_REPEATS):  # in turns, and the least of them: other work on the machine only adds
+    # In turns, and the least of three: the first pays for compilation, other work on the machine only adds.
+    for _ in range(3):
         for which, variant in enumerate((twin, problem)):
             seconds[which].append(_seconds(variant))
     return float(2.0 ** round(math.log2(max(min(seconds[0]) / min(seconds[1]), 2.0**-20))))

@@ -33,8 +33,6 @@ _TYPES = {
 }
 _TYPE_NAMES = {kind: name for name, kinds in _TYPES.items() for kind in kinds.split()}
 """Pydantic's error type -> the type that was expected."""
-_KEY_ERRORS = ("extra_forbidden", "missing", "union_tag_not_found")
-"""Pydantic's errors about a key, not about its value."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +255,8 @@ def _explain(
         if first["type"] == "too_short" and inside:
             continue  # pydantic counts only the items without mistakes
         node = places.get(at, places[at[:-1]]).node  # that of the mapping where a key is missing
-        about_key = first["type"] in _KEY_ERRORS or first["loc"][-1:] == ("[key]",)
+        key_errors = ("extra_forbidden", "missing", "union_tag_not_found")
+        about_key = first["type"] in key_errors or first["loc"][-1:] == ("[key]",)
         text, hint = _describe_error(errors, places, at, other_keys)
         mistakes.append(Mistake(node.name_mark if about_key else node.mark, (*path, *at), text, hint))
     return mistakes

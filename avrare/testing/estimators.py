@@ -40,9 +40,6 @@ from avrare.testing.reference_problem import ReferenceProblem
 from avrare.testing.repeated_estimates import Audited, Study, coverage_at_most, deviation, standard_error
 from avrare.testing.walk_problems import Lattice
 
-_FALSE_ALARM = 1e-3
-"""Probability that an estimator with exactly the least coverage is rejected."""
-
 
 def _tied(problem: ReferenceProblem) -> ReferenceProblem:
     return replace(problem, id=f"{problem.id}, all scores tied", score=systems.constant)
@@ -123,7 +120,8 @@ class EstimatorConformance:
         bounds = np.array([result.interval for result in results])
         hits = int(((bounds[:, 0] <= truth) & (truth <= bounds[:, 1])).sum())
         chance = coverage_at_most(hits, study.repeats, self.least_coverage)
-        assert chance > _FALSE_ALARM, f"{hits} of {study.repeats} intervals cover"
+        # An estimator with exactly the least coverage is rejected in 1 of 1,000 cases.
+        assert chance > 1e-3, f"{hits} of {study.repeats} intervals cover"
         widest = float(np.median(bounds[:, 1])) / truth
         assert widest < self.widest, f"the interval reaches {widest:.1f} times the truth: it says too little"
         z = deviation(np.array([result.probability for result in results]), truth)

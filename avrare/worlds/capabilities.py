@@ -260,9 +260,6 @@ def _source(called: object) -> str:
     return name if name in ("now", "today", "utcnow", "urandom") else ""
 
 
-_WANTS = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
-
-
 @dataclass(frozen=True)
 class Capabilities:
     """Capabilities of a system.
@@ -293,9 +290,10 @@ def refuse_limits(estimator: str, lacks: Mapping[str, str], needs: Collection[st
     """Raise a ``UsageError`` if an estimator of this name needs a missing capability."""
     missing = [need for need in needs if lacks.get(need)]
     if missing:
+        wants = {"branches": "continue rollouts from others", "noise": "choose the noise of a rollout"}
         hint = "return new arrays from `step`, and derive every random choice from its noise"
         raise UsageError(
-            f"{estimator} must {' and '.join(_WANTS[need] for need in missing)}, which this system does not "
+            f"{estimator} must {' and '.join(wants[need] for need in missing)}, which this system does not "
             f"allow: {lacks[missing[0]]}",
             f"{hint}; estimator: {{plugin: mc}} needs neither",
         )

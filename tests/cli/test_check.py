@@ -328,6 +328,6 @@ def test_sigterm_ends_a_check_as_it_ends_a_run(drive, monkeypatch, capfd):
     assert main(["check", drive(BOUND % 0.1), "--save"]) == 2
     err = capfd.readouterr().err
     assert "stopping after the current chunk" in err
-    assert "interrupted, there is no verdict\nhint: run the check again" in err
+    assert "interrupted before a verdict\nhint: run the check again" in err
     assert not Path("baselines").exists()
     assert signal.getsignal(signal.SIGTERM) is before

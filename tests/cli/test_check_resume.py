@@ -51,7 +51,7 @@ def test_a_resumed_check_has_the_numbers_of_an_undisturbed_one(drive, interrupt,
     whole = main([*words, "--out", "whole"])
     assert interrupt(chunk, *words, "--out", "torn", "--resume") == 2
     err = capfd.readouterr().err
-    assert "interrupted, there is no verdict; " in err
+    assert "interrupted before a verdict; " in err
     assert "saved\nhint: resume with the same avrare check command and --out torn --resume" in err
     assert not Path("torn/check.json").exists()
     assert list(Path("torn/checkpoint").rglob("*.npz"))

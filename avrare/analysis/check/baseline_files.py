@@ -31,7 +31,6 @@ from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario
 
 SCHEMA = 1
-_NAME = re.compile(r"(\d{4,})\.json")
 _HINT = "restore the file, or remove it to use the previous baseline"
 SHARED_KEYS = ("steps", "simulator", "perception")
 """Keys of a resolved scenario that belong to the problem of every specification."""
@@ -144,7 +143,7 @@ def save(
 def _numbers(folder: Path) -> dict[int, str]:
     with explain_file_errors(f"{folder}: cannot list the baselines"):
         names = [path.name for path in folder.iterdir()] if folder.exists() else []
-    return {int(match[1]): name for name in names if (match := _NAME.fullmatch(name))}
+    return {int(match[1]): name for name in names if (match := re.fullmatch(r"(\d{4,})\.json", name))}
 
 
 def _encode_result(result: Result, first: Result | None) -> dict[str, object]:

@@ -33,7 +33,6 @@ CAUTION = (
 )
 
 _PARTICLES = 64
-_SURVIVING = 0.25
 
 
 @dataclass(frozen=True, repr=False)
@@ -183,7 +182,7 @@ def find_failures(evaluate: TapeEvaluator, seed: int) -> list[Floats]:
         stage += 1
         # 1. Resample from the upper quarter.
         order = np.argsort(-scores, kind="stable")
-        parents = order[np.arange(_PARTICLES) % max(int(_SURVIVING * _PARTICLES), 1)]
+        parents = order[np.arange(_PARTICLES) % (_PARTICLES // 4)]
         level = scores[parents].min()
         # 2. Move every copy.
         moved = np.sqrt(1.0 - size**2) * tapes[parents] + size * noise.normals(0, stage, particle, step)

@@ -24,8 +24,6 @@ from avrare.results.stored_causes import StoredCauses, StoredKind, StoredKinds
 
 _BEHIND, _AHEAD = 30.0, 50.0
 """Stretch of road around the ego that is drawn [m]."""
-_CARD_KINDS = 2
-"""Kinds on the first card."""
 _STYLES = 6
 """Colours of kinds; the seventh kind has that of the first."""
 
@@ -55,7 +53,7 @@ def summarise_causes(name: str, stored: StoredCauses) -> list[str]:
     """Describe the failures of a specification and their remedies."""
     kinds, attribution = stored.kinds.get(name), stored.attribution.get(name)
     sentences = []
-    for kind in kinds.kinds[:_CARD_KINDS] if kinds is not None else ():
+    for kind in kinds.kinds[:2] if kinds is not None else ():
         often = "" if kind.share > 0.999 else f" in {describe_share(kind.share)} of them"
         severity = f" {_capitalise(kind.severity)}." if kind.severity else ""
         cause = kind.cause or "no noise that differs from chance"

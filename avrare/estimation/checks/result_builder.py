@@ -26,7 +26,6 @@ from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
 _LOOK_SHARE = 20
 """Rollouts of an estimate over those of a look, which are not counted: it costs 5 % at most."""
-_WHEN = {0: "at the start", 1: "at the first step", None: "at a later step"}
 _REPLAY, _SEARCH = "the replay of the least robust rollout", "the search for failures that were missed"
 
 
@@ -154,7 +153,8 @@ def _outliers(
             break
         outlier = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
         if outlier is not None:
-            what, when = numbers.format(outlier.noise), _WHEN[outlier.step]
+            when = {0: "at the start", 1: "at the first step", None: "at a later step"}[outlier.step]
+            what = numbers.format(outlier.noise)
             warning = health.warn("outliers", what=what, when=when, low=outlier.low, upper=upper)
             return warning, upper + outlier.low
     return {}, 0.0

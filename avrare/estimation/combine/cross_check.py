@@ -38,7 +38,6 @@ check says less of the estimate, and asks for more (docs/cross-check.md has the 
 """
 _FREQUENT = 1e-2
 """Probability from which on Monte Carlo checks."""
-_VERBS = {"agree": "agrees", "disagree": "disagrees", "inconclusive": "is inconclusive"}
 _SEED_KEY = 0xC4EC
 
 Execute = Callable[[Problem, Estimator, Settings], Result]
@@ -178,5 +177,6 @@ def _add_nothing(result: Result, check: CrossCheck, name: str, reason: str) -> R
 
 def _add(result: Result, cross_check: CrossCheckResult, details: str) -> Result:
     checker = f" by {cross_check.estimator}" if cross_check.estimator else ""
-    text = f"Cross-check{checker} {_VERBS[cross_check.outcome]}: {details}."
+    outcome = {"agree": "agrees", "disagree": "disagrees"}.get(cross_check.outcome, "is inconclusive")
+    text = f"Cross-check{checker} {outcome}: {details}."
     return replace(result, cross_check=cross_check, notes=(*result.notes, Note("cross_check", text)))

@@ -171,15 +171,14 @@ _LAWS_BY_INTERVAL: dict[Any, type[Any]] = {
     intervals.inverse_binomial: InverseBinomial,
     intervals.log_normal: LogNormal,
 }
-_FIELDS = {"errors": "undecided"}
-"""Argument of an interval -> field of its law, whose name baseline files hold."""
 
 
 def derive_distribution(result: Result) -> ConfidenceDistribution:
     """Return a result's confidence distribution: exact for intervals of the core, else tabulated."""
     at = result.interval_at
     if isinstance(at, partial) and at.func in _LAWS_BY_INTERVAL:
-        fields = {_FIELDS.get(name, name): value for name, value in at.keywords.items()}
+        # Baseline files hold the name of the law's field.
+        fields = {"undecided" if name == "errors" else name: value for name, value in at.keywords.items()}
         law: ConfidenceDistribution = _LAWS_BY_INTERVAL[at.func](*at.args, **fields)
         return law
     owner = at.__self__ if isinstance(at, MethodType) else None

@@ -17,7 +17,6 @@ _SIGNLESS = {
     "==": "-|l - r|: 0 where it holds, never above",
     "!=": "|l - r|: 0 where it is false, never below",
 }
-_SAME = {"<->": "iff", "!==": "!="}
 _BINARY = ("connective", "implication", "until")
 
 
@@ -122,7 +121,7 @@ def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:
     for part in parts:
         if part.data in ("connective", "comparison"):
             token = get_token(part, 1)
-            op = _SAME.get(str(token), str(token))
+            op = {"<->": "iff", "!==": "!="}.get(str(token), str(token))
             if op in _SIGNLESS and (op not in first or (token.start_pos or 0) < (first[op].start_pos or 0)):
                 first[op] = token
     hint = "verdicts are exact; where robustness matters write it with and, or, not, < and >"

@@ -7,8 +7,6 @@ import math
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.token_classes import PREFIX_LETTERS
 
-_TIGHT = (nodes.Number, nodes.Signal, nodes.Call, nodes.Constant)
-
 
 def to_text(tree: nodes.Node | nodes.Term) -> str:
     """Return the formula or term as text, with bounds in samples."""
@@ -49,7 +47,8 @@ def _parenthesize(tree: nodes.Node | nodes.Term) -> str:
         return _parenthesize(tree.term)
     # G - 1 would be refused: G may be the operator.
     letter = isinstance(tree, nodes.Signal) and tree.name in PREFIX_LETTERS
-    return to_text(tree) if isinstance(tree, _TIGHT) and not letter else f"({to_text(tree)})"
+    tight = isinstance(tree, nodes.Number | nodes.Signal | nodes.Call | nodes.Constant) and not letter
+    return to_text(tree) if tight else f"({to_text(tree)})"
 
 
 def _format_bounds(lo: int, hi: float) -> str:
@@ -79,13 +78,6 @@ _STEPS = {
     "s_prev": "one step before",
     "rise": "from this step on",
     "fall": "until one step before",
-}
-_UNTIL = {
-    "until": "until",
-    "since": "since",
-    "unless": "unless",
-    "release": "released by",
-    "trigger": "after",
 }
 
 
@@ -124,7 +116,8 @@ def _say(node: nodes.Node, dt: float) -> str:
             return f"{_say_window(op, lo, hi, dt)}, {_say(child, dt)}"
         case nodes.Until(op, lo, hi, left, right):
             within = "" if lo == 0 and math.isinf(hi) else f" ({_say_bounds(lo, hi, dt)})"
-            return f"{_inner(left, dt)}, {_UNTIL[op]}{within} {_inner(right, dt)}"
+            word = {"release": "released by", "trigger": "after"}.get(op, op)
+            return f"{_inner(left, dt)}, {word}{within} {_inner(right, dt)}"
         case nodes.Step(op, child):
             return f"{_STEPS[op]}, {_say(child, dt)}"
         case nodes.Quantifier(op, variable, group, child, count=count):

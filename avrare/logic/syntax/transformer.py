@@ -20,9 +20,7 @@ MAX_SAMPLES = 10**14
 MAX_PARTS = 100_000
 """Larger formulas, which only nested definitions can make, are refused."""
 
-_MAX_DIGITS = 400
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
-_ARITY = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}
 _MISSPELT, _SIMILAR = 0.8, 0.7
 
 
@@ -206,7 +204,7 @@ class FormulaTransformer:
 
     def _call(self, tree: Tree[Token], name: Token, *arguments: Tree[Token]) -> nodes.Term:
         function = _operator(name)
-        wanted = _ARITY.get(function)
+        wanted = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}.get(function)
         if len(arguments) != wanted if wanted else len(arguments) < 2:
             count = f"{wanted} argument{'s' if wanted != 1 else ''}" if wanted else "two or more arguments"
             raise make_error(self.text, name, f"{name} takes {count}, not {len(arguments)}")
@@ -282,7 +280,7 @@ def _strip_groups(tree: Tree[Token]) -> Tree[Token]:
 
 def _fits_float(token: str) -> bool:
     # Checked before conversion: the exact fraction of 1e999999999 would exhaust the memory.
-    if len(token) > _MAX_DIGITS:
+    if len(token) > 400:
         return False
     value = float(token)
     mantissa = token.lower().split("e")[0]

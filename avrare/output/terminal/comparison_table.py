@@ -131,15 +131,13 @@ def _markdown_row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-_COLOURS = {"worse": "red", "better": "green", "same": "green", "not known": "yellow"}
-
-
 def paired_table(paired: PairedComparison) -> Table:
     """Return one row per specification."""
     level = f"{format_confidence(paired.confidence)} interval"
     numbers = ("first", "second", "change", level, "first / second", *paired.changes[0].numbers)
     table = make_table(None, ["specification"], numbers)
     table.add_column("", no_wrap=True)
+    colours = {"worse": "red", "better": "green", "same": "green", "not known": "yellow"}
     for change in paired.changes:
         verdict, versions = change.verdict(paired.confidence), (change.first, change.second)
         table.add_row(
@@ -149,6 +147,6 @@ def paired_table(paired: PairedComparison) -> Table:
             format_signed_interval(change.interval(paired.confidence)),
             change.describe_ratio(paired.confidence),
             *(f"{value:.2g}" if value < 1.0 else f"{value:,.0f}" for value in change.numbers.values()),
-            f"[{_COLOURS[verdict]}]{verdict}[/]",
+            f"[{colours[verdict]}]{verdict}[/]",
         )
     return table

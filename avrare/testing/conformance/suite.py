@@ -19,8 +19,6 @@ from avrare.testing.conformance.sample_traffic import scene
 
 ROAD_KINDS = ("perception", "tracker", "controller", "specification")
 """Kinds whose parts are built for the ``Scene`` of a simulator, where it has one."""
-_MODULES = {"estimator": "estimator_checks", "executor": "executor_checks"}
-"""Kind -> module of its own checks; all other kinds have behaviour checks."""
 Status = Literal["passed", "failed", "skipped"]
 
 
@@ -189,7 +187,8 @@ def checks_of(kind: str) -> list[Check]:
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
-    names = ("description_checks", _MODULES.get(kind, "behaviour_checks"))
+    behaviour = f"{kind}_checks" if kind in ("estimator", "executor") else "behaviour_checks"
+    names = ("description_checks", behaviour)
     modules = [importlib.import_module(f"avrare.testing.conformance.{name}") for name in names]
     return [Check(function) for module in modules for function in module.CHECKS]
 
