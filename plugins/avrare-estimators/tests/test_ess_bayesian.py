@@ -17,15 +17,15 @@ SCORES = np.array([[1.0, 1.0, -0.5, 0.7, 2.0], [0.0, 0.0, 3.0, 1.0, -2.0]])
 def test_the_process_is_that_of_scikit_learn():
     from sklearn import gaussian_process as processes
 
-    found = Posterior.of(ANGLES, SCORES)
+    posterior = Posterior.fit(ANGLES, SCORES)
     for i in range(2):
         matern = processes.kernels.Matern(1.0, "fixed", nu=2.5)
         process = processes.GaussianProcessRegressor(matern, alpha=1e-4)
         process.fit(ANGLES[i][:, None], (SCORES[i] - SCORES[i].mean()) / SCORES[i].std())
         mean, spread = process.predict(GRID[:, None], return_std=True)
-        np.testing.assert_allclose(found.mean[i], mean, atol=1e-9)
-        np.testing.assert_allclose(found.spread[i], spread, atol=1e-9)
-        assert found.standard(SCORES[:, 0])[i] == pytest.approx(found.mean[i][0], abs=0.3)
+        np.testing.assert_allclose(posterior.mean[i], mean, atol=1e-9)
+        np.testing.assert_allclose(posterior.spread[i], spread, atol=1e-9)
+        assert posterior.standardise(SCORES[:, 0])[i] == pytest.approx(posterior.mean[i][0], abs=0.3)
 
 
 @pytest.mark.parametrize("xi", [0.0, 0.4])
@@ -43,10 +43,10 @@ def test_acquisitions_are_means_over_the_process(xi):
 
 
 def test_xi_and_kappa_lead_away_from_the_best_score():
-    found = Posterior.of(ANGLES[:1], SCORES[:1])
+    posterior = Posterior.fit(ANGLES[:1], SCORES[:1])
 
     def distance(acquisition):
-        return abs(found.most_promising(acquisition)[0] - 5.2)
+        return abs(posterior.most_promising(acquisition)[0] - 5.2)
 
     assert distance(Acquisition("ucb", kappa=0.0)) < 0.7 < distance(Acquisition("ucb", kappa=5.0))
     assert distance(Acquisition("poi", xi=0.01)) < 0.7 < distance(Acquisition("poi", xi=3.0))
@@ -57,8 +57,8 @@ def test_xi_and_kappa_lead_away_from_the_best_score():
 def test_every_acquisition_leaves_the_set(acquisition):
     problem = four_branch(4.0).problem()
     starts = exact_starts(problem, 0.0, 600, seed=5)
-    found = drift(problem, BayesianKernel(Acquisition(acquisition)), (), starts, 0.0, 3)
-    assert found.outside > 0.01, found
+    outcome = drift(problem, BayesianKernel(Acquisition(acquisition)), (), starts, 0.0, 3)
+    assert outcome.outside > 0.01, outcome
 
 
 def test_certainty_ends_a_round():

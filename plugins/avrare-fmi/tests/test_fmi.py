@@ -10,7 +10,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.scenario.safe_mode import safe_mode
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.python_file import TEMPLATE, find_member
+from avrare.stack.python_file import TEMPLATES, find_member
 from avrare.testing.conformance import Subject, checks_of
 from avrare_fmi.config import FmuConfig, SimulatorConfig
 
@@ -56,7 +56,8 @@ def cruise(build):
 
 @pytest.fixture(scope="session")
 def reference():
-    simulator, controller = (find_member(str(TEMPLATE), name, "")() for name in ("Simulator", "Controller"))
+    files = {"Simulator": "stack.py.txt", "Controller": "stack_controller.py.txt"}
+    simulator, controller = (find_member(str(TEMPLATES / file), name, "")() for name, file in files.items())
     return {name: estimate(ClosedLoop(simulator, controller=controller), name) for name in ("mc", "ams")}
 
 

@@ -15,7 +15,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.scenario.safe_mode import safe_mode
 from avrare.stack.closed_loop import ClosedLoop
-from avrare.stack.python_file import TEMPLATE, find_member
+from avrare.stack.python_file import TEMPLATES, find_member
 from avrare.testing.conformance import Subject, checks_of
 from avrare_process.config import EXAMPLE, ProcessConfig
 from avrare_process.parts import build_controller, build_simulator
@@ -72,7 +72,8 @@ def estimate(system, estimator="mc", steps=100, workers=1, rollouts=60, **option
 
 @pytest.fixture(scope="session")
 def reference():
-    parts = [find_member(str(TEMPLATE), name, "")() for name in ("Simulator", "Controller")]
+    files = {"Simulator": "stack.py.txt", "Controller": "stack_controller.py.txt"}
+    parts = [find_member(str(TEMPLATES / file), name, "")() for name, file in files.items()]
     return {name: estimate(ClosedLoop(parts[0], controller=parts[1]), name) for name in ("mc", "ams")}
 
 
