@@ -178,7 +178,8 @@ def test_kept_cells_are_made_again(tmp_path, turn):
     kept.unpack(KEPT, tmp_path / "kept")
     cheap = [
         one for one in cells.read(tmp_path / "kept")
-        if one.estimate and one.low and one.seconds < 2.0 and interpreter(TOOLS[one.tool].environment)
+        if one.estimate and one.low and one.seconds < 2.0
+        and one.tool in TOOLS and interpreter(TOOLS[one.tool].environment)
     ]  # fmt: skip
     tool = random.Random(turn).choice(sorted({one.tool for one in cheap}))
     mine = sorted((one for one in cheap if one.tool == tool), key=lambda one: one.key)

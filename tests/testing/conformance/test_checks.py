@@ -58,7 +58,7 @@ WRONG = {
 GOOD = {
     "simulator": ("wrong:Weighted", "wrong:good"),
     "estimator": (f"{MONTE_CARLO}.config:McConfig", f"{MONTE_CARLO}.monte_carlo:build"),
-    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.work:build"),
+    "executor": ("avrare.rollout.executors.work:ExecutorConfig", "avrare.rollout.executors.serial:build"),
 }
 
 

@@ -18,6 +18,8 @@ DOCS = ROOT / "docs"
 PARTS = [DOCS / f"{name}.md" for name in ("concepts", "controller", "tracker")]
 PAGES = [DOCS / "index.md", DOCS / "write-a-plugin.md", DOCS / "hours.md", *PARTS]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+NAMED = re.compile(r"^`(\w+\.py)`:\n\n```python\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+"""Snippets below the name of their file."""
 FOREIGN = re.compile(
     r'<(?:script|img|iframe)[^>]*\ssrc="(?:https?:)?//'
     r'|<link[^>]*rel="(?:stylesheet|preconnect)"[^>]*href="(?:https?:)?//'
@@ -69,6 +71,8 @@ def run_console(text, capsys):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_the_snippets_run(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    for name, text in NAMED.findall(page.read_text()):
+        Path(name).write_text(text)
     for language, text in FENCE.findall(page.read_text()):
         if language == "python":
             exec(compile(text, str(page), "exec"), {"__name__": "snippet"})
