@@ -183,6 +183,7 @@ def _answer(function: Callable[[], object], connection: Connection, stack: int) 
         os.setpgid(0, 0)  # what the system starts ends with the child, and Ctrl-C is for the parent
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         _close_connections(connection)
+        faulthandler.disable()  # or it would not take signals back that a library has taken
         faulthandler.enable(stack, all_threads=False)
         answer = b""
         with suppress(BaseException), warnings.catch_warnings():

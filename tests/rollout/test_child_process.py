@@ -164,3 +164,15 @@ def test_nothing_is_printed_twice():
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["begin", "spoken", "5"]
     assert done.stderr == ""
+
+
+def test_a_crash_has_its_place_though_a_library_has_taken_the_signal():
+    script = (
+        "import ctypes, faulthandler\n"
+        "from avrare.rollout.child_process import run_guarded\n"
+        "faulthandler.enable()\n"
+        "ctypes.CDLL(None).signal(11, 0)\n"
+        "run_guarded('the replay', object(), lambda: ctypes.string_at(0))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert "(SIGSEGV) in the replay, at <string>:5 in <lambda>" in done.stderr
