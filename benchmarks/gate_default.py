@@ -1,4 +1,4 @@
-"""How often the gate decides by default: estimates of `auto` against baselines of their own.
+"""Shares of the verdicts of the gate by default: estimates of `auto` against baselines of their own.
 
     python benchmarks/gate_default.py [--estimates 20] [--folder benchmarks/results/gate_default]
 

@@ -79,7 +79,7 @@ class VersionChange(ABC):
 
     @property
     def ratio(self) -> float:
-        """How many times as often the first version fails as the second; NaN where neither fails."""
+        """Failure probability of the first version over that of the second; NaN where neither fails."""
         if self.second:
             return self.first / self.second
         return math.inf if self.first else math.nan
@@ -251,7 +251,7 @@ class PairedCounts(VersionChange):
 
     @property
     def notes(self) -> list[str]:
-        """Whether too few rollouts differ, or none fails, and whether there were errors."""
+        """Sentences on too few rollouts that differ, on none that fails, and on errors."""
         lines, total = [], self.count + self.errors
         if 0 < self.different < _FEW_DIFFERENCES:
             few = format_count(self.different, "rollout")

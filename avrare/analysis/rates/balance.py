@@ -18,7 +18,7 @@ Terms = tuple[Total, Sequence[Result]]
 
 @dataclass(frozen=True)
 class RiskBalance:
-    """How many times as often the stack breaks a rule as another driver.
+    """Rate at which the stack breaks a rule over that of another driver.
 
     Attributes:
         rule: The rule.

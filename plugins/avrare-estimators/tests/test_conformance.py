@@ -15,7 +15,12 @@ class TestImportance(EstimatorConformance):
     options: ClassVar = {"rollouts": 200, "proposal": {"name": "gaussian", "mean": 0.2}, "check": 0.0}
     studies = (Study(walk(1.0, 20), 200), Study(count_down(5, 9, "1/5"), 200), Study(conjunction(-1.5), 200))
     seeds = Study(walk(1.0, 20), 100, {"rollouts": 400})
-    unsupported: ClassVar = {"test_errors_everywhere": "test_hopeless_systems.py runs it, on more rollouts"}
+
+    @pytest.mark.parametrize("how", ["nan", "fault", "raise"])
+    def test_errors_everywhere(self, how):
+        """Break down within the first part of a sample, which is a third of it."""
+        self.options = {**self.options, "rollouts": 700}
+        super().test_errors_everywhere(how)
 
 
 @pytest.mark.slow

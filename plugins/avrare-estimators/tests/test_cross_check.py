@@ -81,7 +81,7 @@ def test_a_check_that_ends_without_an_answer_is_paid_for():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["a_beta_-2", "c_fourbranch_k7"])
+@pytest.mark.parametrize("name", ["a_beta_-2", "d_rw_L3.8", "c_fourbranch_k7"])
 def test_the_climb_is_right_on_its_own(name):
     problem = reference_problem(name)
     results = [avrare.estimate(problem.problem(), "is", seed=seed) for seed in range(8)]
