@@ -151,7 +151,8 @@ def main() -> None:
     for name, value in extremes.values.items():
         print(f"  {name:36s} {value:.2g}")
     print(f"  collisions {collisions}, contacts between samples that no collision tells {missed}")
-    for name, squares in zip(scene.names, np.concatenate(nees).T, strict=True):
+    errors = np.concatenate(nees).T
+    for name, squares in zip(("all", *scene.names), (errors, *errors), strict=True):
         known = squares[np.isfinite(squares)]
         mean, median, beyond = known.mean(), np.median(known), (known > CHI_SQUARE_99).mean()
         print(
