@@ -21,7 +21,7 @@ from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
 from avrare.scenario.load import load
-from avrare_estimators.common.lessons.dictionary import fit
+from avrare_estimators.common.learning.dictionary import fit
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 
 DEFENSIVE = 0.25

@@ -10,7 +10,7 @@ import avrare
 from avrare.base.errors import UsageError
 from avrare.estimation.result import intervals
 from avrare.testing import faulty_systems
-from avrare_estimators.common.lessons.dictionary import dictionary_bytes
+from avrare_estimators.common.learning.dictionary import dictionary_bytes
 from avrare_estimators.smc import network as network_module
 from avrare_estimators.smc.estimator import SequentialMonteCarlo
 from avrare_estimators.smc.network import Examples, fit

@@ -11,7 +11,7 @@ from scipy.stats import beta
 import avrare
 from avrare.base.errors import UsageError
 from avrare.testing.problems import reference_problem
-from avrare_estimators.common.lessons.dictionary import entries_of_channel, fit
+from avrare_estimators.common.learning.dictionary import entries_of_channel, fit
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
 from avrare_estimators.importance.config import IsConfig
 from estimates import estimate_through_kills, plain

@@ -15,7 +15,7 @@ from avrare.estimation.result.result import Result
 from avrare.rollout.problem import Problem
 from avrare.stack.part_checks import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
-from avrare_estimators.common.lessons.lessons import Lessons, require_noise
+from avrare_estimators.common.learning.pooled_samples import PooledSamples, require_noise
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, failing_weights
 from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
@@ -58,12 +58,12 @@ class LearnedState(SamplingState):
     """State of runs that learn.
 
     Attributes:
-        lessons: Stages of the present run.
+        pool: Stages of the present run.
         shares: Share of the estimate that each part of the final sample has, the present one included; empty
             while learning.
     """
 
-    lessons: Lessons = field(default_factory=lambda: Lessons(0.0))
+    pool: PooledSamples = field(default_factory=lambda: PooledSamples(0.0))
     shares: tuple[float, ...] = ()
 
     @property
@@ -138,15 +138,15 @@ class LearnedSampling(WeightedSampler):
     def _begin_run(self, state: SamplingState) -> LearnedState:
         assert isinstance(state, LearnedState)
         plan = state.plan
-        lessons = Lessons(self.config.target_share, tail=tail_atoms(plan.steps, plan.noise.noise_size))
-        state = replace(state, lessons=lessons, shares=())
+        pool = PooledSamples(self.config.target_share, tail=tail_atoms(plan.steps, plan.noise.noise_size))
+        state = replace(state, pool=pool, shares=())
         if self.file is not None:
             return self._begin_final(state, with_tail_atoms(self.file.find(state.plan)))
         return self._learn(state)
 
     def _learn(self, state: LearnedState) -> LearnedState:
         # 1. A pilot from the target and from tail atoms, then stages from what the stages before have taught.
-        stage, source = len(state.stages), TapeSource(state.lessons.proposal)
+        stage, source = len(state.stages), TapeSource(state.pool.proposal)
         rows = self._stage_rows(state, stage)
         share = self.config.target_share if stage else _TARGET_OF_PILOT
         task = PartialSample.begin(source, state.plan, state.run, stage, rows, share, self.config.memory)
@@ -165,8 +165,8 @@ class LearnedSampling(WeightedSampler):
             return self._draw_rest(state, sample)
         if state.shares:
             return self._check(state, sample)
-        lessons = state.lessons.add(sample)
-        return self._after_stage(replace(state, lessons=lessons, stages=(*state.stages, lessons.report())))
+        pool = state.pool.add(sample)
+        return self._after_stage(replace(state, pool=pool, stages=(*state.stages, pool.describe_stage())))
 
     def _after_stage(self, state: LearnedState) -> LearnedState:
         if self._has_learnt(state):
@@ -175,22 +175,22 @@ class LearnedSampling(WeightedSampler):
             if (plain or not has_reached(last)) and not self.config.fall_back:
                 reason = _WORTHLESS if plain and not is_stuck(state.stages) else _UNREACHED
                 raise GaveUp.after(state.tally, reason, "leave fall_back true, or use another estimator")
-            return self._begin_final(state, None if plain else state.lessons.final())
-        return self._learn(replace(state, lessons=state.lessons.learn()))
+            return self._begin_final(state, None if plain else state.pool.blend_proposals())
+        return self._learn(replace(state, pool=state.pool.fit_proposal()))
 
     def _has_learnt(self, state: LearnedState) -> bool:
         done = sum(stage["rollouts"] for stage in state.stages)
         share = _LEARNING_SHARE if self.config.relative_error is None else _LEARNING_SHARE_OF_GOAL
         affordable = done + self._stage_rows(state, 1) <= state.rollouts // share
-        hopeless = not len(state.lessons.elite[0])
+        hopeless = not len(state.pool.elite[0])
         hopeless |= not self.config.fall_back and is_stuck(state.stages)
         ended = is_learnt(state.stages, self.config.stages) or gain_nothing(state.stages)
         return hopeless or not affordable or self._ends(state) or ended
 
     def _ends(self, state: LearnedState) -> bool:
         """Return whether the estimate is nearly done: another stage would cost more than it saves."""
-        shown = state.lessons.shown_variance
-        if self.config.relative_error is None or shown is None or not state.lessons.mixtures:
+        shown = state.pool.shown_variance
+        if self.config.relative_error is None or shown is None or not state.pool.mixtures:
             return False
         if not has_reached(state.stages[-1]):
             return False
@@ -201,11 +201,11 @@ class LearnedSampling(WeightedSampler):
         state, goal = replace(state, source=TapeSource(mixture)), self.config.relative_error
         if goal is None:
             return self._draw(state, math.inf, 1.0)
-        variance = state.lessons.expected_variance(mixture)
+        variance = state.pool.expected_variance(mixture)
         if mixture is None:
             return self._draw(state, math.inf if variance is None else variance / goal**2, 1.0)
         if state.stages:
-            variance = max(variance or 0.0, state.lessons.shown_variance or 0.0)
+            variance = max(variance or 0.0, state.pool.shown_variance or 0.0)
         return self._draw(state, (variance or 0.0) / goal**2 / 2.0, _FIRST_SHARE)
 
     def _draw_rest(self, state: LearnedState, first: Sample) -> LearnedState:

@@ -18,8 +18,8 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request, Rollouts
 from avrare.stack.features import system_features
 from avrare_estimators.common.config import LEAST_PILOT
-from avrare_estimators.common.lessons.dictionary import dictionary_bytes
-from avrare_estimators.common.lessons.lessons import require_noise
+from avrare_estimators.common.learning.dictionary import dictionary_bytes
+from avrare_estimators.common.learning.pooled_samples import require_noise
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.samples.sampling import wave_bytes
 from avrare_estimators.smc.config import SmcConfig

@@ -13,7 +13,7 @@ import numpy as np
 
 from avrare.estimation.plan.plan import Plan
 from avrare.rollout.request import Integers, Request, Rollouts, TapeLaw
-from avrare_estimators.common.lessons.lessons import Lessons
+from avrare_estimators.common.learning.pooled_samples import PooledSamples
 from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import TapeSource
 from avrare_estimators.common.samples.stages import gain_nothing, is_learnt, is_worthless
@@ -39,7 +39,7 @@ class Learning:
         plan: The task.
         schedule: (K,) steps whose features are learnt from.
         affordable: Rollouts that learning may take.
-        lessons: Samples of the pilot and of the stages of the proposal.
+        pool: Samples of the pilot and of the stages of the proposal.
         mixture: Proposal; None: the target.
         stages: An entry for each stage so far.
         paths: Rollouts to learn potentials from, by stage.
@@ -52,7 +52,7 @@ class Learning:
     plan: Plan
     schedule: Integers
     affordable: int
-    lessons: Lessons
+    pool: PooledSamples
     mixture: TapeMixture | None = None
     stages: tuple[dict[str, Any], ...] = ()
     paths: tuple[Paths, ...] = ()
@@ -66,7 +66,9 @@ class Learning:
         count = min(config.times, max(plan.steps - 1, 0))
         steps = np.round(plan.steps * np.arange(1, count + 1) / (count + 1)).astype(np.int64)
         schedule = np.unique(steps[(steps > 0) & (steps < plan.steps)])
-        empty = Learning(config, plan, schedule, affordable // _LEARNING_SHARE, Lessons(config.defensive))
+        empty = Learning(
+            config, plan, schedule, affordable // _LEARNING_SHARE, PooledSamples(config.defensive)
+        )
         return empty._sample(min(config.pilot, max(2, affordable // _PILOT_SHARE)), None)
 
     @property
@@ -88,31 +90,31 @@ class Learning:
     def _sample(self, rows: int, mixture: TapeMixture | None) -> Learning:
         share = self.config.defensive if mixture is not None else 1.0
         source = TapeSource(mixture, tuple(self.schedule.tolist()))
-        stage = len(self.lessons.samples)
+        stage = len(self.pool.samples)
         task = PartialSample.begin(source, self.plan, 0, stage, rows, share, self.config.memory)
         return replace(self, task=task, spent=self.spent + rows)
 
     @property
     def _stage_rows(self) -> int:
-        return max(1, len(self.lessons.samples[0].error) // 2)
+        return max(1, len(self.pool.samples[0].error) // 2)
 
     @property
     def _affords_stage(self) -> bool:
         return len(self.stages) <= self.config.stages and self.spent + self._stage_rows <= self.affordable
 
     def _after_sample(self, sample: Sample) -> Learning:
-        lessons = self.lessons.add(replace(sample, features=sample.features[:0]))
-        paths = pool_lessons(self.paths, sample, lessons)
-        state = replace(self, lessons=lessons, stages=(*self.stages, lessons.report()), paths=paths)
+        pool = self.pool.add(replace(sample, features=sample.features[:0]))
+        paths = join_stages(self.paths, sample, pool)
+        state = replace(self, pool=pool, stages=(*self.stages, pool.describe_stage()), paths=paths)
         # 1. The proposal on the tape, by the stages of `is`.
-        hopeless = not len(lessons.elite[0])
+        hopeless = not len(pool.elite[0])
         learnt = is_learnt(state.stages, self.config.stages) or gain_nothing(state.stages)
         learnt = learnt or self.config.proposal == "none"
         if not (hopeless or learnt) and state._affords_stage:
-            state = replace(state, lessons=lessons.learn())
-            return state._sample(state._stage_rows, state.lessons.mixtures[-1])
+            state = replace(state, pool=pool.fit_proposal())
+            return state._sample(state._stage_rows, state.pool.mixtures[-1])
         if not (self.config.proposal == "none" or hopeless or is_worthless(state.stages[-1])):
-            state = replace(state, mixture=lessons.final())
+            state = replace(state, mixture=pool.blend_proposals())
         return state._learn_potentials()
 
     def _after_particles(self, task: Particles) -> Learning:
@@ -154,13 +156,13 @@ class Learning:
         return TapeLaw(DefendedMixture(self.mixture, self.config.defensive))
 
 
-def pool_lessons(paths: tuple[Paths, ...], sample: Sample, lessons: Lessons) -> tuple[Paths, ...]:
-    """Return the rollouts of all lessons as one stage, with the weights that they now have together."""
+def join_stages(paths: tuple[Paths, ...], sample: Sample, pool: PooledSamples) -> tuple[Paths, ...]:
+    """Return the rollouts of all stages as one, with the weights that they have in the pool."""
     features = np.concatenate([*(stage.features for stage in paths), sample.features])
-    samples = lessons.samples
+    samples = pool.samples
 
     def join(name: str) -> Any:
-        return np.concatenate([getattr(lesson, name) for lesson in samples])
+        return np.concatenate([getattr(each, name) for each in samples])
 
-    weights = np.where(join("error"), 0.0, lessons.weights)
+    weights = np.where(join("error"), 0.0, pool.weights)
     return (Paths(features, join("score"), join("violated"), weights, np.arange(len(weights))),)

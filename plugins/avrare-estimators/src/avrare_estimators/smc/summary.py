@@ -21,7 +21,7 @@ from avrare.estimation.result.result import Failures, Result, Worst, spread
 from avrare.protocols import Floats
 from avrare.rollout.request import Integers
 from avrare_estimators.common import health
-from avrare_estimators.common.lessons.coverage import find_differing
+from avrare_estimators.common.learning.stage_agreement import find_differing
 from avrare_estimators.common.looks import Looks
 from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.learning import Learning
@@ -140,7 +140,7 @@ def summarise(
     # One resampled run suffices: its particles are not independent, whichever batch it advanced with.
     plain = all(runs_of_batch.plain for runs_of_batch in counted)
     own_fresh = sum((runs_of_batch.fresh for runs_of_batch in counted), FreshRows())
-    samples = learning.lessons.samples
+    samples = learning.pool.samples
     fresh = sum((sample.fresh for sample in samples), plan.seen)
     if plain:
         fresh = fresh + own_fresh
