@@ -27,7 +27,7 @@ BROKEN = """\
 `model: literally`
 `weights="papers"`
 `controller.backend=ricati`
-`avrare_linear.start.find_nothing`
+`avrare_linear.control_search.find_nothing`
 `overestimate_bounds`
 `--maximize`"""
 

@@ -121,7 +121,7 @@ def _difference(stored: Rollouts, row: int, repeated: Rollouts, other: int) -> s
     for name in ("scores", "robustness", "violated", "error", "log_weight"):
         before, after = getattr(stored, name)[row], getattr(repeated, name)[other]
         if not _same(before, after).all():
-            return _describe(name, before, after)
+            return _describe_difference(name, before, after)
     for name in sorted({*stored.counts, *repeated.counts}):
         before, after = _count(stored, name, row), _count(repeated, name, other)
         if before != after:
@@ -139,7 +139,7 @@ def _count(outcome: Rollouts, name: str, row: int) -> int:
     return int(outcome.counts[name][row]) if name in outcome.counts else 0
 
 
-def _describe(name: str, before: Any, after: Any) -> str:
+def _describe_difference(name: str, before: Any, after: Any) -> str:
     if name == "scores" and before.shape == after.shape:
         step = int(np.flatnonzero(~_same(before, after))[0])
         return f"from step {step} on, score {before[step]:.17g} -> {after[step]:.17g}"

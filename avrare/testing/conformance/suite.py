@@ -187,7 +187,7 @@ def checks_of(kind: str) -> list[Check]:
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind {kind!r}", did_you_mean(kind, KINDS))
-    behaviour = f"{kind}_checks" if kind in ("estimator", "executor") else "behaviour_checks"
+    behaviour = f"{kind}_checks" if kind in ("estimator", "executor") else "closed_loop_part_checks"
     names = ("description_checks", behaviour)
     modules = [importlib.import_module(f"avrare.testing.conformance.{name}") for name in names]
     return [Check(function) for module in modules for function in module.CHECKS]

@@ -6,7 +6,7 @@ from scipy import special, stats
 
 from avrare.base.errors import UsageError
 from avrare_flows import marginals as m
-from avrare_flows.compound import Mixture, Scipy, Truncated, beam
+from avrare_flows.composite_laws import Mixture, Scipy, Truncated, beam
 
 LAWS = {
     "normal": (m.Normal(1.0, 2.0), stats.norm(1.0, 2.0)),

@@ -112,7 +112,9 @@ def test_stage_gradient_is_that_of_the_cost(plain, drawn):
     model = plain.cost.stage_model(p, path, 0, splat(centre[4]))
     for name, axis in zip("xyvha", np.eye(5), strict=True):
         ahead, behind = (moved(plain, p, path, work, centre + sign * step * axis)[1] for sign in (1, -1))
-        assert getattr(model, name)[0] == pytest.approx((ahead - behind) / (2 * step), rel=1e-6, abs=1e-4)
+        assert getattr(model, f"grad_{name}")[0] == pytest.approx(
+            (ahead - behind) / (2 * step), rel=1e-6, abs=1e-4
+        )
 
 
 def test_stage_hessian_is_exact_where_the_clearances_are_linear(plain, drawn):
@@ -125,7 +127,8 @@ def test_stage_hessian_is_exact_where_the_clearances_are_linear(plain, drawn):
         axis, slopes = np.eye(5)["xyvha".index(name[1])], []
         for sign in (1.0, -1.0):
             there, _ = moved(plain, p, path, work, centre + sign * step * axis)
-            slopes.append(getattr(plain.cost.stage_model(p, there, 0, there.inputs[0]), name[0])[0])
+            shifted = plain.cost.stage_model(p, there, 0, there.inputs[0])
+            slopes.append(getattr(shifted, f"grad_{name[0]}")[0])
         expected = (slopes[0] - slopes[1]) / (2 * step)
         assert getattr(model, name)[0] == pytest.approx(expected, rel=1e-5, abs=1e-3)
 

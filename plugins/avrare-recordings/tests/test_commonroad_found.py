@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from avrare.base.errors import UsageError
-from avrare_recordings.drive import monitor
+from avrare_recordings.drive_monitor import monitor
 from avrare_recordings.formats.commonroad import open_commonroad, open_problem, read_lanelets
 from avrare_recordings.formats.drives import list_recordings, open_drives
 from avrare_recordings.roads.plane_drives import Obstacle

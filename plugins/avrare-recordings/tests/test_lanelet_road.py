@@ -9,7 +9,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Road
 from avrare.driving.lanes import lane_borders
 from avrare_recordings.batch import Question, monitor_files
-from avrare_recordings.drive import monitor
+from avrare_recordings.drive_monitor import monitor
 from avrare_recordings.formats.commonroad import open_commonroad
 from judged_recordings import judge
 from lanelet_scenes import BEND, KINDS, STRAIGHT, bend, car, carriageway, crossing, merge, opposing, scene

@@ -14,7 +14,7 @@ from avrare.cli.main import main
 from avrare.plugin.component import KINDS, Component
 from avrare.plugin.registry import Registry, Row, default_registry
 from avrare.testing.conformance import Check, Subject, checks_of, examine
-from avrare.testing.conformance.behaviour_checks import Exercise
+from avrare.testing.conformance.closed_loop_part_checks import Exercise
 
 HERE = Path(__file__).parent
 MONTE_CARLO = "avrare.estimation.monte_carlo"

@@ -9,7 +9,7 @@ from avrare.base.errors import PluginError, UsageError
 from avrare.plugin.registry import default_registry
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare.scenario.validation import check_options
-from avrare_flows import compound, marginals
+from avrare_flows import composite_laws, marginals
 from avrare_flows.config import LawConfig, RestrictableLaw, TransformedConfig
 from avrare_flows.laws import Joint, Law
 from avrare_flows.marginals import Marginal
@@ -24,8 +24,8 @@ _NAMES: dict[str, Callable[..., Marginal]] = {
     "gumbel": marginals.Gumbel,
     "student_t": marginals.StudentT,
     "uniform": marginals.Uniform,
-    "point": compound.Point,
-    "beam": compound.beam,
+    "point": composite_laws.Point,
+    "beam": composite_laws.beam,
 }
 
 
@@ -117,17 +117,17 @@ def law_of(config: LawConfig) -> Marginal:
     if config.law == "scipy":
         law: Marginal = _scipy_law(config.name, config.options)
     elif config.law == "mixture":
-        law = compound.Mixture(config.weights, tuple(law_of(part) for part in config.laws))
+        law = composite_laws.Mixture(config.weights, tuple(law_of(part) for part in config.laws))
     else:
         cut = () if config.law == "uniform" else ("low", "high")
         law = _NAMES[config.law](**config.model_dump(exclude={"law", *cut}))
     if not isinstance(config, RestrictableLaw):
         return law
     ends = {name: end for name, end in (("low", config.low), ("high", config.high)) if end is not None}
-    return compound.Truncated(law, **ends) if ends else law
+    return composite_laws.Truncated(law, **ends) if ends else law
 
 
-def _scipy_law(name: str, options: dict[str, float]) -> compound.Scipy:
+def _scipy_law(name: str, options: dict[str, float]) -> composite_laws.Scipy:
     from scipy import stats
 
     family = getattr(stats, name, None)
@@ -139,4 +139,4 @@ def _scipy_law(name: str, options: dict[str, float]) -> compound.Scipy:
         raise UsageError(f"scipy.stats.{name}: {error}") from error
     if not frozen.ppf(0.5) == frozen.ppf(0.5):
         raise UsageError(f"scipy.stats.{name}: it has no distribution with {options}")
-    return compound.Scipy(frozen)
+    return composite_laws.Scipy(frozen)

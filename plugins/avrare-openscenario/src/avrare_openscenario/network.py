@@ -1,4 +1,4 @@
-"""Roads as a scene uses them: lines of roads, ways along lanes, and where they lead."""
+"""Road network of a scene: chains of roads, routes along lanes, and the connections between chains."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from avrare.driving.reference_line import CurvedLine, Piece, ReferenceLine
 from avrare.protocols import Floats
 
 _ASIDE = 0.01
-"""Least change of the place of a lane's centre that makes it bend [m]."""
+"""Change of the lateral position of a lane's centre from which the lane counts as bent [m]."""
 _FAR = 50_000.0
 """Reach of a plane without roads [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """Road of a file, with the names by which the file calls its parts.
+    """Chain of roads of the file that continue one another, or a route along lanes of several chains.
 
     Attributes:
-        road: Road.
+        road: The chain as one road of the simulation.
         line: Reference line in the plane of the file, also where the road is straight.
-        begins: Station at which each road of the file begins [m].
-        lanes: Index of each lane, by its id.
-        centres: y of each lane's centre, by its id, for lanes that nobody drives on as well [m].
-        closed: Whether its end is its begin.
-        legs: Lanes that it follows from one to the next; empty: it is a line of roads itself.
+        begins: Station at which each road of the file begins, by its id [m].
+        lanes: Index of each lane in ``road``, by its id in the file.
+        centres: y of the centre of each lane of the file, by its id, whether it can be driven on or not [m].
+        closed: Whether the chain ends where it begins.
+        legs: Lanes of a route in the order of driving; empty for a chain.
     """
 
     road: Road
@@ -40,16 +40,16 @@ class RoadMap:
     legs: tuple[Leg, ...] = ()
 
     def find_leg(self, s: float) -> Leg:
-        """Return the leg at a station, of a way through several roads."""
+        """Return the leg of a route at a station."""
         begins = [leg.begin for leg in self.legs]
         return self.legs[max(int(np.searchsorted(begins, s, side="right")) - 1, 0)]
 
     def name_lane(self, index: int) -> int:
-        """Return the id of a lane by its index, 0 where there is no such lane."""
+        """Return the id of the lane with an index, 0 where no lane has it."""
         return next((name for name, number in self.lanes.items() if number == index), 0)
 
     def bends(self, lane: int) -> bool:
-        """Return whether the centre of a lane moves aside along the line."""
+        """Return whether the lateral position of a lane's centre changes along the reference line."""
         lanes = self.road.lanes
         if not lanes or lane not in self.lanes:
             return False
@@ -57,7 +57,7 @@ class RoadMap:
         return bool(np.ptp(border.right + border.left) > _ASIDE)
 
     def middles(self, s: Floats) -> Floats:
-        """Return y (..., L) of the centre of each lane at stations (...) [m]."""
+        """Return the lateral positions (..., L) of the centres of all lanes at stations (...) [m]."""
         if not self.road.lanes:
             return np.broadcast_to(np.array(self.road.lane_centres), (*s.shape, len(self.road.lane_centres)))
         s = np.clip(s, 0.0, self.line.length)
@@ -68,7 +68,7 @@ class RoadMap:
         return np.stack(centres, axis=-1)
 
     def borders(self, index: int, s: Floats) -> tuple[Floats, Floats]:
-        """Return y of the left and of the right border of a lane at stations [m]."""
+        """Return the lateral positions of the left and the right border of a lane at stations [m]."""
         if self.road.lanes:
             lane = self.road.lanes[index]
             left, right = (
@@ -81,13 +81,13 @@ class RoadMap:
 
 @dataclass(frozen=True)
 class Leg:
-    """Lane of a line of roads on a way.
+    """Part of a route that stays in one lane of one chain of roads.
 
     Attributes:
-        roads: The line.
+        roads: The chain.
         lane: Id of the lane.
-        direction: Whether it is driven along (1) or against (-1) the line.
-        begin: Station of the way at which it begins [m].
+        direction: 1 where the route follows the reference line of the chain, -1 where it runs against it.
+        begin: Station of the route at which this part begins [m].
     """
 
     roads: RoadMap
@@ -98,16 +98,16 @@ class Leg:
 
 @dataclass(frozen=True)
 class Connection:
-    """Way from a lane at an end of a line of roads into another line.
+    """Connection from the end of one chain of roads to a second chain, in the direction of travel.
 
     Attributes:
-        roads: The other line.
-        direction: Whether it is driven along (1) or against (-1) it.
-        lanes: Id of the lane there, by that of the lane here.
-        span: Stations there at which the road that connects begins and ends [m].
-        junction: Id of the junction in which it lies; empty: none.
-        rank: 2 where signs give it priority, 1 without signs, 0 where it yields, -1 where it stops.
-        lights: Whether traffic lights are at its begin.
+        roads: The second chain.
+        direction: 1 where traffic follows the reference line of that chain, -1 where it runs against it.
+        lanes: Id of the lane in the second chain, by the id of the lane in the first.
+        span: Stations of the second chain between which the connecting road lies [m].
+        junction: Id of the junction that contains the connecting road; empty: none.
+        rank: Priority at the junction: 2 by signs, 1 without signs, 0 after yielding, -1 after stopping.
+        lights: Whether traffic lights stand at the start of the connection.
     """
 
     roads: RoadMap
@@ -121,12 +121,12 @@ class Connection:
 
 @dataclass(frozen=True)
 class Network:
-    """Roads of a file, in lines that each follow one another.
+    """All roads of a file as chains, and the connections between them.
 
     Attributes:
-        maps: The lines.
-        notes: What of the file is left out, with its places.
-        connections: Ways on from each line (its identity) at its end (1) and its begin (-1).
+        maps: The chains.
+        notes: Parts of the file that are not supported, with their places.
+        connections: Connections from each chain (by ``id``) at its end (1) and at its start (-1).
     """
 
     maps: tuple[RoadMap, ...]
@@ -134,15 +134,15 @@ class Network:
     connections: Mapping[tuple[int, int], Sequence[Connection]] = field(default_factory=dict)
 
     def find(self, road: str) -> RoadMap | None:
-        """Return the line that a road belongs to."""
+        """Return the chain that contains a road of the file."""
         return next((line for line in self.maps if road in line.begins), None)
 
     def find_ways(self, roads: RoadMap, direction: int) -> Sequence[Connection]:
-        """Return the ways on from a line that is driven along (1) or against (-1) it."""
+        """Return the connections from a chain that is driven along (1) or against (-1) its line."""
         return self.connections.get((id(roads), direction), ())
 
     def find_nearest(self, x: float, y: float) -> RoadMap:
-        """Return the line that is nearest to a place in the plane."""
+        """Return the chain nearest to a point of the plane."""
 
         def distance(roads: RoadMap) -> float:
             s, d = roads.line.to_road(np.array([x]), np.array([y]))
@@ -153,6 +153,6 @@ class Network:
 
 
 def open_plane() -> Network:
-    """Return the plane without roads, as a road without lanes along its x axis."""
+    """Return a plane without roads: one road without lanes along the x axis."""
     line = CurvedLine((Piece(2.0 * _FAR),), -_FAR)
     return Network((RoadMap(Road((), 0.0, end=line.length), line, {}, {}, {}),))

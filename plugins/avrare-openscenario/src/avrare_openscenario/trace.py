@@ -28,10 +28,10 @@ def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats
     """
     traffic = ActedTraffic(file, dt)
     _, memory = traffic.start(1, {})
-    states = [_describe(traffic.maps, memory.points)]
+    states = [_compute_plane_states(traffic.maps, memory.points)]
     for step in range(round(until / dt)):
         memory = traffic.step(memory, np.array([step]), None)
-        states.append(_describe(traffic.maps, memory.points))
+        states.append(_compute_plane_states(traffic.maps, memory.points))
     return np.arange(len(states), dtype=np.float64) * dt, np.stack(states)
 
 
@@ -46,7 +46,7 @@ def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None
                 writer.writerow((f"{time:.6g}", body.name, *(f"{number:.6f}" for number in state)))
 
 
-def _describe(maps: Sequence[RoadMap], points: Vehicles) -> Floats:
+def _compute_plane_states(maps: Sequence[RoadMap], points: Vehicles) -> Floats:
     states = []
     for k, roads in enumerate(maps):
         x, y = roads.line.to_plane(points.x[:, k], points.y[:, k])

@@ -84,6 +84,27 @@ class CleanedData:
     test_ghosts: GhostLog | None = None
 
 
+@dataclass(frozen=True)
+class _Needs:
+    """Fewest rows from which a model can be fitted or scored."""
+
+    rows: int
+    detected: int
+    missed: int
+
+    def check(self, rows: DetectionTable, label: str, hint: str = "") -> None:
+        """Raise a ``UsageError`` that says which rows are too few."""
+        count, detected = len(rows), int(rows.detected.sum())
+        if count < self.rows:
+            raise UsageError(f"too few rows: {count} {label} where {self.rows} are needed", hint)
+        if detected < self.detected or count - detected < self.missed:
+            how_many = "all" if detected == count else "none" if detected == 0 else f"{detected}"
+            needed = f"at least {self.detected} detected and {self.missed} missed vehicles are needed"
+            raise UsageError(
+                f"{how_many} of the {count} {label} are detected: nothing to learn from", hint or needed
+            )
+
+
 def off_axis(yaw: Floats) -> Floats:
     """Return the angle between a vehicle and the nearest axis of the ego, 0 to 45 [degrees]."""
     deviation: Floats = np.abs((np.degrees(yaw) + 45) % 90 - 45)
@@ -110,8 +131,8 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     held_out[box[split:]] = True
     training = (index == first[box]) & ~held_out[box] & (index < split)
     train, test = rows.take(training), rows.take(slice(split, None))
-    _require(train, "training rows, the first four fifths without duplicates,", MIN_ROWS, 50, 5)
-    _require(test, "held-out rows, the last fifth,", MIN_ROWS // 5, 10, 1)
+    _Needs(MIN_ROWS, 50, 5).check(train, "training rows, the first four fifths without duplicates,")
+    _Needs(MIN_ROWS // 5, 10, 1).check(test, "held-out rows, the last fifth,")
     artefact_test = find_artefact(train)
     present = artefact_test.present if artefact is None else artefact
     oblique = [off_axis(part.yaw) >= (OBLIQUE if present else 0.0) for part in (train, test)]
@@ -119,8 +140,11 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     first_test[np.unique(boxes[split:], axis=0, return_index=True)[1]] = True
     test_oblique = oblique[1] & first_test
     if present:
-        _require(train.take(oblique[0]), "training rows off the axes of the ego", MIN_ROWS // 2, 50, 1)
-        _require(test.take(test_oblique), "held-out rows off the axes of the ego", 20, 10, 0)
+        hint = "--artefact no fits one model to all rows"
+        _Needs(MIN_ROWS // 2, 50, 1).check(
+            train.take(oblique[0]), "training rows off the axes of the ego", hint
+        )
+        _Needs(20, 10, 0).check(test.take(test_oblique), "held-out rows off the axes of the ego", hint)
     dropped = split - int(training.sum())
     false = (None, None) if ghosts is None else ghosts.split(1 - HELD_OUT)
     return CleanedData(train, oblique[0], test, test_oblique, artefact_test, present, dropped, *false)
@@ -148,16 +172,3 @@ def find_artefact(rows: DetectionTable) -> Artefact:
 def _variance_of_mean(outcomes: Bools) -> float:
     rate = (outcomes.sum() + 1) / (len(outcomes) + 2)  # one of either outcome is added to keep it above zero
     return float(rate * (1 - rate) / len(outcomes))
-
-
-def _require(rows: DetectionTable, what: str, least: int, detected: int, missed: int) -> None:
-    count, seen = len(rows), int(rows.detected.sum())
-    hint = "--artefact no fits one model to all rows" if "off the axes" in what else ""
-    if count < least:
-        raise UsageError(f"too few rows: {count} {what} where {least} are needed", hint)
-    if seen < detected or count - seen < missed:
-        how_many = "all" if seen == count else "none" if seen == 0 else f"{seen}"
-        needed = f"at least {detected} detected and {missed} missed vehicles are needed"
-        raise UsageError(
-            f"{how_many} of the {count} {what} are detected: nothing to learn from", hint or needed
-        )

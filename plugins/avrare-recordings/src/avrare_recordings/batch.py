@@ -30,7 +30,7 @@ from avrare.scenario.load import load
 from avrare.scenario.overrides import as_settings
 from avrare.scenario.safe_mode import safe_mode
 from avrare.stack.builder import build_rule
-from avrare_recordings.drive import find_road
+from avrare_recordings.drive_monitor import find_road
 from avrare_recordings.formats.drives import Drives, check_lanes, list_recordings, open_drives
 
 _SHOWN = 5

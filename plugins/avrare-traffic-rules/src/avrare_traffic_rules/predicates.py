@@ -162,10 +162,12 @@ def gap(s: Setting, a: Bodies, b: Bodies) -> Floats:
 @predicate("longitudinal")
 def keeps_safe_distance(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A can stop behind b if both brake as hard as they can, a after its reaction time."""
-    behind, before = onward(a), onward(b)
-    stopping, other_stopping = behind**2 / (2.0 * s.braking(a)), before**2 / (2.0 * s.braking(b))
-    needed = np.maximum(stopping - other_stopping + behind * s.parameters.reaction_time, 0.0)
-    return b.rear - a.front - needed
+    speed, speed_in_front = onward(a), onward(b)
+    braking_distance = speed**2 / (2.0 * s.braking(a))
+    braking_distance_in_front = speed_in_front**2 / (2.0 * s.braking(b))
+    reaction_distance = speed * s.parameters.reaction_time
+    safe_distance = np.maximum(braking_distance - braking_distance_in_front + reaction_distance, 0.0)
+    return b.rear - a.front - safe_distance
 
 
 @quantity("s")

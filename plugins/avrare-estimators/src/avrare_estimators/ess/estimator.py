@@ -220,7 +220,15 @@ class NestedLevels(Estimator):
         samples = chains * config.length
         survivors = min(max(1, round(config.level_probability * samples)), samples - 1)
         stage = _STAGE_OF_SECOND_PASS if second else 0
-        return PassShape(runs, chains, config.length, config.skip, survivors, config.floor, stage)
+        return PassShape(
+            runs=runs,
+            chains=chains,
+            length=config.length,
+            skip=config.skip,
+            survivors=survivors,
+            floor=config.floor,
+            stage=stage,
+        )
 
     def _nominal_rollouts(self, growth: int, probability: float = _NOMINAL) -> int:
         shares = math.ceil(math.log(probability) / math.log(self.config.level_probability))

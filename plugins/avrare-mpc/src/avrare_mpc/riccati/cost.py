@@ -34,13 +34,13 @@ INFINITE = 1e300
 
 
 class Stage(NamedTuple):
-    """Gradient and Hessian by x, y, v, h and a of every term but turn rates and bounds; xy is 0."""
+    """Gradient and Hessian by x, y, v, h and a of every term but turn rates and bounds; its xy is 0."""
 
-    x: Lanes
-    y: Lanes
-    v: Lanes
-    h: Lanes
-    a: Lanes
+    grad_x: Lanes
+    grad_y: Lanes
+    grad_v: Lanes
+    grad_h: Lanes
+    grad_a: Lanes
     xx: Lanes
     xv: Lanes
     xh: Lanes
@@ -232,24 +232,27 @@ def stage_model(p: Programme, path: Path, k: int, a: Lanes) -> Stage:
 
 @kernel
 def _add_clearance(p: Programme, path: Path, k: int, i: int, a: Lanes, to: Stage) -> Stage:
-    # 1. Derivatives of the missing clearance by x, y, v, h and a.
+    # 1. Derivatives of the missing clearance by x, y, v, h and a
     row = 4 * (p.vehicles * k + i)
     c, s, speed = load(path.turn, 2 * k), load(path.turn, 2 * k + 1), load(path.states, 4 * k + 2)
     near = load(path.push, row + 1) > 0.0
-    force, curve = load(path.push, row), load(path.push, row + 1)
-    x, y = select(near, load(path.push, row + 2), 0.0), select(near, load(path.push, row + 3), 0.0)
+    slope, curvature = load(path.push, row), load(path.push, row + 1)
+    by_x = select(near, load(path.push, row + 2), 0.0)
+    by_y = select(near, load(path.push, row + 3), 0.0)
     lead = speed * p.lead_speed + a * p.lead_acceleration
-    along = x * x > 0.0
-    v = select(along, c * p.dt, s * p.lead_speed)
-    h = select(along, -s * (speed * p.dt + a * (p.dt * p.dt)), c * lead)
-    acc = select(along, c * (p.dt * p.dt), s * p.lead_acceleration)
-    # 2. Chain rule.
-    cx, cy, cv, ch = curve * x, curve * y, curve * v, curve * h
+    along = by_x * by_x > 0.0
+    by_v = select(along, c * p.dt, s * p.lead_speed)
+    by_h = select(along, -s * (speed * p.dt + a * (p.dt * p.dt)), c * lead)
+    by_a = select(along, c * (p.dt * p.dt), s * p.lead_acceleration)
+    # 2. Chain rule
+    scaled_x, scaled_y = curvature * by_x, curvature * by_y
+    scaled_v, scaled_h = curvature * by_v, curvature * by_h
     return Stage(
-        to.x + force * x, to.y + force * y, to.v + force * v, to.h + force * h, to.a + force * acc,
-        to.xx + cx * x, to.xv + cx * v, to.xh + cx * h, to.xa + cx * acc,
-        to.yy + cy * y, to.yv + cy * v, to.yh + cy * h, to.ya + cy * acc,
-        to.vv + cv * v, to.vh + cv * h, to.va + cv * acc,
-        to.hh + ch * h, to.ha + ch * acc,
-        to.aa + curve * acc * acc,
+        to.grad_x + slope * by_x, to.grad_y + slope * by_y,
+        to.grad_v + slope * by_v, to.grad_h + slope * by_h, to.grad_a + slope * by_a,
+        to.xx + scaled_x * by_x, to.xv + scaled_x * by_v, to.xh + scaled_x * by_h, to.xa + scaled_x * by_a,
+        to.yy + scaled_y * by_y, to.yv + scaled_y * by_v, to.yh + scaled_y * by_h, to.ya + scaled_y * by_a,
+        to.vv + scaled_v * by_v, to.vh + scaled_v * by_h, to.va + scaled_v * by_a,
+        to.hh + scaled_h * by_h, to.ha + scaled_h * by_a,
+        to.aa + curvature * by_a * by_a,
     )  # fmt: skip

@@ -25,11 +25,11 @@ from avrare_mpc.riccati.values import LAST, Bounds, Path, Programme, Workspace
 class Value(NamedTuple):
     """Gradient and Hessian V of the cost to go by x, y, v, h, previous w."""
 
-    x: Lanes
-    y: Lanes
-    v: Lanes
-    h: Lanes
-    w: Lanes
+    grad_x: Lanes
+    grad_y: Lanes
+    grad_v: Lanes
+    grad_h: Lanes
+    grad_w: Lanes
     xx: Lanes
     xy: Lanes
     xv: Lanes
@@ -50,12 +50,12 @@ class Value(NamedTuple):
 class Expansion(NamedTuple):
     """Gradient and Hessian Q of stage and cost to go by x, y, v, h and the inputs a and w."""
 
-    x: Lanes
-    y: Lanes
-    v: Lanes
-    h: Lanes
-    a: Lanes
-    w: Lanes
+    grad_x: Lanes
+    grad_y: Lanes
+    grad_v: Lanes
+    grad_h: Lanes
+    grad_a: Lanes
+    grad_w: Lanes
     xx: Lanes
     xy: Lanes
     xv: Lanes
@@ -87,9 +87,9 @@ class InputModel(NamedTuple):
         lag: First derivative of the cost of the change.
     """
 
-    v: Lanes
-    a: Lanes
-    w: Lanes
+    grad_v: Lanes
+    grad_a: Lanes
+    grad_w: Lanes
     vv: Lanes
     vw: Lanes
     aa: Lanes
@@ -118,7 +118,7 @@ def sweep(p: Programme, path: Path, work: Workspace, bounds: Bounds, mu: Lanes, 
     before = load(path.inputs, 2 * steps - 1)
     rest = 2.0 * p.final_turn_rate
     value = Value(
-        model.x, model.y, model.v, model.h, rest * before,
+        model.grad_x, model.grad_y, model.grad_v, model.grad_h, rest * before,
         model.xx, none, model.xv, model.xh, none,
         model.yy, model.yv, model.yh, none,
         model.vv, model.vh, none,
@@ -153,7 +153,7 @@ def _add_bounds(work: Workspace, k: int, bounds: Bounds, to: Value) -> Value:
             load(work.stiffness, 6 * k + 4) + load(work.stiffness, 6 * k + 5),
         )
     return Value(
-        to.x, to.y + gy, to.v + gv, to.h + gh, to.w,
+        to.grad_x, to.grad_y + gy, to.grad_v + gv, to.grad_h + gh, to.grad_w,
         to.xx, to.xy, to.xv, to.xh, to.xw,
         to.yy + hy, to.yv, to.yh, to.yw,
         to.vv + hv, to.vh, to.vw,
@@ -174,12 +174,12 @@ def _expand(p: Programme, path: Path, k: int, to: Value, at: Stage, inputs: Inpu
     w_x, w_y, w_v = dt * to.xh + to.xw, dt * to.yh + to.yw, dt * to.vh + to.vw
     w_h, w_w = dt * to.hh + to.hw, dt * to.hw + to.ww
     return Expansion(
-        x=at.x + to.x,
-        y=at.y + to.y,
-        v=at.v + to.v + xv * to.x + yv * to.y + inputs.v,
-        h=at.h + to.h + xh * to.x + yh * to.y,
-        a=at.a + dt * to.v + inputs.a,
-        w=dt * to.h + to.w + inputs.w,
+        grad_x=at.grad_x + to.grad_x,
+        grad_y=at.grad_y + to.grad_y,
+        grad_v=at.grad_v + to.grad_v + xv * to.grad_x + yv * to.grad_y + inputs.grad_v,
+        grad_h=at.grad_h + to.grad_h + xh * to.grad_x + yh * to.grad_y,
+        grad_a=at.grad_a + dt * to.grad_v + inputs.grad_a,
+        grad_w=dt * to.grad_h + to.grad_w + inputs.grad_w,
         xx=at.xx + to.xx,
         xy=to.xy,
         xv=at.xv + v_x,
@@ -223,9 +223,9 @@ def _input_model(
         push, stiff = _hard_bound(work, 6 * k + 4, mu)
     rate = 2.0 * p.turn_rate_weight
     return InputModel(
-        v=push * w,
-        a=push_a,
-        w=rate * w + lag + push_w + push * speed,
+        grad_v=push * w,
+        grad_a=push_a,
+        grad_w=rate * w + lag + push_w + push * speed,
         vv=stiff * w * w,
         vw=stiff * w * speed,
         aa=stiff_a + damping * (1.0 / (p.acceleration_max * p.acceleration_max)),
@@ -247,7 +247,7 @@ def _hard_bound(work: Workspace, row: int, mu: Lanes) -> tuple[Lanes, Lanes]:
 def _minimise(q: Expansion, inputs: InputModel, gains: Memory, k: int) -> tuple[Value, Lanes]:
     scale = 1.0 / (q.aa * q.ww - q.aw * q.aw)
     aa, aw, ww = q.ww * scale, -q.aw * scale, q.aa * scale
-    a, w = -(aa * q.a + aw * q.w), -(aw * q.a + ww * q.w)
+    a, w = -(aa * q.grad_a + aw * q.grad_w), -(aw * q.grad_a + ww * q.grad_w)
     ax, wx = -(aa * q.xa + aw * q.xw), -(aw * q.xa + ww * q.xw)
     ay, wy = -(aa * q.ya + aw * q.yw), -(aw * q.ya + ww * q.yw)
     av, wv = -(aa * q.va + aw * q.vw), -(aw * q.va + ww * q.vw)
@@ -256,10 +256,10 @@ def _minimise(q: Expansion, inputs: InputModel, gains: Memory, k: int) -> tuple[
     _store_gains(gains, 12 * k, a, ax, ay, av, ah, ap)
     _store_gains(gains, 12 * k + 6, w, wx, wy, wv, wh, wp)
     value = Value(
-        q.x + q.xa * a + q.xw * w,
-        q.y + q.ya * a + q.yw * w,
-        q.v + q.va * a + q.vw * w,
-        q.h + q.ha * a + q.hw * w,
+        q.grad_x + q.xa * a + q.xw * w,
+        q.grad_y + q.ya * a + q.yw * w,
+        q.grad_v + q.va * a + q.vw * w,
+        q.grad_h + q.ha * a + q.hw * w,
         -inputs.lag - inputs.change * w,
         q.xx + q.xa * ax + q.xw * wx,
         q.xy + q.xa * ay + q.xw * wy,
@@ -277,7 +277,7 @@ def _minimise(q: Expansion, inputs: InputModel, gains: Memory, k: int) -> tuple[
         q.ha * ap + q.hw * wp,
         inputs.change - inputs.change * wp,
     )
-    return value, q.a * a + q.w * w
+    return value, q.grad_a * a + q.grad_w * w
 
 
 @kernel

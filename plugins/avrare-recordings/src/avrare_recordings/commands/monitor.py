@@ -26,7 +26,7 @@ from avrare.output.terminal.console import make_console
 from avrare.results.recordings import parse_road
 from avrare.results.run import Run
 from avrare_recordings.commands import monitor_batch
-from avrare_recordings.drive import monitor
+from avrare_recordings.drive_monitor import monitor
 from avrare_recordings.output.monitoring_documents import monitoring_document, write_monitoring_csv
 from avrare_recordings.output.monitoring_text import draw_chart, headline
 

@@ -35,7 +35,7 @@ _STAGES_PER_LEVEL = 2**17
 """Addresses set aside for the steps of a level."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PassShape:
     """The size of a pass.
 

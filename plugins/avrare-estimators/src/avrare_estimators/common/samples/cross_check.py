@@ -29,7 +29,7 @@ GROUPS = 8
 _LENGTH, _SHARE = 10, 0.1
 _FEWEST_CHAINS, _ENOUGH_CHAINS = 5, 16
 """Chains of a group, the fewest that climb and those whose answer is mostly exact enough to vouch."""
-_FLOOR = 1e-18
+_SMALLEST_PROBABILITY = 1e-18
 _STAGE, _STAGES_OF_RUN = 2**30, 2**24
 
 
@@ -93,7 +93,15 @@ class CrossCheck:
             return None
         # Each group starts at the best of its share of the target's rows.
         stage = (_STAGE + sample.strata[0].run * _STAGES_OF_RUN) % 2**32
-        shape = PassShape(GROUPS, chains, _LENGTH, 0, chains, _FLOOR, stage)
+        shape = PassShape(
+            runs=GROUPS,
+            chains=chains,
+            length=_LENGTH,
+            skip=0,
+            survivors=chains,
+            floor=_SMALLEST_PROBABILITY,
+            stage=stage,
+        )
         starts, shares = _choose_starts(samples, places, shape.samples)
         climb = LevelPass.begin_from(sample.strata[0].plan, shape, PcnKernel(), starts, shares)
         return CrossCheck(sample.source, climb, budget)._continue()

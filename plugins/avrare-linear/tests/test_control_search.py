@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import avrare
+from avrare_linear.control_search import find_controls
 from avrare_linear.gaussian import simulate_signals
-from avrare_linear.start import find_controls
 from avrare_linear.system import LinearSystem
 
 STEPS = 12

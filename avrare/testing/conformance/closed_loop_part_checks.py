@@ -1,4 +1,4 @@
-"""Behaviour checks: parts of a closed loop and specifications on a batch of particles.
+"""Checks of parts of a closed loop and of specifications on a batch of particles.
 
 An exercise runs a part for a few steps, driven by a tape of numbers only. It is a generator
 ``play(part, tape, between)``: ``tape`` is (N, STEPS + 1, size) standard normal, ``between`` is applied to the
