@@ -67,7 +67,7 @@ def execute(args: argparse.Namespace) -> int:
             say(f"{out}: this run is already finished", error=True)
             return _finish(args, finished)
         budget = budget or rundir.saved_budget(out)
-        scenarios = scenarios or _list_interrupted(args, out)
+        scenarios = scenarios or _load_interrupted_scenarios(args, out)
     for scenario in scenarios:
         print_warnings(scenario.warnings)
     built = [LoadedScenario(scenario) for scenario in scenarios]
@@ -130,7 +130,7 @@ def _find_estimators(option: str) -> str:
     return ", ".join(each["plugin"]["const"] for each in fields if option in each)
 
 
-def _list_interrupted(args: argparse.Namespace, out: Path) -> list[Scenario]:
+def _load_interrupted_scenarios(args: argparse.Namespace, out: Path) -> list[Scenario]:
     scenarios = rundir.saved_scenarios(out, _overrides(args), args.estimator)
     if not scenarios:
         hint = f"avrare run SCENARIO --out {shlex.quote(str(out))} starts one"

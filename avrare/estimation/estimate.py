@@ -236,9 +236,9 @@ class _Call:
         if not isinstance(self.checkpoint, (str, os.PathLike, type(None))):
             raise UsageError(f"checkpoint must be the path of a folder, not {self.checkpoint!r}")
         if self.workers != 1:
-            from avrare.rollout.executors.processes import exit_if_unguarded
+            from avrare.rollout.executors.processes import exit_unguarded_worker
 
-            exit_if_unguarded()  # before the checkpoint is opened, which the parent holds
+            exit_unguarded_worker()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)
         paid = subtract_check(Budget.parse(self.budget), check)
         suppress = (self.suppress,) if isinstance(self.suppress, str) else tuple(self.suppress)

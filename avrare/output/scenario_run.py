@@ -19,7 +19,7 @@ from avrare.estimation.result.verdict import with_verdict
 from avrare.results import run_folder
 from avrare.results.run import Run
 from avrare.results.run_folder import call_back
-from avrare.rollout.executors.processes import exit_if_unguarded
+from avrare.rollout.executors.processes import exit_unguarded_worker
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.rollout.problem import Problem
@@ -59,7 +59,7 @@ def run(
         PluginError: A plugin is missing.
     """
     if workers != 1:
-        exit_if_unguarded()  # before the run folder is asked for, which the parent holds
+        exit_unguarded_worker()  # before the run folder is asked for, which the parent holds
     with safe_mode(safe):
         definition = load(path, overrides, estimator)
     scenario, paid = LoadedScenario(definition), Budget.parse(budget)

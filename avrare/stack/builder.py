@@ -228,7 +228,7 @@ def build_rule(name: str, settings: Sequence[str], scene: Scene) -> Specificatio
             f"rule {name!r} is offered by more than one plugin: {both}",
             "put it in a scenario, and name its specification",
         )
-    return _build_configured(offers[0].row, "rule", name, settings, scene)
+    return _build_from_settings(offers[0].row, "rule", name, settings, scene)
 
 
 def build_formula(text: str, settings: Sequence[str], scene: Scene) -> Specification:
@@ -241,13 +241,15 @@ def build_formula(text: str, settings: Sequence[str], scene: Scene) -> Specifica
     """
     for row in dict.fromkeys(offer.row for offer in Catalogue.of(default_registry()).offers):
         if row.component is not None and "formula" in row.component.load_config().model_fields:
-            return _build_configured(row, "formula", text, settings, scene)
+            return _build_from_settings(row, "formula", text, settings, scene)
     raise PluginError(
         "no installed plugin defines predicates of vehicles", "pip install avrare-traffic-rules"
     )
 
 
-def _build_configured(row: Row, key: str, value: str, settings: Sequence[str], scene: Scene) -> Specification:
+def _build_from_settings(
+    row: Row, key: str, value: str, settings: Sequence[str], scene: Scene
+) -> Specification:
     component = default_registry().require("specification", row.name)
     mark = Mark("--rule" if key == "rule" else "--stl")
     node = override(Node({key: Node(value, mark, mark)}, mark), settings)

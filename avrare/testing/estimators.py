@@ -95,7 +95,7 @@ class EstimatorConformance:
             metafunc.parametrize("study", self.studies, ids=[study.problem.id for study in self.studies])
 
     @pytest.fixture(autouse=True)
-    def _skip_unsupported(self, request: pytest.FixtureRequest) -> None:
+    def _skip_unsupported_test(self, request: pytest.FixtureRequest) -> None:
         reason = self.unsupported.get(request.node.originalname)
         if reason is not None:
             pytest.skip(reason)
@@ -108,7 +108,7 @@ class EstimatorConformance:
         result = self.estimate(study.problem.problem(), seed=study.seed, runs=study.repeats, **study.options)
         values = result.run_probabilities
         assert values.shape == (study.repeats,), "every run counts, also those that died out"
-        _assert_unbiased(values, truth)
+        _assert_no_bias(values, truth)
 
     def test_interval_covers(self) -> None:
         """Intervals over many seeds cover the truth, up to binomial scatter."""
@@ -260,7 +260,7 @@ class EstimatorConformance:
         """An error at random is neither failure nor pass, and is never drawn again."""
         task, truth, _ = _walk_with_errors()
         values = self.estimate(task, runs=400).run_probabilities
-        _assert_unbiased(values, truth)
+        _assert_no_bias(values, truth)
 
     def test_errors_are_counted(self) -> None:
         """All errors are counted, and in the upper end of the interval."""
@@ -278,7 +278,7 @@ class EstimatorConformance:
             self.estimate(Problem(system, stl("always (x < 1)"), 3))
 
 
-def _assert_unbiased(values: Floats, truth: float) -> None:
+def _assert_no_bias(values: Floats, truth: float) -> None:
     z = deviation(values, truth)
     assert abs(z) < 4.0, f"mean {values.mean():.3g}, truth {truth:.3g}: {z:+.1f} standard errors"
     assert standard_error(values) < truth / 12.0, "too weak a test: use more particles or repeats"

@@ -61,7 +61,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     # 2. Pool the means by the first method that fits their laws.
     plain = [undo_opening(batch) for batch in batches]
     runs = _pool_runs(plain)
-    pooled = _pool_counts(plain) or runs or _pool_weighted(plain)
+    pooled = _pool_counts(plain) or runs or _pool_by_planned_shares(plain)
     # 3. Collect the health warnings.
     messages = [batch.health["errors"] for batch in batches if "errors" in batch.health]
     solved = ("errors", "single_run") if runs else ("errors",)  # there are several runs now
@@ -126,7 +126,7 @@ def _pool_runs(batches: Sequence[Result]) -> _PooledMean | None:
     return _PooledMean(mean, relative, law)
 
 
-def _pool_weighted(batches: Sequence[Result]) -> _PooledMean | None:
+def _pool_by_planned_shares(batches: Sequence[Result]) -> _PooledMean | None:
     # Single runs are averaged by what was planned: rollouts that depend on the outcome would bias the mean.
     laws = [law for batch in batches if isinstance(law := derive_distribution(batch), LogNormal)]
     if len(laws) < len(batches):

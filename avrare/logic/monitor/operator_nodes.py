@@ -83,7 +83,9 @@ class _ComparisonNode(MonitorNode):
 
     def open(self, samples: OpenSamples) -> Array:
         newest = samples.now.tables[self.index][-1]
-        return samples.fill(samples.now.algebra.bound_unseen(self.formula), newest.shape[samples.now.n + 1 :])
+        return samples.fill(
+            samples.now.algebra.bound_unseen_samples(self.formula), newest.shape[samples.now.n + 1 :]
+        )
 
 
 class _PointwiseNode(MonitorNode):

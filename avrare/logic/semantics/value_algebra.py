@@ -66,7 +66,7 @@ class RobustnessAlgebra:
         distance = np.abs(subtract(left, right))
         return -distance if node.op == "==" else distance
 
-    def bound_unseen(self, node: Comparison) -> Range:
+    def bound_unseen_samples(self, node: Comparison) -> Range:
         """Return the range of a comparison of samples not seen yet."""
         return _comparison_range(node)
 
@@ -102,10 +102,10 @@ class SignedAlgebra(RobustnessAlgebra):
             return np.where(np.equal(value, 0.0), TINY if _TRUE_AT_ZERO[node.op] else -TINY, value)[()]
         return value
 
-    def bound_unseen(self, node: Comparison) -> Range:
+    def bound_unseen_samples(self, node: Comparison) -> Range:
         """Return the range, with an end of 0 replaced likewise."""
         nudge = TINY if _TRUE_AT_ZERO[node.op] else -TINY
-        low, high = super().bound_unseen(node)
+        low, high = super().bound_unseen_samples(node)
         return low or nudge, high or nudge
 
 
@@ -116,9 +116,9 @@ class TruthAlgebra(SignedAlgebra):
         """Return the truth of a comparison of two terms; NaN stays NaN."""
         return np.multiply(super().compare(node, left, right), math.inf)
 
-    def bound_unseen(self, node: Comparison) -> Range:
+    def bound_unseen_samples(self, node: Comparison) -> Range:
         """Return false and true, unless the ranges of the terms decide."""
-        low, high = super().bound_unseen(node)
+        low, high = super().bound_unseen_samples(node)
         return low * math.inf, high * math.inf
 
     def xor(self, left: Array, right: Array) -> Array:
@@ -156,7 +156,7 @@ class IntervalAlgebra(RobustnessAlgebra):
             return exact
         bounds = np.empty((self.steps, 2, *exact.shape[1:]))
         bounds[: len(exact)] = exact[:, None]
-        bounds[len(exact) :, 0], bounds[len(exact) :, 1] = self.exact.bound_unseen(node)
+        bounds[len(exact) :, 0], bounds[len(exact) :, 1] = self.exact.bound_unseen_samples(node)
         return bounds
 
     def negate(self, x: Array) -> Array:

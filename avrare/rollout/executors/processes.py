@@ -105,7 +105,7 @@ def unpack(answer: bytes) -> object:
     return outcome
 
 
-def exit_if_unguarded() -> None:
+def exit_unguarded_worker() -> None:
     """End this process if it is a worker that still imports the script, which nothing guards."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         os._exit(_UNGUARDED)
@@ -195,7 +195,7 @@ class ProcessExecutor(WorkerPool):
 
     def open(self, work: Work) -> None:
         """Take the work; a process starts with its first task."""
-        exit_if_unguarded()
+        exit_unguarded_worker()
         self._payload = pickle_work(work)
         single_thread = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
         # Processes read these before any of our code runs in them.

@@ -11,7 +11,7 @@ from avrare.plugin.registry import default_registry
 from avrare.scenario.load import load
 from avrare.stack.builder import build_stack
 from avrare_gymnasium.config import GymnasiumConfig
-from avrare_gymnasium.registration import register_installed
+from avrare_gymnasium.registration import register_installed_environments
 from avrare_gymnasium.world import build
 
 MODULE = """\
@@ -45,11 +45,11 @@ def installed(tmp_path, monkeypatch):
         (info / "entry_points.txt").write_text("\n".join(["[gymnasium.envs]", *points, ""]))
         (tmp_path / "gusts.py").write_text(MODULE)
         monkeypatch.syspath_prepend(str(tmp_path))
-        register_installed.cache_clear()
+        register_installed_environments.cache_clear()
 
     before = set(gymnasium.registry)
     yield install
-    register_installed.cache_clear()
+    register_installed_environments.cache_clear()
     sys.modules.pop("gusts", None)
     for name in set(gymnasium.registry) - before:
         del gymnasium.registry[name]

@@ -13,7 +13,7 @@ from gymnasium.envs import registration
 
 
 @functools.cache
-def register_installed() -> tuple[str, ...]:
+def register_installed_environments() -> tuple[str, ...]:
     """Call the entry points of all installed distributions, once; return their errors, a line for each."""
     return tuple(line for point in entry_points(group="gymnasium.envs") if (line := _register(point)))
 

@@ -19,7 +19,7 @@ from avrare.worlds.world import World
 from avrare.worlds.worlds_simulator import DrawnWorlds
 from avrare_gymnasium.actions import Commands, actions
 from avrare_gymnasium.config import OUTCOMES, GymnasiumConfig
-from avrare_gymnasium.registration import register_installed
+from avrare_gymnasium.registration import register_installed_environments
 from avrare_gymnasium.stream import Stream
 
 _FREE = "its random numbers are not controlled by the noise (noise.stream.by: free)"
@@ -206,7 +206,7 @@ def _check_number(environment: object, name: str) -> None:
 def _make_environment(config: GymnasiumConfig) -> gymnasium.Env[object, object]:
     name = config.env.rpartition(":")[2]
     if name not in gymnasium.registry and ":" not in config.env:
-        faults = register_installed()
+        faults = register_installed_environments()
         if name not in gymnasium.registry:
             near = did_you_mean(name, gymnasium.registry) or "see gymnasium.pprint_registry()"
             raise UsageError(f"unknown environment {name!r}", "; ".join([near, *faults]))

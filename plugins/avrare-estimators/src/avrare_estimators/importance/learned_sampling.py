@@ -229,7 +229,7 @@ class LearnedSampling(WeightedSampler):
         task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, of_target, memory)
         return replace(state, task=task, shares=(*state.shares, share))
 
-    def _list_counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+    def _list_counted_samples(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         assert isinstance(state, LearnedState)
         return tuple(zip(state.shares[:-1], state.samples[-len(state.shares) : -1], strict=True))
 

@@ -285,7 +285,7 @@ class Particles:
         copies = wanted * target[parents] / target.sum()
         return parents, weight[parents] / copies, True
 
-    def list_ended(self) -> Ends:
+    def list_ended_particles(self) -> Ends:
         """Return all particles that have ended, those of a run together."""
         # Of a part whose rows all ended before they were observed the number of features is not known.
         width = max(ends.rows.features.shape[2] for ends in self.ends)
@@ -298,7 +298,7 @@ class Particles:
 
     def paths(self) -> Paths:
         """Return the rollouts for learning, without those that broke down."""
-        ends = self.list_ended()
+        ends = self.list_ended_particles()
         alive = ~ends.error
         rows = batch.take(ends.rows, alive)
         weights = rows.weight * len(rows.run) / self.runs

@@ -74,7 +74,7 @@ class Counted:
     @staticmethod
     def of(particles: Particles) -> Counted:
         """Sum up runs that have ended."""
-        ends, runs, course = particles.list_ended(), particles.runs, particles.course
+        ends, runs, course = particles.list_ended_particles(), particles.runs, particles.course
         run, weight = ends.rows.run, ends.rows.weight
 
         def by_run(chosen: Any) -> Floats:

@@ -82,7 +82,7 @@ class SharedErrorPem(PerceptionErrorModel):
         if self._bounds is not None:
             draw = noise[:, -1]
             later = replace(later, dark=draw < np.where(memory.dark, self._bounds[1], self._bounds[0]))
-        return self._blacken(self._move(seen, world, later), later.dark), later
+        return self._black_out(self._move(seen, world, later), later.dark), later
 
     def locate(self, ego: Vehicles, memory: SharedMemory) -> Vehicles:
         """Return the ego where the error of its pose puts it."""
@@ -117,7 +117,7 @@ class SharedErrorPem(PerceptionErrorModel):
         )
         return moved if seen.heading is None else replace(moved, heading=seen.heading + turn)
 
-    def _blacken(self, seen: Observation, dark: Bools) -> Observation:
+    def _black_out(self, seen: Observation, dark: Bools) -> Observation:
         if not dark.any():
             return seen
         nothing: Observation = batch.map_leaves(

@@ -156,7 +156,7 @@ class WeightedSampler(Estimator):
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample = state.samples[-1]
         checked = self.config.check > 0.0 and sample.share < 1.0
-        outcome = RunOutcome(sample, checked, result, state.stages, self._list_counted(state))
+        outcome = RunOutcome(sample, checked, result, state.stages, self._list_counted_samples(state))
         state = replace(state, finished=(*state.finished, outcome), samples=(), stages=(), task=None)
         return state if state.run == self.config.runs else self._begin_run(state)
 
@@ -170,7 +170,7 @@ class WeightedSampler(Estimator):
         """Return the rows of the final sample."""
         raise NotImplementedError
 
-    def _list_counted(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
+    def _list_counted_samples(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
 
