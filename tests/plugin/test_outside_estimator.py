@@ -1,5 +1,6 @@
 """An estimator of another distribution takes every role that ours do, by what its component declares."""
 
+from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
 
@@ -84,6 +85,14 @@ def test_its_notes_are_stored_and_shown(run, capsys):
 def test_its_charts_are_in_the_report(run):
     run("estimator={plugin: widened}").report("report.html")
     assert "Sorted weights" in Path("report.html").read_text()
+
+
+def test_it_may_keep_no_robustness(run):
+    result = replace(run("estimator={plugin: widened}"), robustness=None)
+    page = result.report("report.html").read_text()
+    assert "Sorted weights" in page
+    assert "Histogram of the robustness" not in page
+    assert len(result.plot().figure.axes) == 1
 
 
 def test_without_the_plugin_its_names_are_unknown(run, monkeypatch):

@@ -49,8 +49,7 @@ class Failures:
 
 def spread(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Return at most ``most`` of ``rows``, evenly spaced: failures of all runs, not of the first alone."""
-    if len(rows) <= most:
-        return rows
+    most = min(most, len(rows))
     return rows[np.arange(most) * len(rows) // most]
 
 
@@ -134,9 +133,8 @@ class Result:
         failures: Failing tapes.
         worst: Least robust rollout.
         robustness: Robustness of each complete rollout of the first stage, NaN for errors; of Monte Carlo, of
-            the first 100,000 rollouts.
-        trials: Independent rollouts of which ``failures.count`` failed; 0 where the estimate follows another
-            law than the binomial, as one that stops at a number of failures.
+            the first 100,000 rollouts. Empty, or None to the constructor, where the estimator keeps none.
+        trials: Independent rollouts of which ``failures.count`` failed; 0 where the law is not binomial.
         members: Models of an ensemble whose estimates ``run_probabilities`` are; 0: they are of runs.
         shared_by: Specifications that share the rollouts.
         error_share: Probability that a rollout ends in an error, where it is not errors over rollouts.
@@ -171,7 +169,7 @@ class Result:
     health: dict[str, str]
     failures: Failures
     worst: Worst
-    robustness: Floats
+    robustness: Floats = field(default_factory=lambda: np.zeros(0))
     trials: int = 0
     members: int = 0
     shared_by: int = 1
@@ -190,6 +188,10 @@ class Result:
     verdict: str | None = None
     error_tapes: tuple[Floats, ...] = field(default=(), compare=False)
     origin: Origin | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.robustness is None:
+            object.__setattr__(self, "robustness", np.zeros(0))
 
     @cached_property
     def interval(self) -> Interval:
