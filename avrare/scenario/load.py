@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pathlib import PurePath
 from pkgutil import resolve_name
 
 from pydantic import BaseModel
@@ -215,15 +216,17 @@ def _load_model(row: Row) -> tuple[Component, type[Options]]:
 
 
 def _find_files(node: Node, model: type[BaseModel]) -> Node:
-    # Files that a scenario names lie beside it; else the path is one from the current folder, as in a run
-    # folder, which may hold another file of that name.
+    # A file lies beside the scenario or below the current folder. A run folder, which may hold another of
+    # that name, has the paths of the folder that its command ran in: of the current one, or of one above it.
     for at, place in find_places(model, node).items():
         value, mark = place.node.value, place.node.mark
         if place.is_marked(FILE) and isinstance(value, str) and mark.line:
             folder, file = os.path.split(mark.file)
-            neighbour, result = os.path.join(folder, value), os.path.join(folder, _RESULT)
-            if is_file(neighbour) and not (file == _STORED and is_file(result)):
-                node = node.replace(at, neighbour)
+            finished = file == _STORED and is_file(os.path.join(folder, _RESULT))
+            paths = [value] if finished else [os.path.join(folder, value), value]
+            above = PurePath(os.path.abspath(folder)).parents if file == _STORED else ()
+            paths += [os.path.join(directory, value) for directory in above]
+            node = node.replace(at, next(filter(is_file, paths), value))
     return node
 
 

@@ -95,7 +95,7 @@ def test_failures_and_baselines_are_of_a_scenario_from_wherever_it_is_called(sce
         load_target(second, folder, True, False)
 
 
-def test_a_run_folder_names_files_from_the_current_folder(scenario):
+def test_a_run_folder_names_files_from_the_folder_it_was_made_in(scenario, monkeypatch):
     elsewhere = scenario.parent.parent / "elsewhere"
     (elsewhere / "learned.json").write_text("{}")
     run = elsewhere / "run"
@@ -103,6 +103,8 @@ def test_a_run_folder_names_files_from_the_current_folder(scenario):
     for name, text in (("scenario.yaml", SCENARIO), ("result.json", "{}"), ("learned.json", "{ }")):
         (run / name).write_text(text)
     assert learned(run / "scenario.yaml") == "learned.json"
+    monkeypatch.chdir(scenario.parent)
+    assert learned("../elsewhere/run/scenario.yaml") == str(elsewhere / "learned.json")
     (run / "result.json").unlink()
     assert learned(run / "scenario.yaml") == str(run / "learned.json")
 
