@@ -178,9 +178,9 @@ def _measure(condition: Condition, entity: int, traffic: Traffic) -> Floats:
         case "relative_speed":
             turned = headings[:, other] - headings[:, entity]
             if condition.direction == "longitudinal":
-                return np.asarray(speeds[:, entity] - np.cos(turned) * speeds[:, other])
+                return np.asarray(np.cos(turned) * speeds[:, entity] - speeds[:, other])
             if condition.direction == "lateral":
-                return np.asarray(-np.sin(turned) * speeds[:, other])
+                return np.asarray(-np.sin(turned) * speeds[:, entity])
             return np.asarray(speeds[:, entity] - speeds[:, other])
         case "collision":
             return _touches(condition, entity, traffic)

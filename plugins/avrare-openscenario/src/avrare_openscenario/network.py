@@ -29,6 +29,7 @@ class RoadMap:
         centres: y of the centre of each lane of the file, by its id, whether it can be driven on or not [m].
         closed: Whether the chain ends where it begins.
         legs: Lanes of a route in the order of driving; empty for a chain.
+        tilt: (4, M) stations [m], slope, bank [rad] and change of that [rad/m]; None: it is flat.
     """
 
     road: Road
@@ -38,6 +39,7 @@ class RoadMap:
     centres: Mapping[int, float]
     closed: bool = False
     legs: tuple[Leg, ...] = ()
+    tilt: Floats | None = None
 
     def find_leg(self, s: float) -> Leg:
         """Return the leg of a route at a station."""
@@ -55,6 +57,18 @@ class RoadMap:
             return False
         border = lanes[self.lanes[lane]]
         return bool(np.ptp(border.right + border.left) > _ASIDE)
+
+    def see_from_above(self, s: Floats, d: Floats, heading: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return a pose on the surface of the road as it is in the plane."""
+        if self.tilt is None:
+            return s, d, heading
+        slope, bank, change = (np.interp(s, self.tilt[0], row) for row in self.tilt[1:])
+        pitch, nose = -np.arctan(slope), -np.cos(heading) * np.arctan(d * np.tan(change))
+        side, up = np.sin(heading) * np.cos(nose), -np.sin(nose)
+        ahead = np.cos(heading) * np.cos(nose) * np.cos(pitch)
+        ahead += np.sin(pitch) * (side * np.sin(bank) + up * np.cos(bank))
+        turned = np.arctan2(side * np.cos(bank) - up * np.sin(bank), ahead)
+        return s + d * np.sin(bank) * np.sin(pitch), d * np.cos(bank), turned
 
     def middles(self, s: Floats) -> Floats:
         """Return the lateral positions (..., L) of the centres of all lanes at stations (...) [m]."""

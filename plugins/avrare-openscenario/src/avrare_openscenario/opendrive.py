@@ -15,7 +15,7 @@ from avrare.driving.reference_line import CurvedLine, Piece, PolygonalLine, Refe
 from avrare.protocols import Floats
 from avrare_openscenario.curves import go_on, polynomial
 from avrare_openscenario.network import Connection, Network, RoadMap
-from avrare_openscenario.road_lanes import KINDS, LaneStrip, read_lanes
+from avrare_openscenario.road_lanes import KINDS, LaneStrip, Polynomial, evaluate, read_lanes, read_polynomial
 from avrare_openscenario.xml_tree import Element, read_xml
 
 _APART, _TURNED = 0.01, 1e-3
@@ -165,12 +165,11 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
         if not _same_lanes(read_lanes(road, road.number("length")), lanes):
             raise road.error("its lanes differ from those of the road before it", "lanes must go on")
     left = {road.get("rule") == "LHT" for road in chain} == {True}
+    tilt = _read_tilt(chain, begins, at)
     for road in chain:
-        for profile in (*road.list("elevationProfile"), *road.list("lateralProfile")):
-            _pass_over_profile(profile)
         road.skip_children("objects", "signals", "type", "surface", "railroad", "CRG")
         road.ignore("name", "length", "junction")
-    return _assemble(line, begins, lanes, left)
+    return replace(_assemble(line, begins, lanes, left), tilt=tilt)
 
 
 def _same_lanes(lanes: Sequence[LaneStrip], others: Sequence[LaneStrip]) -> bool:
@@ -204,14 +203,28 @@ def _sample_polynomial(geometry: Element, x: float, y: float, heading: float) ->
     return np.stack([x + cos * along - sin * across, y + sin * along + cos * across], axis=1)
 
 
-def _pass_over_profile(profile: Element) -> None:
-    flat = all(
-        child.attributes.get(name, "0").strip("+-0.eE") == "" for child in profile.children for name in "abcd"
-    )
-    if flat:
-        profile.skip()
-    else:
-        profile.pass_over("the road is read as flat")
+def _read_tilt(chain: Sequence[Element], begins: dict[str, float], length: float) -> Floats | None:
+    # Stations, slope, bank and change of the bank; None where the roads are flat.
+    heights, banks = list[Polynomial](), list[Polynomial]()
+    for road in chain:
+        begin = begins[road.attribute("id")]
+        for block, tag, records in (
+            ("elevationProfile", "elevation", heights),
+            ("lateralProfile", "superelevation", banks),
+        ):
+            records.append((begin, 0.0, 0.0, 0.0, 0.0))
+            for profile in road.list(block):
+                for record in profile.list(tag):
+                    s, a, b, c, d = read_polynomial(record, "s")
+                    records.append((begin + s, a, b, c, d))
+                profile.skip()
+                if any(any(terms) for _, *terms in records):
+                    profile.note("vehicles drive as on a flat road")
+    if not any(any(terms) for _, *terms in (*heights, *banks)):
+        return None
+    stations = np.linspace(0.0, length, max(2, 1 + math.ceil(length)))
+    slopes, changes = ([(s, b, 2.0 * c, 3.0 * d, 0.0) for s, _, b, c, d in rows] for rows in (heights, banks))
+    return np.stack([stations, *(evaluate(rows, stations) for rows in (slopes, banks, changes))])
 
 
 def _chains(roads: Sequence[Element]) -> list[list[Element]]:

@@ -70,7 +70,7 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         UsageError: It has no section, or ids have gaps.
     """
     block, length = road.child("lanes"), min(length, _LONGEST)
-    offsets = [_polynomial(record, "s") for record in block.list("laneOffset")] or [(0.0,) * 5]
+    offsets = [read_polynomial(record, "s") for record in block.list("laneOffset")] or [(0.0,) * 5]
     sections = [_read_section(record) for record in block.list("laneSection")]
     if not sections:
         raise block.error("has no laneSection")
@@ -87,7 +87,7 @@ def read_lanes(road: Element, length: float) -> list[LaneStrip]:
         count = 2 if fixed else max(2, 1 + int(np.ceil((end - section.begin) / _STEP)))
         stations = np.linspace(section.begin, end, count)
         with np.errstate(over="ignore", invalid="ignore"):
-            borders = _list_borders(section, _evaluate(offsets, stations), stations - section.begin)
+            borders = _list_borders(section, evaluate(offsets, stations), stations - section.begin)
         for name, (right, left) in borders.items():
             pieces = strips.setdefault(name, [])
             pieces.append([stations, right, left])
@@ -103,7 +103,7 @@ def _list_borders(section: _Section, offset: Floats, along: Floats) -> dict[int,
         inner = offset
         for name in sorted((name for name in section.lanes if name * side > 0), key=abs):
             lane = section.lanes[name]
-            place = _evaluate(lane.widths, along)
+            place = evaluate(lane.widths, along)
             outer = offset + place if lane.bordered else inner + side * place
             borders[name] = (outer, inner) if side < 0 else (inner, outer)
             inner = outer
@@ -142,8 +142,8 @@ def _read_section(section: Element) -> _Section:
     for name, lane in lanes.items():
         if name == 0:
             continue
-        widths = [_polynomial(record, "sOffset") for record in lane.list("width")]
-        borders = [_polynomial(record, "sOffset") for record in lane.list("border")]
+        widths = [read_polynomial(record, "sOffset") for record in lane.list("width")]
+        borders = [read_polynomial(record, "sOffset") for record in lane.list("border")]
         if not (widths or borders):
             lane.note("has no width")
         broad = marks.get(name if name > 0 else name + 1, False)
@@ -161,13 +161,15 @@ def _is_broad(lane: Element) -> bool:
     return weights == {"bold"}
 
 
-def _polynomial(element: Element, begin: str) -> Polynomial:
+def read_polynomial(element: Element, begin: str) -> Polynomial:
+    """Read a polynomial, whose begin an attribute gives."""
     first = element.number(begin) if element.get(begin) is not None else 0.0
     a, b, c, d = (element.number(name) for name in "abcd")
     return first, a, b, c, d
 
 
-def _evaluate(records: Sequence[Polynomial], s: Floats) -> Floats:
+def evaluate(records: Sequence[Polynomial], s: Floats) -> Floats:
+    """Return the values of polynomials that follow one another, at stations."""
     table = np.array(records)
     index = np.clip(np.searchsorted(table[:, 0], s + 1e-9, side="right") - 1, 0, None)
     begin, a, b, c, d = table[index].T

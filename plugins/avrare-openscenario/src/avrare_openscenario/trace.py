@@ -13,6 +13,7 @@ from avrare.protocols import Floats
 from avrare_openscenario.acted_traffic import ActedTraffic
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
+from avrare_openscenario.starts import move_over, pick
 
 _MARGIN = 20.0
 """Road that is drawn around the vehicles [m]."""
@@ -49,9 +50,12 @@ def write_trace(path: Path, file: ScenarioFile, dt: float, until: float) -> None
 def _compute_plane_states(maps: Sequence[RoadMap], points: Vehicles) -> Floats:
     states = []
     for k, roads in enumerate(maps):
-        x, y = roads.line.to_plane(points.x[:, k], points.y[:, k])
-        heading = points.heading[0, k] + roads.line.heading(points.x[:, k])[0]
-        states.append((x[0], y[0], heading, points.speed[0, k]))
+        point = pick(points, slice(k, k + 1))
+        if roads.legs and (leg := roads.find_leg(point.x.item()).roads).tilt is not None:
+            point, roads = move_over(point, roads, leg), leg
+        s, d, heading = roads.see_from_above(point.x[0], point.y[0], point.heading[0])
+        x, y = roads.line.to_plane(s, d)
+        states.append((x[0], y[0], (heading + roads.line.heading(s))[0], point.speed[0, 0]))
     return np.array(states)
 
 
