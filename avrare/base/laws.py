@@ -270,7 +270,7 @@ class Discrete(_Law):
 
 
 def _steps(law: _Law) -> Floats:
-    """Return the values that a law gives with a probability of their own, in ascending order."""
+    """Return the values that have positive probability under a law, in ascending order."""
     if isinstance(law, Mixture):
         return np.unique(np.concatenate([_steps(part.of) for part in law.parts]))
     if isinstance(law, Truncated):

@@ -1,4 +1,4 @@
-"""Records, a small table of plain dicts, and values that have one; both show themselves."""
+"""Tables of plain dicts, and answers that contain one; both can print themselves."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Answer(ABC):
 
     @abstractmethod
     def lines(self) -> list[str]:
-        """Return it in words."""
+        """Return a one-line description."""
 
     @abstractmethod
     def table(self) -> Records:

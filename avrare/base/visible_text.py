@@ -39,6 +39,6 @@ def escape_xml(text: str) -> str:
 
 
 def escape_cell(text: str) -> str:
-    """Return text for a cell of a CSV file that no spreadsheet takes for a formula."""
+    """Escape text for a cell of a CSV file, so that no spreadsheet reads it as a formula."""
     line = spell_line(text)
     return f"'{line}" if line.lstrip().startswith(tuple("=+-@")) else line

@@ -17,7 +17,7 @@ from avrare.estimation.result.result import finite
 
 
 def say(*lines: str, error: bool = False) -> None:
-    """Print lines, on stderr if asked to; a name from a file cannot command the terminal."""
+    """Print lines, optionally on stderr; control characters in names are escaped."""
     for line in lines:
         print(spell_controls(line), file=sys.stderr if error else sys.stdout)
 
@@ -72,7 +72,7 @@ def show(args: argparse.Namespace, content: Mapping[str, object], answers: Seque
 
 
 def say_beside(args: argparse.Namespace, *lines: str) -> None:
-    """Print lines beside the answer: nothing if quiet, on stderr beside JSON."""
+    """Print additional lines: none in quiet mode, on stderr if the answer is JSON."""
     if not args.quiet:
         say(*lines, error=args.json)
 
@@ -87,7 +87,7 @@ def can_draw() -> bool:
 
 
 def find_resumed_folder(args: argparse.Namespace, begins: bool = True) -> Path | None:
-    """Return the folder in which ``--resume`` continues; where a command ``begins`` in it a note says so."""
+    """Return the folder in which ``--resume`` continues; a note follows where a command ``begins`` there."""
     if not args.resume:
         return None
     if args.out is None:

@@ -133,7 +133,7 @@ def find_contacts(
 def _bound_motion(
     scene: Scene, before: tuple[Vehicles, Vehicles], after: tuple[Vehicles, Vehicles]
 ) -> tuple[Floats, Bools]:
-    """Return (N, V) how far a point of one box moves against the other, and whether they could touch."""
+    """Return the closing distance (N, V) of a point of one box to the other, and whether they could touch."""
     (ego, others), (later_ego, later_others) = (
         (to_plane(scene.road, start), to_plane(scene.road, other)) for start, other in (before, after)
     )

@@ -53,7 +53,7 @@ def lane_ends(road: Road, axes: int = 0) -> tuple[Floats, Floats]:
 
 
 def lane_exists(road: Road, x: Floats) -> Bools:
-    """Tell (L, ...) which lanes there are at ``x``."""
+    """Return a mask (L, ...) of the lanes that exist at ``x``."""
     if not road.lanes:
         return np.ones((len(road.lane_centres), *x.shape), dtype=np.bool_)
     begin, end = lane_ends(road, x.ndim)
@@ -61,7 +61,7 @@ def lane_exists(road: Road, x: Floats) -> Bools:
 
 
 def is_outermost(road: Road, lanes: Sequence[int], x: Floats, side: float) -> Bools:
-    """Tell (L, ...) which of ``lanes`` is there at ``x`` the leftmost (side 1) or the rightmost (side -1)."""
+    """Return a mask (L, ...) of the outermost of ``lanes`` at ``x`` on a side: 1 is left, -1 right."""
     right, left = lane_borders(road, x)
     at = np.where(lane_exists(road, x), side * (right + left), -np.inf)
     others = np.setdiff1d(np.arange(len(road.lane_centres)), np.asarray(lanes, dtype=np.int64))

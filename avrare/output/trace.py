@@ -1,4 +1,4 @@
-"""Trace of a rollout of a problem, a scenario, a result or a run."""
+"""Export of the trace of a rollout: of a problem, a scenario, a result or a run."""
 
 from __future__ import annotations
 

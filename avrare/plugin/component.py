@@ -220,7 +220,7 @@ class Component:
         return list(resolve_name(self.rules)()) if self.rules else []
 
     def find_faults(self, config: object, dt: float | None) -> list[Finding]:
-        """Run the component's own check of its options, if it has one."""
+        """Run the check that the component defines for its options, if any."""
         return list(resolve_name(self.check)(config, dt)) if self.check else []
 
 

@@ -101,7 +101,7 @@ def _lacks(part: object, name: str) -> bool:
 
 
 def overrides(part: object, default: Callable[..., object]) -> bool:
-    """Return whether a part has a method of its own in place of the base class's ``default``."""
+    """Return whether a part overrides the method ``default`` of its base class."""
     method = getattr(part, default.__name__)
     return not isinstance(method, MethodType) or method.__func__ is not default
 
@@ -150,7 +150,7 @@ class SystemWrapper(System):
         return self.system.faults(self.unwrap(state))
 
     def ended(self, state: object) -> Bools | None:
-        """Return the rows (N,) of the other system of which no later sample counts."""
+        """Return the rows (N,) of the other system that have ended: no later sample counts."""
         return self.system.ended(self.unwrap(state))
 
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:

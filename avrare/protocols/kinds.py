@@ -45,7 +45,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
         return None
 
     def ended(self, state: Any) -> Bools | None:
-        """Return (N,) True for rows of which no later sample counts. Default: None, no row."""
+        """Return a mask (N,) of the rows that have ended: no later sample counts. Default: None, no row."""
         return None
 
     def counts(self, state: Any) -> Mapping[str, NDArray[np.int64]]:
@@ -53,7 +53,7 @@ class _Dynamics(ABC):  # shared by systems and simulators
         return {}
 
     def misreadings(self, state: Any) -> Mapping[str, Misreading]:
-        """Return errors that noise makes, by its names, for reports. Default: none, given in sigma."""
+        """Return, for reports, the errors of perception by noise name. Default: none; reports give sigmas."""
         return {}
 
     def features(self, state: Any) -> Floats | None:
@@ -179,7 +179,7 @@ class PerceptionErrorModel(ABC):
         return self.observe(world, noise), memory
 
     def locate(self, ego: Any, memory: Any) -> Any:
-        """Return the ego as the planner believes it; called before each step. Default: as it is."""
+        """Return the ego state that the planner assumes; called before each step. Default: the true one."""
         return ego
 
     def features(self, memory: Any) -> Floats | None:
@@ -259,7 +259,7 @@ class Controller(ABC):
         """
 
     def alternatives(self) -> Mapping[str, Controller]:
-        """Return versions of itself, such as "brakes earlier", by behaviour. Default: none."""
+        """Return variants of this part, by behaviour such as "brakes earlier". Default: none."""
         return {}
 
     def counts(self, memory: Any) -> Mapping[str, NDArray[np.int64]]:
@@ -282,7 +282,7 @@ class Specification(ABC):
         formula: Formula that it monitors (``avrare.logic.formula.Formula``). Default: None.
         names: Vehicles that its quantifiers range over. Default: None, all.
         excluded: Vehicles that it leaves out. Default: none.
-        words: Requirement in English, for reports. Default: the formula in words.
+        words: Requirement in English, for reports. Default: the formula as an English sentence.
         score: Importance score: "margin", "progress" or "robustness". Default: None, by the formula's shape.
     """
 
@@ -305,7 +305,7 @@ class Specification(ABC):
         return None
 
     def sample(self, signals: Signals) -> Signals:
-        """Return the signals of the formula from those of the system. Default: the same."""
+        """Return the signals of the formula from those of the system. Default: unchanged."""
         return signals
 
     def explain(self, signals: Signals) -> str:

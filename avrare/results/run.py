@@ -361,7 +361,7 @@ def _read_artifacts(
 
 
 def _remove_stale(folder: Path, written: Collection[str]) -> None:
-    """Remove the files of an earlier result in ``folder``, but for those that are ``written`` next."""
+    """Remove the files of an earlier result in ``folder``, except for those that are ``written`` next."""
     file, files = folder / RESULT, None
     if not file.exists():
         return

@@ -11,7 +11,7 @@ from avrare.results.stored_results import RUN_AGAIN
 
 
 def select_failing(run: Run, specification: str | None = None) -> list[str]:
-    """Return the specifications with stored failures, or the one that is named.
+    """Return the specifications with stored failures, or only the named one.
 
     Raises:
         UsageError: There are none.

@@ -84,7 +84,7 @@ def run_guarded(purpose: str, system: object, function: Callable[[], T]) -> T:
 
 
 def run_here(system: object) -> None:
-    """Note that a system runs in this process from now on, whose crash would end it anyway."""
+    """Mark a system as running in this process from now on: its crash would end the process anyway."""
     _KINDS_RUN_HERE.add(_kind_of(system))
 
 
@@ -122,7 +122,7 @@ def _kind_of(system: object) -> Kind:
 
 
 def _fork(function: Callable[[], object], system: object, stack: int) -> tuple[bytes, int | None]:
-    """Return the answer of a child, empty where it has none, and its exit code where it died without one."""
+    """Return the answer of a child, empty without one, and then the exit code with which it died."""
     global _may_fork
     ours, theirs = Pipe(duplex=False)
     with ours:
@@ -162,7 +162,7 @@ def _wait(connection: Connection, child: int) -> bool:
 
 
 def _read_work(child: int) -> str:
-    """Return the processor time of a child, of its own code and of the kernel's; empty once it has ended."""
+    """Return the processor time of a child, in user and kernel mode; empty once it has ended."""
     with suppress(OSError):
         return " ".join(Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[11:13])
     return ""
@@ -210,7 +210,7 @@ def _flush_output() -> None:
 
 
 def _find_place(stack: str) -> str:
-    """Return the newest call of a dumped stack, of the user's own code where that is on it."""
+    """Return the newest call of a dumped stack, preferably one in the user's code."""
     calls = re.findall(r'File "(.*)", line (\d+) in (.*)', stack)
     of_user = [call for call in calls if not call[0].startswith(_LIBRARIES)]
     return ", at {}:{} in {}".format(*(of_user or calls)[0]) if calls else ""

@@ -334,7 +334,7 @@ def _ask(name: str, method: Callable[[Any], _AnswerT], state: object) -> _Answer
 
 
 class _Retrace(_Simulation):
-    """Simulation that takes each row out at its own last step; ``reached`` holds (rows, carry) by step."""
+    """Simulation that removes each row at its last step; ``reached`` maps a step to (rows, carry)."""
 
     def __init__(
         self, system: System, specifications: tuple[Specification, ...], until: Integers, request: Request

@@ -217,7 +217,7 @@ class _Words:
         return [(value, float(law.score(value))) for value, law in zip(values, laws, strict=True)]
 
     def describe_draw(self, number: int, value: float, score: float) -> Disturbance:
-        """Return a drawn option in words."""
+        """Describe a drawn option."""
         name = self.names[number].removeprefix("draw of ")
         return Disturbance(name, f"is {value:.4g} ({score:+.2g} sigma)", 0, abs(score))
 
@@ -238,7 +238,7 @@ class _Words:
                 yield replace(self.describe_draw(number, value, score), text=text, magnitude=narrowness)
 
     def describe_sum(self, channel: int, drift: tuple[int, int, float]) -> Disturbance:
-        """Return in words the sum of a channel's numbers over a stretch, in its standard deviations."""
+        """Describe the sum of a channel's numbers over a stretch, in standard deviations of that sum."""
         first, last, score = drift
         total = " in sum" if last > first else ""
         text = f"{score:+.2g} sigma{total} {format_span(first, last, self._dt)}"
@@ -291,7 +291,7 @@ class _Words:
         shares: Floats,
         magnitude: float,
     ) -> list[Disturbance]:
-        """Return in words what a channel does on average over rollouts; its mean has these ``drifts``.
+        """Describe the average of a channel over rollouts; ``drifts`` are those of its mean.
 
         Without drifts only a detection is described; the largest disturbance gets the ``magnitude``.
         """
@@ -334,13 +334,13 @@ class _Words:
 
 
 def _average(values: Floats, weights: Floats) -> Floats:
-    """Return the weighted means (T,) of values (F, T); 0 where no value has a weight, neither NaN."""
+    """Return the weighted means (T,) of values (F, T), skipping NaN; 0 where all weights vanish."""
     weights = np.where(np.isnan(values), np.nan, weights)
     return np.asarray(np.nansum(values * weights, axis=0) / np.maximum(np.nansum(weights, axis=0), 1e-300))
 
 
 def _find_stretches(mask: Bools, gap: int) -> list[tuple[int, int]]:
-    """Return the first and last step of each stretch in which a mask (T,) holds, but for short gaps."""
+    """Return the first and last step of each stretch in which a mask (T,) holds, except for short gaps."""
     stretches: list[tuple[int, int]] = []
     for step in np.flatnonzero(mask).tolist():
         first = stretches.pop()[0] if stretches and step - stretches[-1][1] <= gap + 1 else step

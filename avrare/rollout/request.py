@@ -193,7 +193,7 @@ class Request:
         return Request(zeros, zeros, zeros, start, tape=tape, keep_carries=keep_carries)
 
     def slice(self, begin: int, end: int) -> Request:
-        """Return rows begin..end as a request of their own: one chunk of work."""
+        """Return rows begin..end as a separate request: one chunk of work."""
         if begin <= 0 and end >= self.rows:
             return self
         part, carries = slice(begin, end), []

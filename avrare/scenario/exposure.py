@@ -1,4 +1,4 @@
-"""Exposures: how often a scene is met, per hour or per km."""
+"""Exposures: how often a scene occurs, per hour or per km."""
 
 from __future__ import annotations
 
@@ -56,5 +56,5 @@ class Exposure(BaseModel):
 
     @property
     def total(self) -> int | None:
-        """Times that the scene was met in all; None where no count is given."""
+        """Number of times that the scene was counted; None without a count."""
         return sum(self.counts) if self.counts is not None else self.count

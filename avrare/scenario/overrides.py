@@ -32,7 +32,7 @@ def as_settings(settings: Sequence[str]) -> tuple[str, ...]:
 
 
 def read_driver(text: str) -> list[Setting]:
-    """Return the settings that ``CONTROLLER=MODEL`` stands for; none for the path of a file.
+    """Return the settings that ``CONTROLLER=MODEL`` abbreviates; empty for the path of a file.
 
     Raises:
         UsageError: The text is neither.

@@ -117,7 +117,7 @@ def _as_data(node: Node, numbers: Mapping[Path, float], path: Path = ()) -> obje
 
 
 def failed_check(error: BaseException, node: Node, path: Path) -> Mistake:
-    """Return the mistake of a plugin whose own check raised an error."""
+    """Return the mistake of a plugin whose check raised an error."""
     text = f"the plugin's own check failed: {type(error).__name__}: {' '.join(str(error).split())}"
     return Mistake(node.name_mark, path, text, None, ExitCode.PLUGIN)
 
@@ -201,7 +201,7 @@ class Place:
 
 
 def find_places(model: object, node: Node) -> dict[Path, Place]:
-    """Walk over options and their model together and return every place, the options' own first.
+    """Walk over options and their model together and return every place, those of the options first.
 
     A law in the place of a number is a single place.
     """

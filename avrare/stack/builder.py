@@ -126,7 +126,7 @@ def time_parts(
     """Return the parts with the delays that ``timing`` and ``actuators`` ask for.
 
     Raises:
-        UsageError: An option is about a part that the scenario has not.
+        UsageError: An option belongs to a part that the scenario lacks.
     """
     of_frames = ("sensor_period", "tracker_period", "perception_latency", "perception_jitter", "lost_frames")
     of_cycles = ("planner_period", "planning_latency", "missed_cycles", "actuation_delay", "compensated")

@@ -68,7 +68,7 @@ class Clock:
 
 
 def round_up(steps: float) -> int:
-    """Return the least number of whole steps that is not less, but for rounding."""
+    """Return the least number of whole steps that is not less, except for rounding."""
     return math.ceil(steps - _SAME)
 
 

@@ -116,7 +116,7 @@ class ClosedLoop(System):
         return ClosedLoop(*parts, self.start, self.burn_in)
 
     def check_steps(self, steps: int) -> None:
-        """Raise the ``UsageError`` of a simulator that cannot have this number of steps."""
+        """Raise a ``UsageError`` if the simulator does not support this number of steps."""
         self.simulator.check_steps(steps)
 
     def initial(self, noise: Floats) -> LoopState:

@@ -37,7 +37,7 @@ class BrakeMemory:
 def add_emergency_braking(
     controller: Controller | None, options: Aeb, scene: Scene | None
 ) -> EmergencyBraking:
-    """Return a controller with emergency braking around it.
+    """Return a controller that brakes in emergencies and otherwise drives as the given one.
 
     Raises:
         UsageError: The controller or the road is missing.

@@ -24,7 +24,7 @@ _TEMPLATES = Path(__file__).with_name("templates")
 def write_scenario(
     path: Path, simulator: str | None, settings: Sequence[str], registry: Registry, act: bool = False
 ) -> tuple[str, ...]:
-    """Write a scenario for an installed simulator; it runs as it is, or once it has a controller.
+    """Write a scenario for an installed simulator, which runs as written or once it has a controller.
 
     Args:
         path: File to write; its stem is the scenario's name.

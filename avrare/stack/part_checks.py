@@ -65,7 +65,7 @@ def check_declarations(part: NoisyPart) -> None:
 
 
 def check_dynamics(part: System | Simulator) -> None:
-    """Raise the ``UsageError`` of a system or simulator whose declarations, lacks or scene do not fit."""
+    """Raise a ``UsageError`` if declarations, lacks or scene of a system or simulator are invalid."""
     check_declarations(part)
     if part.lacks is not None:
         _check_texts(part, "lacks", part.lacks, '{"branches": "its states cannot be copied"}')

@@ -33,7 +33,7 @@ class ExactPerception(PerceptionErrorModel):
 
 @dataclass(frozen=True)
 class FrameQueue:
-    """Frames on their way.
+    """Frames that have not yet arrived.
 
     Attributes:
         step: (N,) steps since the start.
@@ -73,7 +73,7 @@ class TimedPerception(PerceptionErrorModel):
         return FrameQueue(np.zeros(len(noise), dtype=np.int64), (), waits, inner)
 
     def observe(self, world: object, noise: Floats) -> Observation:
-        """Return an observation without a past, at once."""
+        """Return the first observation, without a delay."""
         return self._model.observe(world, self._own(noise))
 
     def follow(self, world: object, noise: Floats, memory: FrameQueue) -> tuple[Observation, FrameQueue]:

@@ -130,7 +130,7 @@ def _find_nan(loop: ClosedLoop, states: Sequence[LoopState]) -> tuple[str, int] 
 
 
 def try_draws(scenario: Scenario, stack: Stack, scenes: int = 50, steps: int = 3) -> list[str]:
-    """Draw scenes, run each for a few steps and return notes; none where nothing is drawn.
+    """Draw scenes, run each for a few steps and return notes; empty for scenes without random options.
 
     Raises:
         ScenarioError: A scene cannot be drawn or driven.

@@ -51,7 +51,7 @@ def coverage_at_most(hits: int, trials: int, coverage: float) -> float:
 
 
 class Audited(Problem):
-    """Problem that counts its rollouts in this process, but for replays.
+    """Problem that counts its rollouts in this process, except for replays.
 
     Attributes:
         rollouts: Number of starts and branches.

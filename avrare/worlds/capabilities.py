@@ -43,7 +43,7 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class Findings:
-    """Rules that a system breaks, each in words; empty where it does not.
+    """Descriptions of the rules that a system breaks; empty if it breaks none.
 
     Attributes:
         in_place: A step changes the state or the noise that it is given.
@@ -226,7 +226,7 @@ def _find_difference(wanted: Samples, signals: Samples, since: int = 0) -> _Diff
 
 
 def _find_cause(play: Callable[[], object]) -> str:
-    """Say in words which source of random numbers, or which clock, a run reads."""
+    """Describe which source of random numbers, or which clock, a run reads."""
     calls: dict[str, None] = {}
 
     def watch(frame: FrameType, event: str, called: object) -> None:

@@ -1,7 +1,7 @@
 """Attribution: which noise carries the failures, and how many a perfect part or another planner would save.
 
-Let G be a group of noise numbers. Failing tapes are run again with G drawn afresh, and with all but G drawn
-afresh. If S and S' are the shares of failures that stay, and p is the probability, then
+Let G be a group of noise numbers. Failing tapes are run again with G redrawn, and with all but G
+redrawn. If S and S' are the shares of failures that stay, and p is the probability, then
 
     carries = (1 - S) / (1 - p),    alone = (S' - p) / (1 - p)
 

@@ -99,7 +99,7 @@ class FailureSample:
         )
 
     def take(self, rows: NDArray[np.int64]) -> FailureSample:
-        """Return the same with some of the failures only, which stand for all of them."""
+        """Return the sample reduced to some of the failures, which represent all."""
         failures = self.failures
         weights = None if failures.weights is None else failures.weights[rows]
         if weights is not None and weights.any():
@@ -115,7 +115,7 @@ class FailureSample:
 
     @cached_property
     def shares(self) -> Floats:
-        """(F,) share of the probability that each failure stands for; they add up to 1."""
+        """(F,) share of the probability that each failure represents; they add up to 1."""
         weights = self.failures.weights
         if weights is None or not weights.any():
             return np.full(self.size, 1.0 / self.size)
@@ -157,7 +157,7 @@ class FailureSample:
         return mean, (mean - half, mean + half)
 
     def share_interval(self, chosen: Bools, confidence: float | None = None) -> tuple[float, Interval]:
-        """Return the share of the failures that are ``chosen`` (F,), with its interval in [0, 1].
+        """Return the share of the ``chosen`` (F,) failures, with its interval in [0, 1].
 
         Independent failures of equal weight give the exact binomial interval. Others are counted as their
         effective number: share (1 - share) over the variance of the ratio, at most the number of pieces.

@@ -14,7 +14,7 @@ from avrare.rollout.replay import ReplayedRollout
 
 @dataclass(frozen=True)
 class FirstViolation:
-    """First violation: ``sample`` is -1, and ``key`` empty, where nothing is known of it.
+    """First violation; where it is unknown, ``sample`` is -1 and ``key`` empty.
 
     ``key`` is the comparison that decides, with the names of the vehicles, without numbers of samples, and
     the ego's part in an impact. ``severity`` is None without vehicles on lanes.

@@ -57,9 +57,9 @@ class Kind:
         representative: Index of the most typical one: the medoid.
         time: Median time of the first violation [s] (steps without a time step); NaN where it is unknown.
         warnings: Reasons to doubt it.
-        severity: How severe its failures are, in words; empty without vehicles on lanes.
-        decisive: What is left of the most typical failure's noise, in words; empty if it was not shrunk.
-        lost: When that drive was lost, in words, likewise.
+        severity: Description of how severe its failures are; empty without vehicles on lanes.
+        decisive: Description of the shrunk noise of the most typical failure; empty if it was not shrunk.
+        lost: Description of the moment at which that drive was lost, likewise.
     """
 
     text: str
@@ -121,7 +121,7 @@ class Kinds(Answer, Sequence[Kind]):
         )
 
     def lines(self) -> list[str]:
-        """Return the kinds in words."""
+        """Describe the kinds."""
         count = len(self.kinds)
         total = format_estimate(self.result.probability, self.result.interval)
         head = f"{self.result.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
@@ -296,7 +296,7 @@ def _make_kind(failing: _Failing, labels: NDArray[np.int64], number: int) -> Kin
 def _describe(
     failing: _Failing, labels: NDArray[np.int64], number: int, samples: Sequence[int]
 ) -> Iterator[str]:
-    """Yield what happens first and when, and what sets it apart from kinds in which the same does."""
+    """Yield the first event with its time, and the difference from kinds that begin with the same event."""
     chosen, dt = labels == number, failing.problem.dt
     key, count = failing.find_key(chosen)
     often = "" if count == chosen.sum() else f" (in {count} of {chosen.sum()})"
@@ -311,7 +311,7 @@ def _describe(
 
 
 def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int, where: str) -> str:
-    """Return in words the signal, up to a sample, in which some failures differ most clearly from others."""
+    """Describe the signal, up to a sample, in which some failures differ most clearly from others."""
     tables = failing.tables[:, : last + 1]
     spread = np.sqrt(0.5 * (tables[chosen].var(axis=0) + tables[others].var(axis=0)))
     means = tables[chosen].mean(axis=0), tables[others].mean(axis=0)
@@ -327,7 +327,7 @@ def _tell_apart(failing: _Failing, chosen: Bools, others: Bools, last: int, wher
 def describe_cause(
     problem: Problem, sample: FailureSample, chosen: Bools, rollouts: Sequence[ReplayedRollout]
 ) -> str:
-    """Return in words the noise that sets some failures apart from chance; empty where none does.
+    """Describe the noise that sets some failures apart from chance; empty if there is none.
 
     Copies of one ancestor, or failures of one run of splitting, count as one.
     """

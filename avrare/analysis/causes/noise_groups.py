@@ -19,7 +19,7 @@ class NoiseGroup:
     """Numbers of a tape that are looked at together.
 
     Attributes:
-        name: What they are, in words.
+        name: Description.
         sort: "component", "start", "error", "vehicle", "channel" or "time".
         mask: (steps + 1, noise_size) which numbers.
     """
@@ -136,6 +136,6 @@ def make_perfect(problem: Problem, tapes: Floats, mask: Bools) -> Floats:
 
 
 def clip_outliers(problem: Problem, tapes: Floats, limit: float) -> Floats:
-    """Return tapes without numbers beyond ``limit``, but for draws and those that decide detections."""
+    """Return tapes without numbers beyond ``limit``, except for draws and those that decide detections."""
     errors = (find_perfect_noise(problem.system) == 0.0) & ~_is_draw(problem)
     return np.where(errors, np.clip(tapes, -limit, limit), tapes)

@@ -41,7 +41,7 @@ class Saving:
     saved_interval: Interval
 
     def describe(self) -> str:
-        """Return in words what it does to the failures, as far as that is shown."""
+        """Describe its demonstrated effect on the failures."""
         low, high = self.saved_interval
         saves = _say_share(self.vanish, self.vanish_interval)
         if self.new_interval[1] >= 1.0:

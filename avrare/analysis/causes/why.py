@@ -32,7 +32,7 @@ class Why(Answer):
         return self.kinds.table()
 
     def lines(self) -> list[str]:
-        """Return the kinds, and the tables of the attribution, in words."""
+        """Describe the kinds, and list the tables of the attribution."""
         if self.attribution is None:
             name = self.kinds.result.specification
             return [*self.kinds.lines(), f"{name}: one failure is too few to attribute"]

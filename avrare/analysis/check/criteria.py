@@ -156,14 +156,14 @@ def is_in_doubt(criterion: Criterion, result: Result | None) -> bool:
 
 
 def find_assumption(criterion: Criterion, result: Result) -> str:
-    """Describe the assumption of a threshold that only unseen failures could break; else ""."""
+    """Return the assumption of a threshold that only unseen failures could break, otherwise ""."""
     if result.blind_bound is None or _grade_blind(criterion, result) == "pass":
         return ""
     return describe_assumption(result.blind_bound) if assess(criterion, result, 1.0).passes else ""
 
 
 def describe_unknown_change(criterion: Criterion, result: Result) -> str:
-    """Say how high the probabilities could be where neither estimate has a failure; else ""."""
+    """Return how high the probabilities could be if neither estimate has a failure, otherwise ""."""
     baseline, level = criterion.baseline, criterion.condition.confidence
     if baseline is None or result.probability or baseline.probability:
         return ""

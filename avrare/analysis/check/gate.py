@@ -157,7 +157,7 @@ class _CheckState:
 def check_targets(
     targets: Sequence[CheckTarget], looks: Sequence[Look], execution: Execution, save: bool
 ) -> CheckResult:
-    """Decide, and save first baselines of healthy results and those asked for; arguments as in ``decide``."""
+    """Decide, and save first baselines of healthy results and requested ones; arguments as in ``decide``."""
     outcome = decide(targets, looks, execution, save)
     decisions, notes = list(outcome.decisions), []
     for target in targets:

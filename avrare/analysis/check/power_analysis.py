@@ -57,7 +57,7 @@ def estimate_costs(
     confidence: float,
     most: int | None = None,
 ) -> list[CostEstimate]:
-    """Predict the cost of a verdict on each criterion, with and without what a search assumes, and of +-20 %.
+    """Predict the cost of a verdict on each criterion, with and without assumptions, and of +-20 %.
 
     ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %. ``most``
     are the rollouts that ``auto`` takes at most; None: the estimator is another.
@@ -112,7 +112,7 @@ def _need_to_settle(threshold: Threshold, entry: Result) -> _Need:
 
 
 def count_settling_rollouts(threshold: Threshold, probability: float) -> int | None:
-    """Return the rollouts of Monte Carlo that prove a threshold in 9 of 10 cases, whatever a search missed.
+    """Return the Monte Carlo rollouts that prove a threshold in 9 of 10 cases, without trusting a search.
 
     At least 3.7 / limit at 95 % confidence; None where the probability is near the limit, or above it.
     """
@@ -238,7 +238,7 @@ def describe_coarse_baseline(regression: Regression, entry: Result) -> str:
 
 
 def find_spread(entry: Result) -> float:
-    """Return the relative error that an interval stands for, which a doubt may have widened."""
+    """Return the relative error that corresponds to an interval, which doubts may have widened."""
     if counts_failures(entry):
         return entry.relative_error
     level = 0.95

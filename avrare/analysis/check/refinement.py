@@ -13,7 +13,7 @@ from avrare.stack.builder import Stack, build_stack
 _OPTION = "substeps"
 """Option by which a simulator integrates in parts of its step, while noise and all other parts keep it."""
 _MOST_TAPES, _MOST_STEPS = 8, 2000
-"""Most tapes that are compared, and most steps of all of them together, but for a single one."""
+"""Most tapes that are compared, and most steps of all of them together, except for a single one."""
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class CheckTarget:
         return min(GOAL, round(math.sqrt((1.0 - used) * variance), 3))
 
     def describe_coarse(self, results: Sequence[Result]) -> list[str]:
-        """Say which results are too imprecise for a baseline, and what would not be."""
+        """Return a line for each result that is too imprecise for a baseline, with the reason."""
         reasons = {each.specification: describe_coarse_baseline(self._regression, each) for each in results}
         return [f"{self.name} {name}: {reason}" for name, reason in reasons.items() if reason]
 

@@ -63,7 +63,7 @@ class Comparison(Answer):
     def summaries(self) -> tuple[Summary | None, ...]:
         """Statistics of each estimator; None for one that was refused.
 
-        Where the truth is made of repetitions of Monte Carlo, these are not judged by it.
+        Where the truth is computed from repetitions of Monte Carlo, these are not judged against it.
         """
         steps, truth = self.case.problem.steps, self.truth
         pooled = truth is not None and truth.source == POOLED

@@ -238,7 +238,7 @@ def compare_pairs(
 ) -> list[PairedCounts]:
     """Simulate both problems on the same noise and count the outcomes of each common specification.
 
-    Noise is matched by its names; what one problem does not read is left unread.
+    Noise is matched by name; numbers that only one problem reads are not shared.
 
     Raises:
         UsageError: They have no specification in common, or different numbers of steps.
@@ -268,7 +268,7 @@ def compare_pairs(
 
 @contextmanager
 def _name_version(number: int) -> Iterator[None]:
-    """Say of which version each rollout broke down."""
+    """Name the version in the error that all its rollouts broke down."""
     try:
         yield
     except EveryRolloutBroke as error:

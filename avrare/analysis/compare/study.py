@@ -150,7 +150,7 @@ def run_study(
 
 
 def _forecast(case: ComparisonCase, design: StudyDesign, arms: int) -> str:
-    """Return the estimates of a study and about how long they take, by a few rollouts that do not count."""
+    """Return the estimates of a study and their approximate duration, from a few uncounted rollouts."""
     problem, budget = case.problem, design.budget
     noise = NoiseSource(design.seed, problem.noise_size)
 

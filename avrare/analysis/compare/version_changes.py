@@ -152,12 +152,12 @@ class EstimatedChange(VersionChange):
         return "not known" if warned else super().verdict(confidence)
 
     def interval(self, confidence: float) -> Interval:
-        """Return the interval of the difference, at the level of the estimates."""
+        """Return the interval of the difference at a confidence."""
         first, second = ((result.probability, *result.interval) for result in self.results)
         return subtract_estimates(second, first)
 
     def ratio_interval(self, confidence: float) -> Interval:
-        """Return the interval of the ratio, at the level of the estimates."""
+        """Return the interval of the ratio at a confidence."""
         first, second = ((result.probability, *result.interval) for result in self.results)
         return divide_estimates(first, second)
 

@@ -76,7 +76,7 @@ class FalsificationResult(Answer):
         return Records([row])
 
     def lines(self) -> list[str]:
-        """Return the result in words."""
+        """Describe the result."""
         errors = f", {self.errors} of them with errors" if self.errors else ""
         cost = f"{self.rollouts} rollouts{errors}"
         if self.noise is None:

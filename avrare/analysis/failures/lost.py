@@ -51,7 +51,7 @@ class Continuations:
         return int(self.steps[passing[-1]]) + 1
 
     def describe(self, violation: int | None = None) -> str:
-        """Return the moment in words; ``violation`` is the sample of the first violation."""
+        """Describe the moment; ``violation`` is the sample of the first violation."""
         step = self.lost
         if step is None:
             return self._describe_never()

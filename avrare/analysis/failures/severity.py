@@ -76,7 +76,7 @@ class Severity:
     duration: float
 
     def describe(self) -> str:
-        """Return the severity in words."""
+        """Describe the severity."""
         impact, braking = self.impact, f"it brakes by {self.braking:.1f} m/s2 at most"
         if impact is None:
             reach = f"{self.reach:.1f} m in a lane of {self.vehicle}, " if self.reach else ""
@@ -91,7 +91,7 @@ class Severity:
 
 
 def describe_severities(severities: Sequence[Severity]) -> str:
-    """Describe the severities of some failures by medians; empty for none."""
+    """Describe the median severities of some failures; empty without failures."""
     if not severities:
         return ""
     drac, braking, duration = (

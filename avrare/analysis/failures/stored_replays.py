@@ -81,7 +81,7 @@ class FailureReplay(Answer):
         return Records([row])
 
     def lines(self) -> list[str]:
-        """Return the outcome in words, and the changes."""
+        """Describe the outcome and the changes."""
         failure, rollout = self.failure, self.rollout
         robustness = f"robustness {rollout.robustness:.6g}"
         outcomes = {
@@ -256,7 +256,7 @@ def _format_change(then: float, now: float) -> str:
 
 @dataclass(frozen=True)
 class KnownFailure:
-    """A stored failure and its outcome now."""
+    """A stored failure and its outcome when replayed."""
 
     failure: Failure
     outcome: str  # ``still fails``, ``passes now`` or ``other error``

@@ -48,12 +48,12 @@ class Stretches:
 
     @property
     def fits(self) -> bool:
-        """Tell whether the whole recording is small enough, or the body reads all of it anyway."""
+        """Return whether to read the whole recording: it is small, or the body needs all of it anyway."""
         return self.is_unbounded or self.samples * self.vehicles**2 <= LARGE
 
     @property
     def is_unbounded(self) -> bool:
-        """Tell whether the body looks back or ahead without bound."""
+        """Return whether the body depends on arbitrarily early or late samples."""
         return math.isinf(self._alone.horizon) or math.isinf(self._alone.history)
 
     @property

@@ -23,7 +23,7 @@ from avrare.scenario.value_positions import Node
 from avrare.scenario.yaml import MAX_BYTES, parse
 
 FROM_FILE = "scenario"
-"""Estimator of a scene that stands for the one of its scenario file."""
+"""Estimator of a scene that replaces that of its scenario file."""
 
 Phase = Literal["own", "pilot", "scenes"]
 
@@ -65,7 +65,7 @@ class Catalogue:
         return tuple(rule for rule in self.rules if rule not in self.own_rules[index])
 
     def scenario(self, index: int, phase: Phase, rollouts: int) -> Scenario:
-        """Return the scenario of a scene in a phase, with a seed of its own.
+        """Return the scenario of a scene in a phase, with its own seed.
 
         In the phases ``pilot`` and ``scenes`` Monte Carlo estimates it by ``rollouts`` rollouts.
         """
@@ -99,7 +99,7 @@ class Catalogue:
         return Budget(whole.kind, whole.amount / parts)
 
     def own_cost(self, kind: str, steps: Sequence[int]) -> float:
-        """Return the rollouts or steps of the catalogue's budget that those of scenes take."""
+        """Return the rollouts or steps that the scenes take from the budget of the catalogue."""
         taken = []
         for entry, count in zip(self.document.scenes, steps, strict=True):
             if entry.budget is not None:
@@ -223,7 +223,7 @@ def _load(
 def _own_rules(
     path: str, entry: SceneEntry, node: Node, block: Node | None, index: int, rules: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Return the rules that the scene's own estimator estimates."""
+    """Return the rules that the estimator of the scene estimates."""
     if entry.estimator is None:
         return ()
     options = {} if block is None else block.entries

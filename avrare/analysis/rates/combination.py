@@ -110,7 +110,7 @@ def from_rollouts(failures: int, rollouts: int, errors: int, confidence: float, 
 
 
 def from_count(count: float, amount: float, confidence: float) -> Quantity:
-    """Return the rate of events of which ``count`` were seen in ``amount`` hours or km (Jeffreys)."""
+    """Return the rate of events after ``count`` were seen in ``amount`` hours or km (Jeffreys)."""
     from scipy.special import gammaincinv
 
     tail = (1.0 - confidence) / 2.0
@@ -141,7 +141,7 @@ def from_interval(value: float, interval: Interval, given: float, confidence: fl
 
 
 def from_scene(entry: SceneEntry, confidence: float) -> Quantity:
-    """Return how often a scene is met, or the cells that it stands for."""
+    """Return how often a scene occurs, or the number of cells that it represents."""
     if entry.exposure is not None:
         return from_exposure(entry.exposure, confidence)
     cells = float(entry.cells or 0)
@@ -149,7 +149,7 @@ def from_scene(entry: SceneEntry, confidence: float) -> Quantity:
 
 
 def from_exposure(exposure: Exposure, confidence: float) -> Quantity:
-    """Return how often a scene is met, per hour or per km, with its interval at a level."""
+    """Return how often a scene occurs, per hour or per km, with its interval at a level."""
     amount = exposure.hours or exposure.km or 1.0
     if exposure.count is not None:
         return from_count(exposure.count, amount, confidence)

@@ -37,7 +37,7 @@ class NewScene:
     Attributes:
         path: File of the scene.
         settings: ``KEY=VALUE`` overrides of the stack's scenario.
-        cells: Cells that it stands for.
+        cells: Cells that it represents.
     """
 
     path: str

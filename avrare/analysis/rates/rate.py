@@ -179,7 +179,7 @@ class _Runner:
     estimate: EstimateScene
 
     def run_own(self) -> list[dict[str, SceneEstimate]]:
-        """Return the estimates of each scene by its own estimator; empty where it has none."""
+        """Return the estimates of each scene by its own estimator; empty for scenes without one."""
         catalogue = self.catalogue
         asked = {
             index: (LoadedScenario(catalogue.scenario(index, "own", 0)), catalogue.own_budget(index))

@@ -37,7 +37,7 @@ class SceneEstimate:
 
     @property
     def warnings(self) -> dict[str, str]:
-        """Health warnings, name to message, but for harmless ones."""
+        """Health warnings, name to message, except for harmless ones."""
         # rounding says nothing against an estimate
         return {name: text for name, text in self.result.health.items() if name != "rounding"}
 

@@ -46,7 +46,7 @@ from avrare.rollout.problem import Problem
 
 _SEED_KEY = 0xA070
 _PHASES = ("pilot", "learning", "trial", "witness", "again")
-"""Phases with seeds of their own; what counts has the seed of the estimate, but for learning, which counts
+"""Phases with seeds of their own; what counts has the seed of the estimate, except for learning, which counts
 only rows of stages that come later."""
 _TRIAL = 2000
 """Most rollouts of a trial."""

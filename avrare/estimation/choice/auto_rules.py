@@ -102,7 +102,7 @@ class Aim:
 
 
 def forecast_gain(evidence: FreshRows, probability: float, relative_error: float, cost: float) -> float:
-    """Return the gain over Monte Carlo that a trial promises, at its pessimistic end; 0 where it failed.
+    """Return the gain over Monte Carlo that a trial promises, at its pessimistic end; 0 if it failed.
 
     Args:
         evidence: The pilot's.

@@ -45,7 +45,7 @@ Execute = Callable[[Problem, Estimator, Settings], Result]
 
 
 def parse_cross_check(value: CrossCheck | Mapping[str, object] | bool, estimator: str) -> CrossCheck | None:
-    """Return the check that the argument of ``avrare.estimate`` stands for, None for False."""
+    """Return the check that an argument of ``avrare.estimate`` asks for, None for False."""
     if isinstance(value, bool):
         check = CrossCheck() if value else None
     elif isinstance(value, CrossCheck):
@@ -75,7 +75,7 @@ def add_cross_check(
         problem: Problem with the result's specification alone.
         result: Estimate to check.
         check: Options.
-        settings: Settings of the estimate; the check has a seed of its own, derived from theirs.
+        settings: Settings of the estimate; the check has its own seed, derived from theirs.
         execute: How to run the check.
     """
     name, built = _choose(check, problem, result, replace(settings, budget=None))
@@ -110,7 +110,7 @@ def add_cross_check(
 def _choose(
     check: CrossCheck, problem: Problem, result: Result, settings: Settings
 ) -> tuple[str, Estimator | None]:
-    """Return the name of the estimator that checks, and the estimator itself; None where none can run."""
+    """Return the name of the estimator that checks, and the estimator; None if no estimator can run."""
     checkers = _rank_checkers(check, result)
     for checker in checkers:
         estimator = checker.build(checker.load_config()())

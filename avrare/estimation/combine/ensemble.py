@@ -1,7 +1,7 @@
 """Estimates over an ensemble: the interval of a probability includes the uncertainty of its model.
 
 The rollouts of the scenario's own model are reweighed for each member by the density ratio of the
-observations, where enough effective failures are left; other members are run anew.
+observations, where enough effective failures are left; other members are simulated again.
 
 K models are drawn from a bootstrap, or from a posterior of the true one. With p_k the probability
 under model k, log p_k is taken as normal with mean mu and variance tau^2, and so is that under the true
@@ -132,7 +132,7 @@ def _chi_square(freedom: int) -> Floats:
 
 
 RunMember = Callable[[int, str], Result]
-"""Estimates a specification under a member, by number and name, with rollouts of its own."""
+"""Estimates a specification under a member, by number and name, with separate rollouts."""
 
 _LEAST = 20.0
 """Effective failures that reweighing must leave,"""
@@ -146,7 +146,7 @@ class Reweighed:
 
     Attributes:
         probabilities: (K,) estimates; NaN where too few effective failures are left.
-        contributions: (F, K) part of each estimate that each failure stands for.
+        contributions: (F, K) part of each estimate that each failure contributes.
     """
 
     probabilities: Floats
@@ -212,7 +212,7 @@ def combine(result: Result, size: int, reweighed: Reweighed | None, fresh: dict[
         result: Estimate under the scenario's own model.
         size: K.
         reweighed: Estimates by reweighing, if any.
-        fresh: Results of the models that were run anew, by number.
+        fresh: Results of the models that were simulated again, by number.
     """
     share = _share(result, size, reweighed, fresh)
     errors = max(_error_share(estimate) for estimate in (result, *fresh.values()))

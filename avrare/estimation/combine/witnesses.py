@@ -42,7 +42,7 @@ def power_to_notice(threshold: float, errors: tuple[float, float]) -> float:
 
 
 def describe_power(power: float) -> str:
-    """Return the power in words."""
+    """Describe the power of the comparison."""
     return f"a miss by a factor {MISS:g} would have been noticed in {100 * power:.0f} of 100"
 
 
@@ -51,7 +51,7 @@ _ANSWERED = frozenset({"unchecked", "contradicted", "few_roots", "leaps"})
 
 
 def reconcile(first: Result, second: Result, confidence: float) -> tuple[Result, str, str]:
-    """Return the result of two witnesses, at the cost of both, their outcome, and both in words.
+    """Return the result of two witnesses at the cost of both, their outcome, and a description of both.
 
     Their shares of the mean are equal, whatever they have found. Those of one method miss alike: neither
     answers for a doubt of the other. Which estimate stands where they disagree depends on them, so that one

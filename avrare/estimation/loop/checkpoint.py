@@ -53,7 +53,7 @@ class SaveError(UsageError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A folder with the outcomes of a task: the identity of the estimate, as plain JSON data."""
+    """Folder with the saved outcomes of a task, which is identified by plain JSON data."""
 
     folder: Path
     task: Mapping[str, Any]
@@ -158,7 +158,7 @@ class FileJournal:
             at, index = at + chunk.rows, index + 1
 
     def part(self, name: str) -> FileJournal:
-        """Return the journal of a part of the estimate, in a folder of its own."""
+        """Return the journal of a part of the estimate, in its own folder."""
         owner = hashlib.sha256(f"{self.owner} {name}".encode()).hexdigest()[:32]
         return FileJournal(_prepare_folder(self.folder / name), owner)
 

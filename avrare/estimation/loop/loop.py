@@ -44,7 +44,7 @@ class Pace:
     flight: int = 0  # given out and not finished
 
     def take(self, now: float, left: float, most: int, first: bool = False) -> int:
-        """Return how many of ``most`` rows to run next in the seconds ``left``; 0: none.
+        """Return how many of ``most`` rows to run next in the remaining seconds ``left``.
 
         The ``first`` row of an estimate runs however little time is left, or there would be no result.
         """

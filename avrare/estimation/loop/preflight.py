@@ -20,7 +20,7 @@ from avrare.worlds.capabilities import STEPS, refuse_limits, require
 
 @dataclass(frozen=True)
 class Clearance:
-    """Estimate that may begin: nothing that can be found out beforehand speaks against it.
+    """Estimate that has passed all checks that are possible before the first rollout.
 
     Attributes:
         problem: Problem to estimate.

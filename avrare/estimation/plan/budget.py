@@ -36,7 +36,7 @@ class Budget:
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:
-        """Return the budget that "steps=1e6", {"steps": 1e6} or a ``Budget`` stands for, None for None."""
+        """Convert "steps=1e6", {"steps": 1e6} or a ``Budget`` to a budget; None stays None."""
         if value is None or isinstance(value, Budget):
             return value
         if isinstance(value, str):

@@ -51,7 +51,7 @@ class Forecast:
         return self.held + self.chunk + self.program
 
     def describe(self) -> str:
-        """Return the forecast in words."""
+        """Describe the forecast."""
         return (
             f"memory about {format_memory(self.total)}: estimate {format_memory(self.held)}, "
             f"chunk {format_memory(self.chunk)}, program {format_memory(self.program)}"

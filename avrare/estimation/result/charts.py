@@ -14,12 +14,12 @@ from avrare.protocols import Floats
 
 
 def draw_charts(result: Result) -> tuple[Chart, ...]:
-    """Return the charts of estimators that declare none of their own."""
+    """Return the charts of estimators that declare no charts."""
     return *draw_histogram(result), *draw_run_convergence(result)
 
 
 def draw_histogram(result: Result, rollouts: str = "") -> tuple[Chart, ...]:
-    """Return the histogram of robustness; bars below zero are violations. ``rollouts`` says of which ones."""
+    """Return the histogram of robustness; bars below zero are violations. ``rollouts`` names the rollouts."""
     robustness = result.robustness
     if not rollouts:
         stored, total = len(robustness), result.rollouts

@@ -26,7 +26,7 @@ class ConfidenceDistribution(Protocol):
     """Confidence distribution of a failure probability, as baselines store it."""
 
     def interval_at(self, confidence: float) -> Interval:
-        """Return the estimate's own interval."""
+        """Return the interval of the estimate."""
 
     def p_value_at_most(self, value: float) -> float:
         """Return the p-value of "the probability is at most ``value``"; 0 to 1, increasing."""
@@ -68,7 +68,7 @@ class InverseBinomial(_Counts):
     """Rollouts until a number of failures that was fixed beforehand; attributes as in ``Binomial``."""
 
     def interval_at(self, confidence: float) -> Interval:
-        """Return the interval of Monte Carlo with ``relative_error``."""
+        """Return the interval of Monte Carlo that stopped at a relative error."""
         return intervals.inverse_binomial(self.failures, self.trials, confidence, self.undecided)
 
     def p_value_at_least(self, value: float) -> float:

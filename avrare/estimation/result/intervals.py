@@ -43,7 +43,7 @@ def inverse_binomial(failures: int, trials: int, confidence: float, errors: int 
 
 
 def mixture(around: float) -> tuple[float, float]:
-    """Return a and b of the mixing Beta law of ``anytime``: mean ``around``, as broad as one failure."""
+    """Return a and b of the Beta law that ``anytime`` mixes over: mean ``around``, width of one failure."""
     return 1.0, (1.0 - around) / around
 
 

@@ -60,7 +60,7 @@ def describe_blind_bound(bound: float | None) -> tuple[Note, ...]:
 
 
 def describe_errors(errors: int, rollouts: int, messages: Sequence[str]) -> tuple[Note, ...]:
-    """Return the note on rollouts that ended in an error; none where none did."""
+    """Return the note on rollouts that ended in an error; empty without errors."""
     if not errors:
         return ()
     text = (

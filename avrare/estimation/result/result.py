@@ -36,7 +36,7 @@ class Failures:
         noise: (F, steps + 1, noise_size).
         robustness: (F,).
         count: Number of failing rollouts, kept or not.
-        weights: (F,) part of the probability that each stands for, which add up to it; None: equal parts.
+        weights: (F,) contribution of each to the probability; they add up to it; None: equal parts.
         ancestors: (F, 2) run and first ancestor of each, for those that share noise; None: independent.
     """
 
@@ -86,7 +86,7 @@ class CrossCheckResult:
 
 @dataclass(frozen=True)
 class Origin:
-    """Problem and estimator behind a result; those of a run folder are built when they are first asked for.
+    """Problem and estimator of a result; those of a run folder are built on first use.
 
     Attributes:
         build: Gives the problem with the result's specification, and the estimator; an ``AvrareError`` says

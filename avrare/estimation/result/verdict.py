@@ -42,13 +42,13 @@ class Bound(Protocol):
 
 
 def decide(side: Side, warned: bool, doubted: bool, best: Verdict = "pass") -> Verdict:
-    """Return the verdict of an estimate: no warned one passes, and none in doubt fails.
+    """Return the verdict of an estimate: with a warning it cannot pass, in doubt it cannot fail.
 
     Args:
         side: Side of the limit on which it lies.
-        warned: A warning keeps it from passing.
-        doubted: A warning doubts the estimate, and not only the system (``find_doubts``).
-        best: Best verdict that failures which nothing led to allow (``grade_blind``).
+        warned: True if a warning keeps it from passing.
+        doubted: True if a warning casts doubt on the estimate, not only on the system (``find_doubts``).
+        best: Best verdict that the bound on failures never approached allows (``grade_blind``).
     """
     if side == "across" or (doubted if side == "above" else warned):
         return "inconclusive"

@@ -92,7 +92,7 @@ class SampleContext:
     _open: dict[tuple[int, int], Array] = field(default_factory=dict)
 
     def at(self, node: MonitorNode, i: int) -> Array:
-        """Return the node's value at sample ``i``, nominal if that is open.
+        """Return the value of the node at sample ``i``, the nominal one while it is open.
 
         Open values are available only without corners, and a few samples ahead: nodes ask each other.
         """

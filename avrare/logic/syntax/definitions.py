@@ -152,7 +152,7 @@ class Scope:
         return Scope(statement, dict(zip(parameters, vehicles, strict=True)), self.bound)
 
     def resolve_vehicle(self, text: str, word: Token) -> str:
-        """Return the vehicle that the argument ``word`` (a token) stands for."""
+        """Return the vehicle that the argument ``word`` (a token) refers to."""
         name = str(word)
         if name in self.names:
             return self.names[name]

@@ -78,7 +78,7 @@ def translate_error(text: str, error: UnexpectedInput) -> FormulaError:
 
 
 def suggest(word: str, candidates: Iterable[str], cutoff: float = 0.7) -> str | None:
-    """Return the known name most similar to ``word``, None if none is similar enough.
+    """Return the candidate most similar to ``word``, None if no candidate is similar enough.
 
     Unlike ``did_you_mean`` it ignores case and never lists all names.
     """

@@ -72,7 +72,7 @@ class TimeLeft:
         return max(forecast.least - done, 0.0) * pace, (forecast.most - done) * pace
 
     def _pace(self, kind: str, info: Info, seconds: float) -> float:
-        """Return the seconds that one of ``kind`` takes."""
+        """Return the seconds per unit of ``kind``."""
         if self.steady and self.first is not None:
             began, before = self.first
             amount = _amount(kind, info, seconds) - _amount(kind, before, began)

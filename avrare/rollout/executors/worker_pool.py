@@ -68,7 +68,7 @@ class Worker(Protocol):
 
 
 class WorkerPool(Executor):
-    """Executor on workers that are replaced where they die or hang; a subclass starts them."""
+    """Executor whose workers are replaced when they die or hang; a subclass starts them."""
 
     def __init__(self, workers: int) -> None:
         self.workers, self._lock = workers, threading.Lock()

@@ -29,7 +29,7 @@ ScoreFunction = Callable[[_History, int], Floats]
 
 @dataclass(frozen=True)
 class ScoredState(Generic[_MemoryT]):
-    """State of a specification with a score of its own."""
+    """State of a specification that defines its score."""
 
     inner: object
     score: Floats  # (N,) running score

@@ -236,7 +236,7 @@ def find_flat_parts(
 
 
 def split_requirements(node: nodes.Node) -> list[nodes.Node]:
-    """Split a normalised formula into parts that it needs one and all."""
+    """Split a normalised formula into parts that must all hold."""
     match node:
         case nodes.Connective("and", left, right):
             return [*split_requirements(left), *split_requirements(right)]

@@ -60,7 +60,7 @@ def summary_is_one_line(subject: Subject) -> None:
 
 
 def config_is_strict(subject: Subject) -> None:
-    """The options are frozen ones that refuse unknown keys."""
+    """The options are frozen and refuse unknown keys."""
     model = subject.model
     assert isinstance(model, type), f"{model!r} is not a class"
     assert issubclass(model, Options), f"derive {model.__name__} from avrare.plugin.Options"

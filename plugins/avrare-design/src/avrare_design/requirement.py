@@ -82,7 +82,7 @@ class Requirement(Answer):
         )
 
     def lines(self) -> list[str]:
-        """Return the answer in words, and the trials."""
+        """Describe the answer and the trials."""
         lines = [self._answer()]
         for trial in sorted(self.trials, key=lambda trial: trial.value):
             result = trial.result

@@ -124,7 +124,7 @@ class _Search:
         return True
 
     def decide(self) -> None:
-        """Run what decides: a trial that is reweighed to both sides of the root, or one on each side."""
+        """Run the deciding trials: one that is reweighed to both sides of the root, or one on each side."""
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
         if self._is_rare():
             left = sum(SHARES[2:])
@@ -185,7 +185,7 @@ class _Search:
         self.trials.append(self.evaluate(value, share / sum(SHARES), len(self.trials), level, nearby))
 
     def _give_values(self, trial: Trial, keeps: bool) -> Iterator[float]:
-        """Give the values that a trial shows to keep the bound, or to break it, its own in its place."""
+        """Yield the values at which a trial shows that the bound is kept (or broken), the safest first."""
         nearby = [near for near in trial.nearby if near.value != trial.value]
         values: list[Trial | Nearby] = sorted([trial, *nearby], key=lambda near: near.value)
         for near in values if keeps == self.rising else reversed(values):
@@ -279,7 +279,7 @@ class _Search:
 
 
 def _find_direction(trials: Sequence[Trial]) -> bool | None:
-    """Return whether p rises, as intervals that lie apart show; None where none do, or they contradict."""
+    """Return whether p rises, from disjoint intervals; None without any, or where they contradict."""
     pairs = list(combinations(sorted(trials, key=lambda trial: trial.value), 2))
     rises = any(trial.interval[1] < other.interval[0] for trial, other in pairs)
     falls = any(trial.interval[0] > other.interval[1] for trial, other in pairs)

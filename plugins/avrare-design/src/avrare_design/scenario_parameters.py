@@ -90,7 +90,7 @@ class ParametricScenario:
         return float(value) if isinstance(value, int) and self._permits(parameter, value + 0.5) else value
 
     def _permits(self, parameter: str, value: float) -> bool:
-        """Return whether the schema of the scenario permits a value: a scenario holds 1.0 as 1."""
+        """Return whether the schema of the scenario permits a value; 1.0 is written as 1."""
         try:
             self.at(parameter, value)
         except AvrareError:

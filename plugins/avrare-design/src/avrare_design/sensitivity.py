@@ -2,7 +2,7 @@
 
 Parameters of a perception error model that knows its density ratios are derived by the score function from
 failing tapes alone. All others are compared on the same tapes at two values around their own: the central
-difference quotient of log p, unbiased for itself but for the logarithm.
+difference quotient of log p, unbiased for itself except for the logarithm.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Sensitivity:
         return self.value * self.derivative
 
     def line(self) -> str:
-        """Return it in words: ``perception.sd = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
+        """Describe it: ``perception.sd = 1: +10 % changes p by +3.0 % (-1.0 .. +8.0), by score``."""
         if math.isnan(self.derivative):
             most = f", p at most {format_probability(self.most, 2)} at both values"
             unknown = f"not known{'' if math.isnan(self.most) else most}"

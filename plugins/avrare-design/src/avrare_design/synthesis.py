@@ -60,7 +60,7 @@ class Synthesis(Answer):
 
     @property
     def proved(self) -> bool:
-        """True where the probability is shown to have moved as it should."""
+        """True if the change of the probability in the right direction is proved."""
         return self.proof is not None and self.proof.moved
 
     @property
@@ -99,7 +99,7 @@ class Synthesis(Answer):
         )
 
     def lines(self) -> list[str]:
-        """Return the descent and the proof in words."""
+        """Describe the descent and the proof."""
         descent = [
             line
             for number, iteration in enumerate(self.iterations)
@@ -108,7 +108,7 @@ class Synthesis(Answer):
         return [*descent, *self.conclude()]
 
     def conclude(self) -> list[str]:
-        """Return the proof in words, or why nothing is changed."""
+        """Describe the proof, or why the scenario stays unchanged."""
         if self.proof is not None:
             return self.proof.lines()
         reason = "the start is at the target" if self.reached else "no step was better than the start"

@@ -25,7 +25,7 @@ class Side:
     interval: Interval
 
     def line(self, name: str) -> str:
-        """Return it in words."""
+        """Return a one-line description."""
         return f"  {name:<7}{format_probability(self.probability)}   {format_interval(self.interval)}"
 
 
@@ -49,7 +49,7 @@ class Proof:
 
     @property
     def moved(self) -> bool:
-        """True where the probability is shown to have moved as it should."""
+        """True if the change of the probability in the right direction is proved."""
         if self.counts:
             return self.counts[0].verdict(self.confidence) == ("worse" if self.maximise else "better")
         low, high = (self.before, self.after) if self.maximise else (self.after, self.before)
@@ -61,7 +61,7 @@ class Proof:
         return tuple(counts for counts in self.counts[1:] if counts.verdict(self.confidence) == "worse")
 
     def lines(self) -> list[str]:
-        """Return it in words."""
+        """Return a one-line description."""
         return [*self._head(), self.before.line("before"), self.after.line("after"), *self._verdict()]
 
     def _head(self) -> list[str]:
@@ -122,7 +122,7 @@ def prove_by_estimates(
     estimate: Callable[[LoadedScenario, int, float], Side],
     maximise: bool = False,
 ) -> Proof:
-    """Estimate both with noise of their own, each at a level that makes both intervals hold together.
+    """Estimate both on independent noise, each at a level at which both intervals hold together.
 
     Args:
         before: The start.

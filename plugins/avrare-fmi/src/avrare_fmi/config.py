@@ -12,7 +12,7 @@ from avrare.scenario.safe_mode import TRUST, is_safe
 
 
 def _tuple(value: object) -> object:
-    """Return a list as a tuple: strict validation takes no lists."""
+    """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 

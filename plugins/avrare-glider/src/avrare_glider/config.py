@@ -10,7 +10,7 @@ from avrare.plugin import Options
 
 
 def _tuple(value: object) -> object:
-    """Return a list as a tuple: strict validation takes no lists."""
+    """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 

@@ -10,7 +10,7 @@ from avrare_glider.config import FeedbackConfig
 from avrare_glider.nominal import Flight
 
 _SMALL = 1e-20
-"""Imaginary step: derivatives without cancellation, exact but for one or two bits."""
+"""Imaginary step: derivatives without cancellation, exact except for one or two bits."""
 
 
 def linearise(flight: Flight) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Simulator ``glider``: the glider with its own feedback."""
+"""Simulator ``glider``: the glider with its feedback."""
 
 from __future__ import annotations
 

@@ -54,11 +54,11 @@ class LifeRules:
         return Life(np.ones(shape, bool), detections, np.zeros(shape, np.int64))
 
     def absent(self, life: Life) -> Bools:
-        """Tell (N, V) which vehicles have not even a tentative track."""
+        """Return a mask (N, V) of the vehicles without even a tentative track."""
         return np.asarray(~life.exists & (life.detections == 0))
 
     def restarts(self, life: Life, rejected: Bools) -> Bools:
-        """Return (N, V) which tracks begin anew at a detection that is beyond their gate."""
+        """Return (N, V) which tracks restart at a detection beyond their gate."""
         if self.restart is None:
             return np.zeros_like(rejected)
         return np.asarray(rejected & (life.rejections + 1 >= self.restart))

@@ -18,7 +18,7 @@ from avrare.protocols import Floats
 
 
 def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
-    """Return stations ``x`` (N, V, H + 1) as the ego's own and the length from there at its offset [m]."""
+    """Return stations ``x`` (N, V, H + 1) as the ego's station plus the length along its offset [m]."""
     shape = (-1, *[1] * (x.ndim - 1))
     turned = line.heading(x) - line.heading(ego.x).reshape(shape)
     return np.asarray(x - ego.y.reshape(shape) * turned)

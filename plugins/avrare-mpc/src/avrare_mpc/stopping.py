@@ -49,7 +49,7 @@ def stopping_acceleration(
 
 
 def _at_passing(holds: Bools, passes: Bools) -> Bools:
-    """Return (N, V) what holds (N, V, H + 1) at the first node that passes, at the last where none does."""
+    """Return values (N, V) of (N, V, H + 1) at the first node that passes, or at the last node."""
     last = holds.shape[2] - 1
     node = np.where(passes.any(axis=2), passes.argmax(axis=2), last)
     return np.take_along_axis(holds, node[:, :, None], axis=2)[:, :, 0]

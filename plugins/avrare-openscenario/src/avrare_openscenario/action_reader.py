@@ -62,7 +62,7 @@ class ActionReader:
         self.selections: dict[str, tuple[int, ...]] = {}
 
     def read_selections(self, entities: Element) -> None:
-        """Read each ``EntitySelection``: its name stands for its members from here on."""
+        """Read each ``EntitySelection``; from here on its name refers to its members."""
         for selection in entities.list("EntitySelection"):
             members = selection.child("Members")
             types = [self.find_type(entry, "objectType") for entry in members.list("ByType")]

@@ -101,7 +101,7 @@ class Traffic:
 
 
 def holds(condition: Condition, traffic: Traffic) -> Bools:
-    """Tell (N,) where a condition holds, edges and delays aside."""
+    """Return a mask (N,) of the rows in which a condition holds, before edges and delays."""
     memory = traffic.memory
     value = memory.table[:, condition.value]
     match condition.kind:
@@ -119,7 +119,7 @@ def holds(condition: Condition, traffic: Traffic) -> Bools:
 
 
 def compare(rule: str, left: Floats, right: Floats) -> Bools:
-    """Tell where a comparison of OpenSCENARIO holds."""
+    """Return a mask of the rows in which a comparison of OpenSCENARIO holds."""
     slack = _TOLERANCE * (1.0 + np.abs(right))
     verdicts = {
         "lessThan": left < right - slack,

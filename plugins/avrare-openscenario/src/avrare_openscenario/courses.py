@@ -45,7 +45,7 @@ class Course:
 
     @classmethod
     def idle(cls, n: int, vehicles: int) -> Course:
-        """Return no transitions."""
+        """Return courses without transitions."""
         shape = (n, vehicles)
         start, target, clock, span = np.zeros((4, *shape))
         form, by_way = np.zeros(shape, np.int64), np.zeros(shape, np.bool_)
@@ -62,7 +62,7 @@ class Course:
         form: int = 0,
         by_way: bool = False,
     ) -> Course:
-        """Return the courses with a new one of one vehicle in some rows, an endless one without a span."""
+        """Return the courses after a vehicle begins a new one in some rows, endless without a span."""
         course = put(self, vehicle, rows, action=action, start=start, target=target, clock=0.0)
         return put(course, vehicle, rows, span=span, form=form, by_way=by_way)
 
@@ -72,7 +72,7 @@ class Course:
         return replace(self, action=np.where(stopped, -1, self.action))
 
     def carry_over(self, vehicle: int, before: float, after: float, side: float) -> Course:
-        """Return the courses of which one vehicle's values are counted along another line.
+        """Return the courses with the values of one vehicle measured along another line.
 
         Args:
             vehicle: Its index.
@@ -100,7 +100,7 @@ class Course:
 
 
 def put(record: Record, vehicle: int, rows: Bools | bool, **values: Floats | float) -> Record:
-    """Return vehicles or courses (N, V) of which one vehicle has other values in some rows."""
+    """Return vehicles or courses (N, V) after one vehicle gets other values in some rows."""
     changed = {name: np.array(getattr(record, name)) for name in values}
     for name, value in values.items():
         changed[name][:, vehicle] = np.where(rows, value, changed[name][:, vehicle])

@@ -103,7 +103,7 @@ def list_scenes(paths: Sequence[str]) -> list[str]:
 
 
 def judge_scene(path: str) -> Finding:
-    """Read a file as far as it goes."""
+    """Return whether a file can be read, with the notes on it or the reason and its place."""
     features: tuple[str, ...] = ()
     try:
         top = read_xml(path, "OpenSCENARIO")

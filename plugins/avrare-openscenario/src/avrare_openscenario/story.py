@@ -139,7 +139,7 @@ class LaneChange:
 
     @property
     def reference(self) -> int:
-        """Return the index of the vehicle whose lane or place counts, its own where none is named."""
+        """Return the index of the vehicle whose lane or place counts: the named one, or itself."""
         return self.other if self.other >= 0 else self.actor
 
 

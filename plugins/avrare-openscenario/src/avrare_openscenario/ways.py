@@ -1,4 +1,4 @@
-"""Lines of vehicles in a scene that is acted out: chosen anew after lane changes, jumps and routes."""
+"""Reference lines of vehicles in a simulated scene, reselected after lane changes, jumps and routes."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Ways:
         return points, course
 
     def stop(self, before: Vehicles, points: Vehicles, follows: Sequence[bool]) -> Vehicles:
-        """Return points of reference (1, V) of which those that came to the end of a road stand there.
+        """Return points of reference (1, V); vehicles that reach the end of a road stop there.
 
         Args:
             before: States (1, V) one step ago.
@@ -125,7 +125,7 @@ class Ways:
         return put(points, k, True, x=s, y=d, heading=turned - line.line.heading(s))
 
     def find_target(self, action: LaneChange, points: Vehicles, offset: Floats) -> Floats:
-        """Return the offset (1,) at which a lane change ends, on the vehicle's own line."""
+        """Return the offset (1,) at which a lane change ends, from the vehicle's reference line."""
         leg, (s, d, _) = self._find_leg(action.actor, points)
         now = points.y[:, action.actor]
         if leg is None:

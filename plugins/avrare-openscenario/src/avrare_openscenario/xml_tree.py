@@ -70,7 +70,7 @@ class Element:
         return children
 
     def choice(self, *tags: str) -> Element:
-        """Return the first child, which must have one of these names if there are any."""
+        """Return the first child; if names are given, it must have one of them."""
         if not self.children:
             raise self.error("is empty")
         child = self.children[0]

@@ -44,7 +44,7 @@ def resample(data: CleanedData, rng: np.random.Generator) -> CleanedData:
 
 
 def draw_blocks(rows: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return the numbers of the rows in a sample of blocks, ascending but for the repeats of a block."""
+    """Return the numbers of the rows in a sample of blocks, ascending except for the repeats of a block."""
     blocks = np.array_split(np.arange(rows), min(50, rows))
     chosen = np.sort(rng.integers(len(blocks), size=len(blocks)))
     return np.concatenate([blocks[number] for number in chosen])

@@ -82,7 +82,7 @@ class AfterMiss:
         seconds: Time between both frames.
         pairs: Misses with a second frame.
         seen: Share of them that is missed again.
-        anew: The same by the model with errors drawn anew.
+        anew: The same by the model with independent errors.
         lasting: The same with its measured persistence; NaN where it has none.
     """
 

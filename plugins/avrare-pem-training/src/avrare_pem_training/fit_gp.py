@@ -57,7 +57,7 @@ SCHEDULE = Schedule(inducing=100, steps=2000, batch=256, checks=2, weight=0.3, d
 def fit_gps(
     sample: Sample, schedule: Schedule, report: Callable[[str], None]
 ) -> tuple[GpPair, Floats, Floats, NDArray[np.intp]]:
-    """Train on all rows but the last fifth, which calibration needs unseen.
+    """Train on all rows except the last fifth, which calibration must not have seen.
 
     Args:
         sample: Rows in the order of recording; the first input is the range.

@@ -89,7 +89,7 @@ def describe_ghosts(ghosts: MeasuredGhosts | None, log: GhostLog | None, held_ou
 
 
 def _births(log: GhostLog) -> Bools:
-    """Tell which rows are the first of their track; all without one are."""
+    """Return a mask of the first row of each track, and of all rows without a track."""
     first = np.isnan(log.track)
     order = np.lexsort((log.time, log.track))
     track = log.track[order]

@@ -81,7 +81,7 @@ def _visibility(occlusion: Floats, path: Path, lines: Sequence[int]) -> Floats:
 
 
 def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Sequence[str]]:
-    """Return the columns by the names of the table, and the file's own names."""
+    """Return the columns by the names of the table, and the names in the file."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:

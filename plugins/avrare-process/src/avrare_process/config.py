@@ -17,7 +17,7 @@ EXAMPLE = Path(__file__).with_name("examples") / "acc.py"
 
 
 def _tuple(value: object) -> object:
-    """Return a list as a tuple: strict validation takes no lists."""
+    """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 

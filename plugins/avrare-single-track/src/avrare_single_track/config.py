@@ -131,7 +131,7 @@ class EgoConfig(Options):
 
 
 class MergeConfig(Options):
-    """Lane that a driver wants, as soon as the gaps are safe."""
+    """Options of a driver who changes to another lane as soon as the gaps are safe."""
 
     lane: int = Field(ge=0, description="index of the lane, from the right")
     from_step: int = Field(default=0, ge=0, description="first step at which it is wanted")

@@ -106,7 +106,7 @@ class RecordedScene(SingleTrack):
             )
 
     def faults(self, world: World) -> Bools:
-        """Tell (N,) which rows have no finite ego, or are beyond the end of the recording."""
+        """Return a mask (N,) of the rows without a finite ego or beyond the end of the recording."""
         return super().faults(world) | (world.step > self.last)
 
 

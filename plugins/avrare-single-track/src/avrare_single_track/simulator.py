@@ -248,7 +248,7 @@ class SingleTrack(Simulator):
         }
 
     def faults(self, world: World) -> Bools:
-        """Tell (N,) which rows have an ego state that is not finite."""
+        """Return a mask (N,) of the rows whose ego state is not finite."""
         ego = world.ego
         return ~(np.isfinite(ego.x) & np.isfinite(ego.y) & np.isfinite(ego.heading) & np.isfinite(ego.speed))
 

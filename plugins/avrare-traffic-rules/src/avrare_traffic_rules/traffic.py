@@ -20,7 +20,7 @@ Extents = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 
 @dataclass(frozen=True)
 class Bodies:
-    """Vehicles as rectangles on the road; all fields broadcast to the shape of ``x``, but for ``lanes``.
+    """Vehicles as rectangles on the road; all fields broadcast to the shape of ``x``, except for ``lanes``.
 
     Attributes:
         x: Centre [m].

@@ -57,7 +57,7 @@ def first_above(scores: Floats, level: Floats) -> Integers:
 
 
 def choose_parents(eligible: Bools, runs: Integers, uniforms: Floats) -> Integers:
-    """Choose a slot (M,) uniformly among the eligible ones of each child's own run.
+    """Choose a slot (M,) uniformly among the eligible slots of each child's run.
 
     Args:
         eligible: (R, N) at least one in every run that occurs.

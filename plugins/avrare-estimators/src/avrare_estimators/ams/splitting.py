@@ -184,7 +184,7 @@ class Splitting(Estimator):
         return allowance(self.config.memory)
 
     def _most_runs(self, plan: Plan, pilots: int = 0, growth: int = 1) -> int:
-        """Return the largest number of runs, where some of the budget is gone.
+        """Return the largest number of runs that the rest of the budget allows.
 
         Args:
             plan: The task.

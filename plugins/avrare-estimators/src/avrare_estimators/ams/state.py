@@ -230,5 +230,5 @@ class AmsState:
 
 
 def run_bytes(plan: Plan, particles: int) -> int:
-    """Return the bytes of a run at its peak, but for the carries."""
+    """Return the bytes of a run at its peak, except for the carries."""
     return particles * (_SLOT + _ENTRY * (plan.steps + 1))

@@ -93,7 +93,7 @@ def summarise(name: str, config: AmsConfig, state: AmsState) -> Result:
 
 
 def _count_roots(ended: EndedRuns, values: Floats) -> list[int]:
-    """Return how many first particles each run's failures descend from; all of its own where none is left."""
+    """Return how many first particles each run's failures (without any: its particles) descend from."""
     rows = zip(ended.root, ended.violated, values, strict=True)
     return [
         len(np.unique(root[failed] if failed.any() else root)) if value else 0 for root, failed, value in rows
@@ -101,7 +101,7 @@ def _count_roots(ended: EndedRuns, values: Floats) -> list[int]:
 
 
 def _describe_ties(discarded: Sequence[Sequence[int]], discard: int, particles: int) -> tuple[Note, ...]:
-    """Return the note on levels of which most discard many more particles than ``discard``."""
+    """Return the note on runs most of whose levels discard many more particles than ``discard``."""
     counts = [count for run in discarded for count in run]
     if not counts or (typical := median(counts)) <= _MOST_TIES * discard:
         return ()

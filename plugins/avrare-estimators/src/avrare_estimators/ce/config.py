@@ -8,7 +8,7 @@ from avrare_estimators.common.config import WeightedConfig
 
 
 class CeConfig(WeightedConfig):
-    """The cross-entropy method: learn a proposal from the rollouts nearest to failure, then sample afresh."""
+    """The cross-entropy method: learn a proposal from rollouts near failure, then draw a new sample."""
 
     rollouts: int = Field(default=5000, ge=20, le=10**9, description="rollouts of each stage")
     defensive: float = Field(

@@ -10,14 +10,14 @@ from avrare.base.memory import MEMORY_OPTION
 from avrare.plugin import Options
 
 LEAST_RUNS_OF_LOOK = 5
-"""Fewer runs say too little of their own scatter."""
+"""Fewer runs say too little about their scatter."""
 LEAST_PILOT = 200
 LEAST_DEFENSIVE = 0.25
 LEARNED = "learned"
 
 
 def allow_name(names: Any, choice: Any) -> BeforeValidator:
-    """Return a validator that takes a name alone for a choice without options of its own.
+    """Return a validator that accepts a bare name for a choice without options.
 
     Args:
         names: Names that may stand alone, a ``Literal``.

@@ -64,6 +64,6 @@ def check_weights(mean: float, error: float, effective: float, largest: float) -
 
 
 def describe_uneven(effective: float, largest: float) -> str:
-    """Return the reason to doubt weights of which few count."""
+    """Return the reason to doubt an estimate that rests on few of its weights."""
     few = f"the effective number of failures is {effective:.1f}"
     return f"{few}, the largest weight has a share of {largest:.0%}"

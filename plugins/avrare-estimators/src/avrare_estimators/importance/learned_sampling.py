@@ -68,7 +68,7 @@ class LearnedState(SamplingState):
 
     @property
     def rows(self) -> int:
-        """Rollouts of this run, but for a cross-check."""
+        """Rollouts of this run, except for a cross-check."""
         return sum(len(sample.error) for sample in self.samples)
 
 
@@ -234,9 +234,9 @@ class LearnedSampling(WeightedSampler):
         return tuple(zip(state.shares[:-1], state.samples[-len(state.shares) : -1], strict=True))
 
     def _check_rollouts(self, state: SamplingState) -> int:
-        """Return the cross-check's rollouts; where an error is asked for, at least what an answer takes.
+        """Return the rollouts of the cross-check; with a target error, at least those of a conclusive one.
 
-        There the sample is as small as the error allows, and a share of it too small to climb with.
+        Such a sample is as small as the error allows, and a share of it is too small for the climb.
         """
         share = super()._check_rollouts(state)
         if self.config.relative_error is None or not self.config.check:

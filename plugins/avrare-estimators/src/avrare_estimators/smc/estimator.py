@@ -32,7 +32,7 @@ _ROLLOUTS_OF_RUN = 5
 _LEAST_PARTICLES = 20
 _SCALED_PILOT, _SCALED_STAGES = 0.25, 2
 _ROW = 250
-"""Bytes of a particle at the peak, but for its carry."""
+"""Bytes of a particle at the peak, except for its carry."""
 _CARRY = 4096
 """Bytes of a particle's carry where they are not known."""
 _FEATURES = 32

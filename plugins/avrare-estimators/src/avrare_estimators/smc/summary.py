@@ -43,7 +43,7 @@ class Counted:
     Attributes:
         course: What the runs share.
         first_run: Address of the first run's noise.
-        probabilities: (R,) unbiased but for the cut at 1.
+        probabilities: (R,) unbiased except for the cut at 1.
         errors: (R,) weight of the particles that broke down.
         roots: (R,) first particles with failing descendants.
         contributions: Of these first particles, in all runs.

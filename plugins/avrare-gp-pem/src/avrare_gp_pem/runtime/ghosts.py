@@ -95,7 +95,7 @@ class GhostLaw:
         return np.asarray(normal.cdf(parts[..., 1]) < self.near)
 
     def same_places(self, other: GhostLaw) -> bool:
-        """Tell whether both laws differ in rate and persistence at most."""
+        """Return whether two laws are equal except for rate and persistence."""
         return all(
             np.array_equal(value, getattr(other, name))
             for name, value in vars(self).items()

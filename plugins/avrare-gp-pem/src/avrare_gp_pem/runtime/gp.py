@@ -29,11 +29,11 @@ class _Process:
     Attributes:
         inducing: (M, D) inducing points Z, in normalised inputs.
         lengthscale: (D,) of the squared-exponential kernel.
-        variance: () of the kernel.
+        variance: Variance of the kernel.
         location: (L, M) whitened variational mean m.
         factor: Whitened variational factor S: (L, M, M) lower triangular, or (L, M) its diagonals.
         prior: (L, 2) prior mean: constant and slope over the first input.
-        jitter: () added to the diagonal of k(Z, Z).
+        jitter: Number added to the diagonal of k(Z, Z).
     """
 
     inducing: Floats

@@ -67,7 +67,7 @@ class LawPem(ABC):
         return self.law(world).in_weather(weather_of(world)).log_prob(world, observation)
 
     def shift_noise(self, world: World, noise: Floats, other: LawPem) -> tuple[Floats, Floats]:
-        """Return how noise moves for ``other`` to observe the same, and log density ratios."""
+        """Return the noise with which ``other`` gives the same observations, and log density ratios."""
         law, moved = (model.law(world).in_weather(weather_of(world)) for model in (self, other))
         return shift_noise(law, moved, noise)
 

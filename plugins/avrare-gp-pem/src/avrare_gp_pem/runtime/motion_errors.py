@@ -32,7 +32,7 @@ class MotionErrorPem:
     """Model that also reports speeds across the road, or headings.
 
     Attributes:
-        model: Model of detection, place and speed along the road, which draws its errors anew.
+        model: Model of detection, place and speed along the road, which redraws its errors at every step.
         speed_y_sd: Standard deviation of the speed across the road [m/s]; None: not reported.
         heading: Law of the heading's errors; None: not reported.
     """
@@ -103,7 +103,7 @@ class MotionErrorPem:
         return total
 
     def shift_noise(self, world: World, noise: Floats, other: MotionErrorPem) -> tuple[Floats, Floats]:
-        """Return how noise moves for ``other`` to observe the same, and log density ratios.
+        """Return the noise with which ``other`` gives the same observations, and log density ratios.
 
         Raises:
             UsageError: The laws of these errors differ, or the model of the places has no ratio.

@@ -27,7 +27,7 @@ from avrare_gp_pem.config import Persistence
 
 
 class MemorylessPem(Protocol):
-    """Model that draws its errors anew at every step."""
+    """Model whose errors are independent from step to step."""
 
     @property
     def noise_size(self) -> int:
@@ -144,7 +144,7 @@ class PersistentPem:
 
 
 def check_ratio(model: object, method: str) -> None:
-    """Raise UsageError where a model has no density ratio, that is, not this method."""
+    """Raise a ``UsageError`` if a model lacks the method for its density ratio."""
     if not hasattr(model, method):
         raise UsageError(f"{type(model).__name__} has no density ratio", "choose parametric or gp_pem")
 
@@ -152,7 +152,7 @@ def check_ratio(model: object, method: str) -> None:
 def with_persistence(
     model: Model, persistence: Persistence, scene: Scene, kinds: tuple[str, ...] = ()
 ) -> Model | PersistentPem:
-    """Return ``model`` with persistent errors; ``model`` itself where all of them are drawn anew.
+    """Return ``model`` with persistent errors; ``model`` itself if no error persists.
 
     ``kinds`` are those of a ``MotionErrorPem``.
     """

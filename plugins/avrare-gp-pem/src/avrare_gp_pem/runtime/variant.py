@@ -41,13 +41,13 @@ class Variant:
         input_sd: (D,) divides the columns.
         base_scale: (2, 2) row i: error i is divided by [0] + [1] x range [m].
         dof: (2,) degrees of freedom of the Student-t errors; inf: normal errors, without a limit.
-        limit: () largest distance of an error from its centre [m].
+        limit: Largest distance of an error from its centre [m].
         link: "probit" or "logit": turns the detection latent into a probability.
         frame: "vehicle": errors are along and across it; "ego": to the right of the ego and forward.
         bounds: (2, D) columns are clipped to [0] and [1], the range of the training rows: no extrapolation.
         line: (2,) calibration: [0] x latent + [1] is the argument of the link.
         stretch: (2,) calibration: factors on the scales of the errors.
-        near: () calibration: added to the argument of the link, times nearness.
+        near: Calibration: added to the argument of the link, times nearness.
         tail: (2, 2) calibration, row i: log power of the tails of error i is [0] + [1] x nearness. Nearness
             falls from 1 at range 0 to 0 at ``NEAR``.
     """
@@ -86,7 +86,7 @@ class Variant:
     def law_from_latents(
         self, mean: Floats, variance: Floats, distance: Floats, speed_sd: float
     ) -> ObservationLaw:
-        """Return the same from the moments of the latents (..., 5), with their uncertainty integrated out.
+        """Return the law for the moments of the latents (..., 5), with their uncertainty integrated out.
 
         Detection: if f ~ N(m, v) then E Phi(f) = Phi(m / sqrt(1 + v)), and nearly so for the logistic. A
         tail is proportional to scale^(dof / power), whose mean over a log scale ~ N(m, v) is that of the
@@ -143,7 +143,7 @@ class YawErrors:
     Attributes:
         flip: (2,) logit of a flip: at range 0, and per metre of range.
         scale: (2,) Student-t scale of the remaining error [rad]: at range 0, and per metre of range.
-        dof: () degrees of freedom of the remaining error.
+        dof: Degrees of freedom of the remaining error.
     """
 
     flip: Floats

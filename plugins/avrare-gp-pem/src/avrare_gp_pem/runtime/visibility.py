@@ -76,7 +76,7 @@ def category(fraction: Floats) -> Floats:
 
 
 def _may_be_hidden(seen: Relative, half: Floats) -> Bools:
-    """Tell (N, V) whether another vehicle's circumscribed circle reaches in front of this one's."""
+    """Return a mask (N, V): whether another vehicle's circumscribed circle reaches in front of this one's."""
     radius, distance = np.hypot(*half.T), seen.range
     covers_ego = distance <= radius
     half_angle = np.where(covers_ego, np.pi, np.arcsin(radius / np.maximum(distance, radius)))

@@ -102,7 +102,7 @@ def announce(message: str) -> Iterator[None]:
 
 
 def sources_digest() -> str:
-    """Return the digest of the kernels' sources so far; numba itself only checks the entry's own file."""
+    """Return the digest of the kernel sources so far; numba only checks the file of the entry."""
     digest = hashlib.sha256()
     for name in sorted(_SOURCES):
         digest.update(Path(name).read_bytes())

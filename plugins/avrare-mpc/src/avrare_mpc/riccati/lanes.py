@@ -54,7 +54,7 @@ def select(mask: Mask, yes: Lanes, no: Lanes) -> Lanes:
 
 
 def any_of(mask: Mask) -> bool:
-    """Tell whether a lane is true."""
+    """Return whether a lane is true."""
     return bool(np.any(mask))
 
 

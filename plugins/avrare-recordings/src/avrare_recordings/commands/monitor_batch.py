@@ -21,7 +21,7 @@ EVERY = "all"
 
 
 def is_batch(args: argparse.Namespace) -> bool:
-    """Tell whether many drives are asked for: a folder of recordings, or every vehicle of a file."""
+    """Return whether the arguments ask for several drives: a folder, or every vehicle of a file."""
     path = Path(args.file)
     if not path.is_dir():
         return bool(args.ego == EVERY)

@@ -188,7 +188,7 @@ def _warn_once_of_old_elements(path: str) -> Iterator[None]:
 
 @functools.cache
 def warn_once(text: str) -> None:
-    """Say on stderr how a file is read, each sentence once."""
+    """Print on stderr how a file is read, each sentence once."""
     logging.getLogger(__name__).warning(text)
 
 

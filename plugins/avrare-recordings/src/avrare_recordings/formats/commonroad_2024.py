@@ -24,7 +24,7 @@ _OLDER, _HEADER = b"\x052020a", 16
 
 
 def is_companion(path: Path) -> bool:
-    """Tell whether a file of the format only completes another one that lies beside it."""
+    """Return whether a file of the format only completes another file in its folder."""
     if path.suffix.lower() != SUFFIX:
         return False
     problems, rest = path.stem.endswith(_PROBLEMS), path.stem.removesuffix(_PROBLEMS)

@@ -38,7 +38,7 @@ _PLANE = ("frame", "trackId", "xCenter", "yCenter", "heading", "width", "length"
 
 
 def is_drone_recording(path: Path) -> bool:
-    """Tell whether a file holds the tracks of a drone recording."""
+    """Return whether a file holds the tracks of a drone recording."""
     return path.name.endswith(_END) and path.with_name(path.name.replace(_END, "_tracksMeta.csv")).exists()
 
 

@@ -30,7 +30,7 @@ _TURNS = ("left", "straight", "right")
 
 
 def has_right_of_way(network: LaneletNetwork) -> bool:
-    """Tell whether a network has intersections, stop signs or traffic lights."""
+    """Return whether a network has intersections, stop signs or traffic lights."""
     lanelets = network.lanelets
     return bool(network.intersections) or any(
         "STOP" in _signs(network, lanelet) or lanelet.traffic_lights for lanelet in lanelets

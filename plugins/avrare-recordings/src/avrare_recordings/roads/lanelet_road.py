@@ -88,7 +88,7 @@ def _count_samples(by_id: Mapping[int, Lanelet], positions: Floats, headings: Fl
 
 
 def is_inside(outline: Floats, points: Floats) -> Bools:
-    """Tell which (K, 2) points are inside an outline (M, 2), by the even-odd rule."""
+    """Return a mask (K,) of the points (K, 2) inside an outline (M, 2), by the even-odd rule."""
     inside = np.zeros(len(points), dtype=np.bool_)
     near = ((points >= outline.min(axis=0)) & (points <= outline.max(axis=0))).all(axis=1)
     if near.any():
@@ -286,6 +286,6 @@ def _find_broad_markings(chains: Sequence[Sequence[_Section]], lane_of: Mapping[
 
 
 def is_broad(lanelet: Lanelet, side: str) -> bool:
-    """Tell whether the marking of a lanelet's side is broad."""
+    """Return whether the marking of a lanelet's side is broad."""
     marking = getattr(lanelet, f"line_marking_{side}_vertices")
     return str(marking.value) in ("broad_dashed", "broad_solid")

@@ -94,7 +94,7 @@ class PlaneDrives:
         return road, show_lights(self.network, names, steps)
 
     def find_road(self, ego: Obstacle) -> tuple[Road, float]:
-        """Return the road of an ego, and the angle by which the plane is turned where it has no line."""
+        """Return the road of an ego, and the angle by which the plane is rotated if the road has no line."""
         try:
             if self._straight is not None:
                 return self._straight

@@ -298,7 +298,7 @@ def _smooth_entry(group: Group, share: float, length: int) -> list[tuple[Group, 
 
 
 def _move_atom(row: Row, delay: int, length: int) -> Row:
-    """Return an atom one stride of its own later or earlier, as far as the tape goes."""
+    """Return an atom shifted by ``delay`` of its strides; unchanged where that leaves the tape."""
     channel, first, last, decay, *rest = row
     by = delay * (1 if first == last else _stride(last - first + 1, decay))
     return (channel, first + by, last + by, decay, *rest) if first + by >= 1 and last + by < length else row

@@ -48,7 +48,7 @@ class PooledSamples:
         mixtures: Proposals; number k has drawn sample k + 1.
         log_ratios: (n, 1 + K) log p/q of the rows of each sample under ``tail`` (infinite where there is
             none) and under each proposal alone.
-        tail: Law of the first sample, but for the target, and of a share of each later one.
+        tail: Law of the first sample, apart from its share of the target; each later one has a share of it.
     """
 
     defensive: float
@@ -103,7 +103,7 @@ class PooledSamples:
         return np.asarray(1.0 / density)
 
     def _log_ratio(self, log_ratios: Floats, stage: int) -> Floats:
-        """Return log p/q of rows under the law that a stage was drawn from, but for the target."""
+        """Return log p/q of rows under the law of a stage, apart from its share of the target."""
         first = log_ratios[:, 0]
         if not stage or self.tail is None:
             return log_ratios[:, stage]
@@ -111,7 +111,7 @@ class PooledSamples:
 
     @property
     def proposal(self) -> TapeMixture | None:
-        """The law that the next sample is drawn from, but for the target; None: the target."""
+        """Law of the next sample, apart from its share of the target; None: the target alone."""
         if not self.mixtures:
             return self.tail
         return self.mixtures[-1] if self.tail is None else with_tail_atoms(self.mixtures[-1])

@@ -126,7 +126,7 @@ class CrossCheck:
 
 
 def rollouts_to_vouch(samples: Sequence[Sample]) -> int:
-    """Return the rollouts of a cross-check that mostly vouches for a right estimate of the last sample."""
+    """Return the rollouts with which a cross-check mostly confirms a correct estimate of the last sample."""
     estimate = float(failing_weights(samples[-1]).mean())
     rows = sum(map(len, _target_places(samples)))
     if not estimate or not rows:

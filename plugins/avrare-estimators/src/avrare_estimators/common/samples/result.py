@@ -64,7 +64,7 @@ class RunOutcome:
 
     @property
     def probability(self) -> float:
-        """Estimate of the run, unbiased but for the cut at 1."""
+        """Estimate of the run, unbiased except for the cut at 1."""
         return min(1.0, sum(share * float(failing_weights(part).mean()) for share, part in self.parts))
 
     @property

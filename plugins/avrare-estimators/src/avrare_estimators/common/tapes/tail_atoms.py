@@ -43,7 +43,7 @@ def tail_atoms(steps: int, channels: int) -> TapeMixture:
 
 
 def with_tail_atoms(learned: TapeMixture) -> TapeMixture:
-    """Return a proposal of which tail atoms take a share."""
+    """Return a proposal in which tail atoms have a share."""
     (rows, channels) = learned.shape
     atoms = tail_atoms(rows - 1, channels)
     parts = [((1.0 - SHARE), learned), (SHARE, atoms)]

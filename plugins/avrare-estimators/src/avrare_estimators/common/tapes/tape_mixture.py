@@ -138,7 +138,7 @@ class TapeMixture:
 
     @cached_property
     def _alone(self) -> Integers:
-        """The atom of each group (G,) that has one only, ``NONE`` of the others."""
+        """Atom of each group (G,) that consists of a single atom; ``NONE`` for other groups."""
         return np.array([index[0] if len(index) == 1 else NONE for index, _ in self.groups])
 
     @cached_property

@@ -1,1 +1,1 @@
-"""Markov kernels of elliptical slice sampling, but for the common one of Crank-Nicolson steps."""
+"""Markov kernels of elliptical slice sampling, except for the common one of Crank-Nicolson steps."""

@@ -1,4 +1,4 @@
-"""Elimination with a bound on the score's slope that is given; pairs of tapes may refute it."""
+"""Elimination with a given bound on the slope of the score, which pairs of tapes may refute."""
 
 # ruff: noqa: D102 - ``Kernel`` documents the methods of all kernels.
 
