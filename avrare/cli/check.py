@@ -38,7 +38,6 @@ from avrare.cli.output import (
     write_files,
 )
 from avrare.estimation.choice.auto_config import AutoConfig
-from avrare.estimation.choice.auto_rules import ROLLOUTS
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.loop.checkpoint import Checkpoint, resume_hint
 from avrare.estimation.monte_carlo.config import McConfig
@@ -176,10 +175,9 @@ def _plan(
             pilot = _pilot(target, budget, machine)
             estimates = {result.specification: result for result in pilot}
             source = f"a pilot run of {max(entry.rollouts for entry in estimates.values()):,}"
-        scenario, config = target.definition, target.definition.estimator.config
-        most = (config.rollouts or ROLLOUTS) if isinstance(config, AutoConfig) and budget is None else None
+        scenario, limits = target.definition, target.find_limits() if budget is None else None
         costs += estimate_costs(
-            scenario.name, target.planned_criteria, estimates, source, scenario.confidence, most
+            scenario.name, target.planned_criteria, estimates, source, scenario.confidence, limits
         )
     if args.json:
         print(json.dumps({"schema": 1, "plan": [vars(target) for target in costs]}))

@@ -225,9 +225,16 @@ def test_a_plan_costs_little_and_exits_zero(drive, capsys):
 def test_a_plan_for_auto_names_the_most_that_it_takes(drive, capsys):
     assert main(["check", drive(), "--plan", "--json", "--estimator", "auto"]) == 0
     plan = json.loads(capsys.readouterr().out)["plan"]
-    prices = {row["specification"]: row["rollouts"] for row in plan if row["question"] == "<= baseline"}
-    assert 500 <= prices["in_lane"] <= 3000
-    assert prices["on_road"] == 50_000
+    rows = {row["specification"]: row for row in plan if row["question"] == "<= baseline"}
+    assert 500 <= rows["in_lane"]["rollouts"] <= 3000
+    assert rows["on_road"]["rollouts"] == 50_000
+    assert rows["on_road"]["reason"] == "at most, to a relative error of 10.7 %, by a pilot run of 200"
+    options = ["--set", "estimator={plugin: auto, relative_error: 0.05, rollouts: 20000}"]
+    assert main(["check", "drive.yaml", "--plan", "--json", *options]) == 0
+    (row,) = [
+        row for row in json.loads(capsys.readouterr().out)["plan"] if row["specification"] == "on_road"
+    ][:1]
+    assert (row["rollouts"], row["reason"][:35]) == (20_000, "at most, to a relative error of 5 %")
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,14 @@ _quantile = NormalDist().inv_cdf
 
 
 @dataclass(frozen=True)
+class AutoLimits:
+    """Where ``auto`` ends: at a number of rollouts, or earlier at a relative error, if it has one."""
+
+    rollouts: int
+    relative_error: float | None
+
+
+@dataclass(frozen=True)
 class CostEstimate:
     """Predicted cost of one verdict."""
 
@@ -55,18 +63,18 @@ def estimate_costs(
     earlier: Mapping[str, Result],
     source: str,
     confidence: float,
-    most: int | None = None,
+    auto: AutoLimits | None = None,
 ) -> list[CostEstimate]:
     """Predict the cost of a verdict on each criterion, with and without assumptions, and of +-20 %.
 
-    ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %. ``most``
-    are the rollouts that ``auto`` takes at most; None: the estimator is another.
+    ``earlier`` estimates, by specification, have a ``source``; ``confidence`` is that of the +-20 %. ``auto``
+    says where that estimator ends; None: the estimator is another.
     """
     needs = [
         (
             criterion.question,
             entry,
-            _need_of_auto(_need_for_criterion(criterion, entry, len(criteria)), entry, most),
+            _need_of_auto(_need_for_criterion(criterion, entry, len(criteria)), entry, auto),
         )
         for criterion in criteria
         if (entry := earlier.get(criterion.specification)) is not None
@@ -79,7 +87,7 @@ def estimate_costs(
         and not counts_failures(entry)
     ]
     needs += [
-        ("+-20 %", entry, _need_of_auto(_need_for_precision(entry, confidence), entry, most))
+        ("+-20 %", entry, _need_of_auto(_need_for_precision(entry, confidence), entry, auto))
         for entry in earlier.values()
     ]
     return [_price(scenario, question, entry, *need, source) for question, entry, need in needs]
@@ -133,12 +141,14 @@ def _need_for_criterion(criterion: Criterion, entry: Result, criteria: int) -> _
     return _need_for_regression(criterion.condition, entry, criterion.baseline, criteria)
 
 
-def _need_of_auto(need: _Need, entry: Result, most: int | None) -> _Need:
+def _need_of_auto(need: _Need, entry: Result, auto: AutoLimits | None) -> _Need:
     rollouts, reason = need
-    if most is None or (rollouts is None and reason != _no_failures(entry)):
+    if auto is None or (rollouts is None and reason != _no_failures(entry)):
         return need
-    if rollouts is None or rollouts > most:
-        return most, "the most that auto takes"
+    if rollouts is None or rollouts > auto.rollouts:
+        if auto.relative_error is None:
+            return auto.rollouts, "all that auto may take"
+        return auto.rollouts, f"at most, to a relative error of {format_percent(auto.relative_error)}"
     # What it learns costs as much for every estimate.
     return (rollouts if counts_failures(entry) else max(rollouts, entry.rollouts)), reason
 

@@ -20,13 +20,14 @@ from avrare.analysis.check.criteria import Criterion
 from avrare.analysis.check.pooling import SHARES
 from avrare.analysis.check.power_analysis import (
     BASELINE_SHARE,
+    AutoLimits,
     describe_coarse_baseline,
     find_spread,
     find_variance,
 )
 from avrare.base.errors import UsageError
 from avrare.estimation.choice.auto_config import AutoConfig
-from avrare.estimation.choice.auto_rules import GOAL
+from avrare.estimation.choice.auto_rules import GOAL, ROLLOUTS
 from avrare.estimation.combine.specifications import Execution
 from avrare.estimation.estimate import estimate_scenario
 from avrare.estimation.plan.budget import Budget
@@ -111,6 +112,16 @@ class CheckTarget:
                 used, max((error**2 for error in errors if math.isfinite(error)), default=0.0) / variance
             )
         return min(GOAL, round(math.sqrt((1.0 - used) * variance), 3))
+
+    def find_limits(self) -> AutoLimits | None:
+        """Return where ``auto`` ends, for a first baseline where there is none; None for other estimators."""
+        config = self.definition.estimator.config
+        if not isinstance(config, AutoConfig):
+            return None
+        goal = config.relative_error
+        if goal is None and config.rollouts is None:
+            goal = self.find_goal(save=False) or GOAL
+        return AutoLimits(config.rollouts or ROLLOUTS, goal)
 
     def describe_coarse(self, results: Sequence[Result]) -> list[str]:
         """Return a line for each result that is too imprecise for a baseline, with the reason."""
