@@ -157,7 +157,7 @@ def test_a_place_beside_a_road_and_a_closed_route_can_be_reached(judge):
 def test_places_on_routes_have_two_names(judge, tmp_path, name):
     assert judge(document(event(ROUTE.format(name)))).status == "read"
     states = act_out(read_acted(str(tmp_path / "scene.xosc"), 0.1), 0.1, 2.0)[1]
-    np.testing.assert_allclose(states[10:12, 0, 0], [50.0, 107.0], atol=0.01)
+    np.testing.assert_allclose(states[10:13, 0, 0], [50.0, 105.0, 107.0], atol=0.01)
 
 
 @pytest.mark.parametrize("seconds", ["1e308", "1e9", "-1"])

@@ -86,6 +86,7 @@ class ActedTraffic:
                 heading[:, :vehicles],
                 Course.idle(n, vehicles),
                 Course.idle(n, vehicles),
+                np.zeros((n, vehicles), np.bool_),
                 np.zeros((n, len(self.motions.trajectories), len(story.places), 3)),
             ),
             pick(points, slice(vehicles)),

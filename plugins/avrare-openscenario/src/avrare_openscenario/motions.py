@@ -45,12 +45,14 @@ class Drive:
         heading: (N, V) heading of the bodies against their lanes, lane changes aside [rad].
         speed: Changes of speed.
         across: Changes of offset, and trajectories.
+        stands: (N, V) whether a vehicle was put to its place in this step, and so goes no way.
         anchors: (N, T, V + 1, 3) poses of all points of reference where each trajectory began.
     """
 
     heading: Floats
     speed: Course
     across: Course
+    stands: Bools
     anchors: Floats
 
 
@@ -67,8 +69,11 @@ class Motions:
         self.maps: Sequence[RoadMap] = file.maps
         self.ways: Ways | None = None
         self.bodies = file.bodies
-        actions = enumerate(self.story.actions)
+        actions = list(enumerate(self.story.actions))
         self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
+        # Offsets cost no way along the road.
+        changes = [(number, action) for number, action in actions if isinstance(action, LaneChange)]
+        self.offsets = [number for number, action in changes if action.transition.dimension == "curvature"]
         others = file.maps[: len(file.bodies) - file.ego]
         self.free = np.array([not roads.lanes for roads in others], np.bool_)
 
@@ -81,7 +86,9 @@ class Motions:
         actor = action.actor
         match action:
             case SpeedChange():
-                speed = self._begin_speed(drive.speed, number, action, rows, table, every)
+                start, form = every.speed[:, actor], FORMS.index(action.transition.form)
+                target, span = self._find_span(action, start, table, every)
+                speed = drive.speed.begin(number, actor, rows, start, target, span, form)
                 if action.transition.form == "step":
                     every = put(every, actor, rows, speed=speed.target[:, actor])
                 return replace(drive, speed=speed), every
@@ -90,9 +97,10 @@ class Motions:
                 return replace(drive, across=across), every
             case Teleport():
                 every = self.put(action, table, every, rows)
-                heading = np.array(drive.heading)
-                heading[rows, actor] = every.heading[rows, actor]
-                return replace(drive, heading=heading, across=drive.across.finish(actor, rows)), every
+                heading, stands = np.array(drive.heading), np.array(drive.stands)
+                heading[rows, actor], stands[rows, actor] = every.heading[rows, actor], True
+                across = drive.across.finish(actor, rows)
+                return replace(drive, heading=heading, across=across, stands=stands), every
             case Removal():
                 speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
                 gone = put(every, actor, rows, x=GONE, speed=0.0)
@@ -144,17 +152,18 @@ class Motions:
         heading, speed, across = drive.heading, drive.speed, drive.across
         others = pick(every, slice(heading.shape[1]))
         active = speed.action >= 0
-        begun = speed
+        speed = begun = self._aim(table, speed, every)
         speed, wanted, _ = speed.advance(self.dt, np.zeros_like(others.speed))
         over = self.free & (across.action < 0) & np.isinf(across.span)  # nobody drives on without a lane
         velocity = np.where(active, wanted, np.where(over, 0.0, others.speed))
         speed, velocity = self._steer(table, begun, speed, drive, velocity, every)
-        whole = active & (begun.span <= 0.0) if self.ways is None else True  # the whole step, as players do
-        way = 0.5 * (np.where(whole, velocity, others.speed) + velocity) * self.dt
         changing = across.action >= 0
-        ahead = np.abs(
-            way * np.cos(others.heading - heading)
-        )  # the way of a lane change is that along the road
+        moves = changing & ~np.isin(across.action, self.offsets)
+        way = 0.5 * (np.where(active & (begun.span <= 0.0), velocity, others.speed) + velocity)
+        if self.ways is not None:  # as players do: the speed of the whole step, and one action after another
+            way = np.where(moves & (across.action < begun.action), others.speed, velocity)
+        way = np.where(drive.stands & ~moves, 0.0, way * self.dt)
+        ahead = np.abs(way * np.cos(others.heading - heading))  # a lane change goes along the road
         gone = np.where(np.isin(across.action, self.trajectories), across.start * way, ahead)
         across, aside, slope = across.advance(self.dt, gone)
         y = np.where(changing, aside, others.y + np.where(self.free, way * np.sin(heading), 0.0))
@@ -163,11 +172,12 @@ class Motions:
         drift = np.where(across.by_way, slope, slope / np.where(moving, velocity, 1.0))
         drift = np.where(across.by_way, drift / np.hypot(1.0, drift), drift)
         angle = np.arcsin(np.clip(np.where(moving, drift, 0.0), -1.0, 1.0))
-        along = np.where(self.free, np.cos(heading), direction * np.cos(angle))
+        along = np.where(self.free, np.cos(heading), direction * np.where(moves, np.cos(angle), 1.0))
         x = self._advance(others.x, 0.5 * (others.y + y), along * way)
         turned = heading + direction * angle
         points = Vehicles(x, y, turned, velocity, (velocity - others.speed) / self.dt)
-        return self._follow(table, replace(drive, speed=speed, across=across), step, every, points)
+        drive = replace(drive, speed=speed, across=across, stands=np.zeros_like(drive.stands))
+        return self._follow(table, drive, step, every, points)
 
     def _advance(self, x: Floats, y: Floats, way: Floats) -> Floats:
         # Stations after a way along the roads, each vehicle on its own.
@@ -180,10 +190,20 @@ class Motions:
                 moved[:, columns] %= roads.line.length
         return moved
 
-    def _begin_speed(
-        self, course: Course, number: int, action: SpeedChange, rows: Bools, table: Floats, every: Vehicles
-    ) -> Course:
-        now, target = every.speed[:, action.actor], resolve_speed(action.target, table, every.speed)
+    def _aim(self, table: Floats, course: Course, every: Vehicles) -> Course:
+        # Changes to speeds of others, who may change theirs.
+        for number, action in enumerate(self.story.actions):
+            if isinstance(action, SpeedChange) and action.target.other >= 0:
+                target, span = self._find_span(action, course.start[:, action.actor], table, every)
+                rows = course.action[:, action.actor] == number
+                course = put(course, action.actor, rows, target=target, span=span)
+        return course
+
+    def _find_span(
+        self, action: SpeedChange, now: Floats, table: Floats, every: Vehicles
+    ) -> tuple[Floats, Floats]:
+        # The speed that is wanted, and the time that it takes.
+        target = resolve_speed(action.target, table, every.speed)
         transition, value = action.transition, table[:, action.transition.value]
         if transition.form != "step" and transition.dimension == "distance":
             with np.errstate(divide="ignore", invalid="ignore"):  # the way's time at the mean of both speeds
@@ -194,7 +214,7 @@ class Motions:
             fastest = np.where(target >= now, *self.bodies[action.actor].rates)
             limit = replace(transition, dimension="rate")
             span = np.maximum(span, transition_span(limit, target - now, fastest))
-        return course.begin(number, action.actor, rows, now, target, span, FORMS.index(transition.form))
+        return target, span
 
     def _begin_across(
         self, course: Course, number: int, action: LaneChange, rows: Bools, table: Floats, every: Vehicles
@@ -228,9 +248,7 @@ class Motions:
             over = np.zeros(len(rows), np.bool_)
             match action:
                 case SpeedChange():
-                    wanted = resolve_speed(action.target, table, every.speed)
-                    value = np.where(course.action[:, actor] == number, velocity[:, actor], wanted)
-                    course = put(course, actor, rows, action=number, target=wanted)
+                    course, value = put(course, actor, rows, action=number), velocity[:, actor]
                 case SpeedProfile():
                     begin = begun.start[:, actor], begun.target[:, actor]
                     value, over = follow_profile(action, table, *begin, clock)

@@ -58,7 +58,7 @@ def follow_profile(
         since = clock[:, None] - kinks
         bent = np.nan_to_num(np.maximum(reach - np.abs(since), 0.0) ** 2 / (4.0 * reach))
     value = start + slope * clock + (steps * (np.maximum(since, 0.0) + bent)).sum(axis=1)
-    return value, clock >= kinks[:, -1] + reach[:, -1] - 1e-9
+    return value, clock >= kinks[:, -1] + reach[:, -1] - 1e-6
 
 
 def place_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles) -> Floats:

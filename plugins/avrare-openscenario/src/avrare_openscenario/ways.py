@@ -20,7 +20,7 @@ _AHEAD = 1.0
 """Way before the end of its line at which a vehicle looks further [m]."""
 _BEYOND = 100.0
 """Way beyond that end from which on it looks no more [m]."""
-_EDGE = 1e-3
+_EDGE = 5e-10
 """Way before the end of a road at which a vehicle stands for a step before it is at the end [m]."""
 
 
