@@ -12,8 +12,8 @@ from avrare.protocols import Bools, Floats
 from avrare_openscenario.courses import Course, Integers, put, transition_span
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.speeds import close_gap, follow_profile, place_gap, synchronize_speed
-from avrare_openscenario.starts import build_path, pick, place_point, resolve_speed
+from avrare_openscenario.speeds import close_aside, close_gap, follow_profile, place_gap, synchronize_speed
+from avrare_openscenario.starts import build_path, move_over, pick, place_point, resolve_speed
 from avrare_openscenario.story import (
     FORMS,
     Assignment,
@@ -105,7 +105,7 @@ class Motions:
                 speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
                 gone = put(every, actor, rows, x=GONE, speed=0.0)
                 return replace(drive, speed=speed, across=across), gone
-            case Gap() if action.acceleration is None and not action.continuous:
+            case Gap(acceleration=None, continuous=False, across=False):
                 return drive, self.put(action, table, every, rows)
             case Trajectory():
                 anchors, poses = np.array(drive.anchors), np.stack([every.x, every.y, every.heading], axis=2)
@@ -134,7 +134,7 @@ class Motions:
         """Put a vehicle to its place, or to its distance with the other's speed, in some rows."""
         actor = action.actor
         if isinstance(action, Gap):
-            place = place_gap(action, self.bodies, table, every)
+            place = place_gap(action, self.bodies, table, self._see(action, every))
             if action.across:
                 return put(every, actor, rows, y=place)
             return put(every, actor, rows, x=place, speed=every.speed[:, action.other])
@@ -253,7 +253,7 @@ class Motions:
                     begin = begun.start[:, actor], begun.target[:, actor]
                     value, over = follow_profile(action, table, *begin, clock)
                 case Gap():
-                    value = close_gap(action, self.bodies, table, every, self.dt)
+                    value, over = close_gap(action, self.bodies, table, self._see(action, every), self.dt)
                 case Synchronize():
                     value, over = self._synchronize(action, table, drive, every)
             velocity[:, actor] = np.where(rows, value, velocity[:, actor])
@@ -310,7 +310,11 @@ class Motions:
                 continue
             actor = action.actor
             if isinstance(action, Gap):
-                points = put(points, actor, rows, y=place_gap(action, self.bodies, table, every))
+                rows = rows & (
+                    across.clock[:, actor] > 1.5 * self.dt
+                )  # it begins a step later, as players do
+                points, over = self._keep_aside(action, rows, across.clock[:, actor], table, every, points)
+                across = across.finish(actor, rows & over)
                 continue
             path = self._path(number, table, drive)
             clock, velocity = across.clock[:, actor], points.speed[:, actor]
@@ -334,6 +338,28 @@ class Motions:
             heading[:, actor] = np.where(rows, snapped, heading[:, actor])
             across = across.finish(actor, rows & over)
         return replace(drive, across=across, heading=heading), points
+
+    def _keep_aside(
+        self, gap: Gap, rows: Bools, clock: Floats, table: Floats, every: Vehicles, points: Vehicles
+    ) -> tuple[Vehicles, Bools]:
+        # Vehicles that close a distance across the road, and whether they have it.
+        actor = gap.actor
+        before, now = (pick(vehicles, slice(actor, actor + 1)) for vehicles in (every, points))
+        lag = place_gap(gap, self.bodies, table, self._see(gap, every)) - before.y[:, 0]
+        slip = np.where(clock > 2.5 * self.dt, before.speed * np.sin(before.heading), 0.0)
+        aside, over = close_aside(gap, table, lag, slip[:, 0], now.speed[:, 0], self.dt)
+        angle = np.zeros_like(lag)
+        if gap.acceleration is not None or gap.speed is not None:
+            angle = np.arcsin(aside / np.maximum(np.abs(now.speed[:, 0]), np.abs(aside) + 1e-9))
+        x = before.x[:, 0] + (now.x - before.x)[:, 0] * np.cos(angle)
+        heading = now.heading[:, 0] + np.sign(np.cos(now.heading[:, 0])) * angle
+        return put(points, actor, rows, x=x, y=before.y[:, 0] + aside * self.dt, heading=heading), over
+
+    def _see(self, gap: Gap, every: Vehicles) -> Vehicles:
+        # All vehicles, the one that a distance is to along the road of the one that keeps it.
+        there = move_over(pick(every, gap.other), self.maps[gap.other], self.maps[gap.actor])
+        found = np.isfinite(there.x)
+        return put(every, gap.other, found, x=there.x, y=there.y, heading=there.heading)
 
     def _path(self, number: int, table: Floats, drive: Drive) -> Path:
         action = self.story.actions[number]

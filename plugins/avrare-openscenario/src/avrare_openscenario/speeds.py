@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _STIFFNESS = 0.4
 """Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
+_NEAR, _NEAR_ASIDE = 0.1, 0.01
+"""Most difference from a distance along and across the road that is reached [m]."""
 _STILL = 1e-3
 """Speed below which a vehicle stands [m/s]."""
 
@@ -81,18 +83,50 @@ def place_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles)
     return np.asarray(centre - mine_along * body.ahead + along * other.ahead)
 
 
-def close_gap(gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles, dt: float) -> Floats:
-    """Return the speed (N,) of the next step of a vehicle that closes its distance."""
+def close_gap(
+    gap: Gap, bodies: Sequence[Body], table: Floats, points: Vehicles, dt: float
+) -> tuple[Floats, Bools]:
+    """Return the speed (N,) of the next step of a vehicle that closes its distance, and whether it has it."""
     lag = place_gap(gap, bodies, table, points) - points.x[:, gap.actor]
     lag = lag * np.sign(np.cos(points.heading[:, gap.actor]))
     now, theirs = points.speed[:, gap.actor], points.speed[:, gap.other]
+    over = (np.abs(lag) < _NEAR) & (not gap.continuous)
     if gap.acceleration is None:
-        return np.asarray(theirs + lag / dt)
-    most = table[:, gap.acceleration]
-    stiffness = _STIFFNESS * most
-    demand = np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * (theirs - now), -most, most)
+        return np.asarray(theirs + lag / dt), over
     fastest = np.inf if gap.speed is None else table[:, gap.speed]
-    return np.clip(now + dt * demand, 0.0, fastest)
+    return np.clip(now + dt * _pull(lag, theirs - now, table[:, gap.acceleration]), 0.0, fastest), over
+
+
+def close_aside(
+    gap: Gap, table: Floats, lag: Floats, slip: Floats, speed: Floats, dt: float
+) -> tuple[Floats, Bools]:
+    """Return the speed (N,) across the road of the next step, and whether its distance is reached.
+
+    Args:
+        gap: The action.
+        table: (N, K) numbers of the file.
+        lag: (N,) way to the place that is wanted [m].
+        slip: (N,) speed across now [m/s].
+        speed: (N,) speed in all [m/s].
+        dt: Step [s].
+    """
+    aside, over = lag / dt, np.abs(lag) < _NEAR_ASIDE
+    most = np.abs(speed)
+    if gap.acceleration is not None:
+        aside = slip + dt * _pull(lag, -slip, table[:, gap.acceleration])
+    elif gap.speed is not None:
+        over = np.abs(lag) <= np.minimum(most, table[:, gap.speed]) * dt
+    else:
+        most = np.full_like(lag, np.inf)
+    if gap.speed is not None:
+        most = np.minimum(most, table[:, gap.speed])
+    return np.clip(aside, -most, most), over & (not gap.continuous)
+
+
+def _pull(lag: Floats, faster: Floats, most: Floats) -> Floats:
+    # Acceleration of a critically damped spring, limited.
+    stiffness = _STIFFNESS * most
+    return np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * faster, -most, most)
 
 
 def synchronize_speed(
