@@ -238,7 +238,7 @@ class Discrete(_Law):
     weights: tuple[Positive, ...] = Field(description="share of each value, in proportion to the others'")
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistency(self) -> Self:
         if len(self.weights) != len(self.values):
             raise ValueError(f"{len(self.values)} values need as many weights, not {len(self.weights)}")
         if list(self.values) != sorted(set(self.values)):
@@ -276,8 +276,8 @@ def _steps(law: _Law) -> Floats:
     if isinstance(law, Truncated):
         return _steps(law.of)
     if isinstance(law, Empirical):
-        seen, times = np.unique(law.values, return_counts=True)
-        return np.asarray(seen[times > 1])
+        values, times = np.unique(law.values, return_counts=True)
+        return np.asarray(values[times > 1])
     return np.array(law.values if isinstance(law, Discrete) else ())
 
 

@@ -66,11 +66,11 @@ def execute(args: argparse.Namespace) -> int:
     targets = _load_targets(args)
     looks = plan_check(targets, budget, args.looks, args.save)
     names = [target.definition.name for target in targets]
-    again = out is not None and args.resume and _is_finished(out, names)
-    if out and not args.plan and not again:
+    is_finished = out is not None and args.resume and _is_finished(out, names)
+    if out and not args.plan and not is_finished:
         refuse_overwrite(out, _CHECK, names, args.resume)
     with _saved_chunks(args, targets, budget, looks) as saved:
-        if out and again:
+        if out and is_finished:
             _begin_again(out)
         try:
             with Stopping() as stop:

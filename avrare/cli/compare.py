@@ -106,13 +106,13 @@ def _compare_versions(args: argparse.Namespace) -> PairedComparison:
 def _show_estimates(args: argparse.Namespace) -> Iterator[StudyWatch]:
     """Give a watch that shows one estimate after another in the same lines."""
     with ExitStack() as stack:
-        shown: list[Progress] = []
+        displays: list[Progress] = []
 
         def watch(label: str, problem: Problem) -> Progress:
-            if not shown:
-                shown.append(stack.enter_context(Progress(label, problem, display(args))))
-            shown[0].label, shown[0].began = label, time.monotonic()
-            return shown[0]
+            if not displays:
+                displays.append(stack.enter_context(Progress(label, problem, display(args))))
+            displays[0].label, displays[0].began = label, time.monotonic()
+            return displays[0]
 
         yield watch
 

@@ -13,7 +13,7 @@ from avrare.analysis.failures import FAILURES_FOLDER
 from avrare.analysis.failures.failure import Failure
 from avrare.analysis.failures.shrink import ShrinkResult
 from avrare.analysis.failures.storage import FailureDatabase, encode
-from avrare.cli.output import say_beside, write_file
+from avrare.cli.output import print_notes, write_file
 from avrare.rollout.noise_words import describe_tape
 from avrare.rollout.problem import Problem
 
@@ -41,7 +41,7 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     scenario = args.scenario or f"{args.run}/scenario.yaml"
     settings = [word for setting in args.set for word in ("--set", setting)]
     command = ["avrare", "replay", scenario, *settings]
-    say_beside(args, f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
+    print_notes(args, f"stored as {failure.id}; {shlex.join([*command, '--failure', failure.id, *folder])}")
     blob = encode(failure)
     if args.write_blob is not None:
         write_file(args.write_blob, blob + "\n", "choose another --write-blob")
@@ -51,7 +51,7 @@ def store_failure(args: argparse.Namespace, failure: Failure) -> None:
     else:
         export = shlex.join(["avrare", "failures", "blob", failure.id, *folder])
         elsewhere = f"{export} > FILE, then {shlex.join([*command, '--blob'])} @FILE"
-    say_beside(args, f"on another machine: {elsewhere}")
+    print_notes(args, f"on another machine: {elsewhere}")
 
 
 def describe_shrinking(problem: Problem, shrunk: ShrinkResult) -> list[str]:

@@ -8,7 +8,7 @@ from avrare.analysis.failures.failure import record_failure
 from avrare.analysis.failures.falsify import BUDGET, falsify
 from avrare.base.errors import ExitCode
 from avrare.cli.failure_output import progress_line, store_failure
-from avrare.cli.output import print_warnings, say_beside, show
+from avrare.cli.output import print_notes, print_warnings, show
 from avrare.rollout.loaded_scenario import load, select_specification
 
 
@@ -20,7 +20,7 @@ def execute(args: argparse.Namespace) -> int:
     budget = BUDGET if args.budget is None else args.budget
     with progress_line(args) as progress:
         search = falsify(scenario.problem(name), seed=args.seed, budget=budget, progress=progress)
-    say_beside(args, f"{scenario.name}: {name}")
+    print_notes(args, f"{scenario.name}: {name}")
     show(args, search.table()[0], [search])
     if search.noise is not None:
         store_failure(args, record_failure(scenario, name, search.noise))

@@ -86,9 +86,9 @@ def _write_catalogue(args: argparse.Namespace) -> None:
             "a catalogue takes --simulator, --ego, --stack and --out", "avrare new catalogue FOLDER"
         )
     source = Path(args.name)
-    for given in (args.name, args.stack):
-        if given is not None and not Path(given).exists():
-            raise UsageError(f"{given}: no such file or folder", "give a folder of scenes, or a file")
+    for source_path in (args.name, args.stack):
+        if source_path is not None and not Path(source_path).exists():
+            raise UsageError(f"{source_path}: no such file or folder", "give a folder of scenes, or a file")
     registry = default_registry()
     component = registry.require("simulator", args.simulator or _choose_reader(registry))
     if not component.scenes:

@@ -71,7 +71,7 @@ def show(args: argparse.Namespace, content: Mapping[str, object], answers: Seque
         say(*answer.lines()[: 1 if args.quiet else None])
 
 
-def say_beside(args: argparse.Namespace, *lines: str) -> None:
+def print_notes(args: argparse.Namespace, *lines: str) -> None:
     """Print additional lines: none in quiet mode, on stderr if the answer is JSON."""
     if not args.quiet:
         say(*lines, error=args.json)

@@ -14,7 +14,7 @@ from avrare.analysis.failures.storage import decode
 from avrare.analysis.failures.stored_replays import FailureReplay, replay, replay_error
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.failure_output import describe_shrinking, progress_line, store_failure
-from avrare.cli.output import print_warnings, say_beside, show
+from avrare.cli.output import print_notes, print_warnings, show
 from avrare.plugin.provided import load_function
 from avrare.results.run import Run
 from avrare.rollout.loaded_scenario import LoadedScenario
@@ -34,10 +34,10 @@ def execute(args: argparse.Namespace) -> int:
     problem = scenario.problem(failure.specification)
     first = find_first_violation(problem, replay.rollout)
     if first.severity is not None:
-        say_beside(args, f"the {first.severity.describe()}")
+        print_notes(args, f"the {first.severity.describe()}")
     if args.lost:
         sample = first.sample if first.sample >= 0 else None
-        say_beside(args, continue_without_noise(problem, failure.noise).describe(sample))
+        print_notes(args, continue_without_noise(problem, failure.noise).describe(sample))
     if args.shrink:
         _shrink(args, scenario, failure)
     elif args.write_blob is not None:
@@ -94,7 +94,7 @@ def _replay_failure_of_run(args: argparse.Namespace) -> FailureReplay:
 
 def _export(args: argparse.Namespace, replay: FailureReplay) -> None:
     for path in args.export:
-        say_beside(args, f"written to {path}", *load_function("export")(replay, path))
+        print_notes(args, f"written to {path}", *load_function("export")(replay, path))
 
 
 def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure) -> None:
@@ -102,5 +102,5 @@ def _shrink(args: argparse.Namespace, scenario: LoadedScenario, failure: Failure
     problem = scenario.problem(failure.specification)
     with progress_line(args) as progress:
         small = shrink(problem, failure.noise, budget, progress)
-    say_beside(args, *describe_shrinking(problem, small))
+    print_notes(args, *describe_shrinking(problem, small))
     store_failure(args, record_failure(scenario, failure.specification, small.noise))

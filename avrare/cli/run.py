@@ -199,8 +199,8 @@ def _run_scenario(
     results = estimate_run(scenario, args, budget, checkpoint, stop)
     run = Run.of_scenario(definition, results, budget).write(folder)
     _use_failures(scenario, results, args)
-    shown = scenario.scene or scenario.stack.loop.simulator.junction
-    draws = not args.no_pictures and shown is not None and can_draw()
+    drawable = scenario.scene or scenario.stack.loop.simulator.junction
+    draws = not args.no_pictures and drawable is not None and can_draw()
     pictures = draw_run(scenario, results, folder) if draws else []
     replies = call_back(run)
     with suppress(BrokenPipeError):  # `| head -1`: further scenarios still run, and no checkpoint stays

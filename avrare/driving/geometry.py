@@ -138,7 +138,7 @@ def _bound_motion(
         (to_plane(scene.road, start), to_plane(scene.road, other)) for start, other in (before, after)
     )
     reaches = 0.5 * np.hypot(scene.ego_length, scene.ego_width), 0.5 * np.hypot(scene.lengths, scene.widths)
-    apart = np.hypot(others.x - ego.x, others.y - ego.y) - reaches[0] - reaches[1]
+    distance = np.hypot(others.x - ego.x, others.y - ego.y) - reaches[0] - reaches[1]
     ways = (later_others.x - later_ego.x - others.x + ego.x, later_others.y - later_ego.y - others.y + ego.y)
     motion = np.hypot(*ways)
     for start, later, reach in ((ego, later_ego, reaches[0]), (others, later_others, reaches[1])):
@@ -146,7 +146,7 @@ def _bound_motion(
             np.remainder(later.heading - start.heading + np.pi, 2.0 * np.pi) - np.pi
         )
     # a vehicle that is faster [m/s] has appeared or vanished
-    near = (apart <= motion) & (motion <= 150.0 * scene.dt + reaches[0])
+    near = (distance <= motion) & (motion <= 150.0 * scene.dt + reaches[0])
     return np.asarray(motion), np.asarray(near)
 
 

@@ -111,9 +111,9 @@ def _borders(lane: Lane, others: list[Lane], left: bool) -> Iterator[Marking]:
         low, high = (
             np.interp(middles, neighbour.stations, border) for border in (neighbour.right, neighbour.left)
         )
-        there = _is_there(neighbour, middles)
-        inner |= there & (np.abs((low if left else high) - at) < _TOUCHING)
-        within |= there & (low + _TOUCHING < at) & (at < high - _TOUCHING)
+        exists = _is_there(neighbour, middles)
+        inner |= exists & (np.abs((low if left else high) - at) < _TOUCHING)
+        within |= exists & (low + _TOUCHING < at) & (at < high - _TOUCHING)
     kind = np.where(inner, 1, np.where(within, 2, 0))
     ends = np.flatnonzero(np.diff(kind)) + 1
     for begin, end in zip([0, *ends], [*ends, len(kind)], strict=True):
@@ -128,11 +128,11 @@ def _ends(lane: Lane, others: list[Lane], road: Road) -> Iterator[Marking]:
         x, right, left = (float(part[at]) for part in (lane.stations, lane.right, lane.left))
         if not road.begin < x < road.end or abs(x) >= ENDLESS or left - right < _TOUCHING:
             continue
-        there, middle = np.array([x + outward]), 0.5 * (right + left)
+        outer_x, middle = np.array([x + outward]), 0.5 * (right + left)
         goes_on = any(
-            _is_there(neighbour, there)[0]
-            and np.interp(there, neighbour.stations, neighbour.right)[0] < middle
-            and middle < np.interp(there, neighbour.stations, neighbour.left)[0]
+            _is_there(neighbour, outer_x)[0]
+            and np.interp(outer_x, neighbour.stations, neighbour.right)[0] < middle
+            and middle < np.interp(outer_x, neighbour.stations, neighbour.left)[0]
             for neighbour in others
         )
         if not goes_on:

@@ -247,9 +247,9 @@ class PolygonalLine(ReferenceLine):
         for block in np.array_split(finite, 1 + len(finite) * len(reach) // _BLOCK):
             if not len(block):
                 continue
-            apart = np.hypot(x[block, None] - middle_x, y[block, None] - middle_y)
-            most = (apart + reach).min(axis=1) * (1.0 + _CLOSE) + _CLOSE
-            rows, groups = np.nonzero(apart - reach <= most[:, None])
+            separation = np.hypot(x[block, None] - middle_x, y[block, None] - middle_y)
+            most = (separation + reach).min(axis=1) * (1.0 + _CLOSE) + _CLOSE
+            rows, groups = np.nonzero(separation - reach <= most[:, None])
             at_x, at_y = x[block[rows]], y[block[rows]]
             distance = (at_x[:, None] - points_x[groups]) ** 2 + (at_y[:, None] - points_y[groups]) ** 2
             inside = np.nanargmin(distance, axis=1)

@@ -213,10 +213,10 @@ class Formula:
             block = trace.take(rows)
             x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalised)
             require_scalar(x.ndim - 2)
-            shown = flush(x)
-            if shown is not x:
+            flushed = flush(x)
+            if flushed is not x:
                 _reject_nan(x)
-            values[rows] = (x if isinstance(algebra, SignedAlgebra) else shown).T
+            values[rows] = (x if isinstance(algebra, SignedAlgebra) else flushed).T
         return values[0] if trace.single else values
 
     def _evaluate_parts(self, trace: Trace, algebra: RobustnessAlgebra) -> dict[nodes.Node, Floats]:

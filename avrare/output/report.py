@@ -19,12 +19,12 @@ Source = Run | ResultMapping | Result | CatalogueRates | str | os.PathLike[str]
 
 def write_report(source: Source, path: str | os.PathLike[str] | None) -> Path:
     """Write the report of ``avrare.report``."""
-    made = source if isinstance(source, CatalogueRates) else _open_run(source)
-    given = None if path is None else require_path(path, "a file for the report")
-    file = given or (made.folder and made.folder / "report.html")
+    content = source if isinstance(source, CatalogueRates) else _open_run(source)
+    path_argument = None if path is None else require_path(path, "a file for the report")
+    file = path_argument or (content.folder and content.folder / "report.html")
     if file is None:
         raise UsageError("the report has no folder", 'name a file, such as "report.html"')
-    text = render_report(made)
+    text = render_report(content)
     with explain_file_errors(f"{file}: cannot write", "choose another file"):
         Path(file).parent.mkdir(parents=True, exist_ok=True)
         write_text(Path(file), text)

@@ -71,11 +71,11 @@ class Registry:
         self._manager.add_hookspecs(HookSpecs)
         self._rows: list[Row] = []
         self.register(first_party, "avrare", "avrare", version.__version__)
-        wanted = None if only is None else set(only)
+        selected = None if only is None else set(only)
         sorted_points = sorted(points, key=lambda point: (point.name, point.value))
         for point in sorted_points:
-            self._load(point, blocked=wanted is not None and point.name not in wanted)
-        for name in sorted((wanted or set()) - {point.name for point in sorted_points}):
+            self._load(point, blocked=selected is not None and point.name not in selected)
+        for name in sorted((selected or set()) - {point.name for point in sorted_points}):
             self._rows.append(Row("", name, "", "", "broken", f"named by {VARIABLE}, but not installed"))
 
     @classmethod

@@ -220,10 +220,10 @@ def parse_road(centres: str, width: float, ramp: str | None = None, broad: str |
     if not (math.isfinite(width) and width > 0.0):
         raise UsageError(f"--lane-width should be above zero, not {width:g}")
     named = []
-    for option, given in (("--access-ramp", ramp), ("--broad-marking", broad)):
-        words = [] if given is None else [word.strip() for word in given.split(",")]
+    for option, value in (("--access-ramp", ramp), ("--broad-marking", broad)):
+        words = [] if value is None else [word.strip() for word in value.split(",")]
         if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
-            raise UsageError(f"{option} should name lanes 0 to {len(lanes) - 1}, not {given!r}")
+            raise UsageError(f"{option} should name lanes 0 to {len(lanes) - 1}, not {value!r}")
         named.append(tuple(map(int, words)))
     return Road(lanes, width, named[0], broad_markings=named[1])
 

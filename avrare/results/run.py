@@ -152,7 +152,7 @@ class Run(ResultMapping):
         check_seal(path / RESULT, content, f"restore the file, or {RUN_AGAIN}")
         loaded = _load_scenario(path)
         failures, samples = read_failures(path), read_rollouts(path)
-        artifacts, lost = _read_artifacts(path, stored.files)
+        artifacts, missing = _read_artifacts(path, stored.files)
         text = _read_scenario_text(path)
         provenance, damage = Provenance.read(path / PROVENANCE)
         call = _describe_command(path, provenance) if text else ""
@@ -174,7 +174,7 @@ class Run(ResultMapping):
             text,
             path,
             stored.files,
-            (*_find_changes(path, stored.files, text), *lost, *damage),
+            (*_find_changes(path, stored.files, text), *missing, *damage),
         )
 
     def write(self, folder: str | os.PathLike[str]) -> Run:
@@ -346,7 +346,7 @@ def _read_artifacts(
     path: Path, files: Mapping[str, str]
 ) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
     """Return the files that estimators have left, and a line on each that has changed or is missing."""
-    artifacts, lost = {}, []
+    artifacts, missing = {}, []
     for name, written in files.items():
         if name == SCENARIO or Path(name).name != name:
             continue
@@ -356,8 +356,8 @@ def _read_artifacts(
         except UsageError:
             changed = True
         if changed:
-            lost.append(f"{path / name}: it was changed after the run, or is missing")
-    return artifacts, tuple(lost)
+            missing.append(f"{path / name}: it was changed after the run, or is missing")
+    return artifacts, tuple(missing)
 
 
 def _remove_stale(folder: Path, written: Collection[str]) -> None:

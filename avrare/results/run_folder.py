@@ -167,8 +167,8 @@ def read_finished(
     runs = [Run.read(file.parent) for file in files]
     if not scenarios and (overrides or estimator):
         scenarios = [load(file.parent / SCENARIO, overrides, estimator) for file in files]
-    wanted = {scenario.name: (fingerprint(scenario), scenario.seed) for scenario in scenarios}
-    if scenarios and runs and wanted != {run.name: (run.fingerprint, run.seed) for run in runs}:
+    identities = {scenario.name: (fingerprint(scenario), scenario.seed) for scenario in scenarios}
+    if scenarios and runs and identities != {run.name: (run.fingerprint, run.seed) for run in runs}:
         raise UsageError(f"{out}: contains the result of another run", "choose another folder")
     if runs and budget is not None and budget != (before := _recorded_budget(runs[0])):
         described = "its own options" if before is None else f"{before.kind}={before.amount:g}"

@@ -387,7 +387,7 @@ def _describe_faults(signals: Signals, rows: Bools) -> Iterator[tuple[str, Integ
     places = np.flatnonzero(rows)
     broken = np.array([np.full(len(places), True), *(find_nan(values[rows]) for values in signals.values())])
     for way in np.unique(broken, axis=1).T:
-        names = [name for name, there in zip(signals, way[1:], strict=True) if there]
+        names = [name for name, is_present in zip(signals, way[1:], strict=True) if is_present]
         nan = f"NaN in signal{'s' * (len(names) > 1)} {', '.join(names)}"
         alike = places[(broken == way[:, None]).all(axis=0)]
         yield nan if names else "fault reported by the system", alike

@@ -197,14 +197,14 @@ class _Words:
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
         """Return the channels that neither drawn options nor errors of these names describe."""
-        seen = range(0)
+        described = range(0)
         if misread and self._loop is not None and self._loop.perception is not None:
             begin = self._loop.world_noise
-            seen = range(begin, begin + self._loop.perception.noise_size)
+            described = range(begin, begin + self._loop.perception.noise_size)
         return [
             channel
             for channel in range(self.drawn, len(self.names))
-            if channel not in seen and self.names[channel] not in misread
+            if channel not in described and self.names[channel] not in misread
         ]
 
     def list_draws(self, rollout: ReplayedRollout) -> list[tuple[float, float]]:

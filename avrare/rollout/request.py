@@ -169,8 +169,8 @@ class Request:
     @property
     def is_fresh(self) -> bool:
         """True where all rows are new rollouts of the system's own law, from the beginning."""
-        given = self.law or self.tape_law or self.tape is not None
-        return not given and self.start[-1:].tolist() == [FROM_START]
+        source = self.law or self.tape_law or self.tape is not None
+        return not source and self.start[-1:].tolist() == [FROM_START]
 
     def describe(self) -> str:
         """Return where a worker is that runs it."""

@@ -102,8 +102,8 @@ def check_proposal(options: Mapping[str, object]) -> Block:
     """Check a perception block ``{"plugin": name, ...}`` without building anything."""
     name = str(options.get("plugin"))
     component = default_registry().require(_KIND, name)
-    given = {key: value for key, value in options.items() if key != "plugin"}
-    config = check_options(component.load_config(), name, given, _KIND)
+    settings = {key: value for key, value in options.items() if key != "plugin"}
+    config = check_options(component.load_config(), name, settings, _KIND)
     row = default_registry().find(_KIND, name)
     return Block(name, component, config, row.distribution, row.version)
 

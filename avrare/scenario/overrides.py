@@ -83,10 +83,10 @@ def read_extended(path: str) -> Node:
     folder = os.path.dirname(path) or "."
     if is_safe() and is_outside(path, folder):
         raise Mark(path).error("safe mode: this is a link to a file outside its folder", TRUST)
-    return _read_chain(path, folder, named_at=None, seen=())
+    return _read_chain(path, folder, named_at=None, ancestors=())
 
 
-def _read_chain(path: str, folder: str, named_at: Mark | None, seen: tuple[str, ...]) -> Node:
+def _read_chain(path: str, folder: str, named_at: Mark | None, ancestors: tuple[str, ...]) -> Node:
     tree = parse(_content(path, named_at), path)
     assert isinstance(tree.value, dict)
     entries = dict(tree.value)
@@ -96,15 +96,15 @@ def _read_chain(path: str, folder: str, named_at: Mark | None, seen: tuple[str, 
         return tree
     base = _base(parent, path)
     real = os.path.realpath(base)
-    seen = (*seen, os.path.realpath(path))
-    if real in seen:
-        chain = " -> ".join(os.path.basename(file) for file in (*seen, real))
+    ancestors = (*ancestors, os.path.realpath(path))
+    if real in ancestors:
+        chain = " -> ".join(os.path.basename(file) for file in (*ancestors, real))
         raise parent.mark.error(
             f"extends: files extend each other in a circle: {chain}", "remove one 'extends'"
         )
     if is_safe() and is_outside(base, folder):
         raise parent.mark.error(f"extends: safe mode: {base!r} is outside the scenario's folder", TRUST)
-    return merge(_read_chain(base, folder, parent.mark, seen), tree)
+    return merge(_read_chain(base, folder, parent.mark, ancestors), tree)
 
 
 def _base(parent: Node, path: str) -> str:

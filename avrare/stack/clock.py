@@ -72,7 +72,7 @@ def round_up(steps: float) -> int:
     return math.ceil(steps - _SAME)
 
 
-def round_all_up(steps: Floats) -> NDArray[np.int64]:
+def round_up_each(steps: Floats) -> NDArray[np.int64]:
     """Round each of (N,) up, as ``round_up`` does."""
     return np.ceil(steps - _SAME).astype(np.int64)
 

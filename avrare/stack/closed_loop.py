@@ -296,7 +296,7 @@ class WeightedLoop(SystemWrapper):
 
     def step(self, state: WeightedLoopState, noise: Floats) -> WeightedLoopState:
         """Return the state one step later."""
-        loop = self._drawn.step(state.loop, self._own(noise))
+        loop = self._drawn.step(state.loop, self._take_loop_noise(noise))
         if self._density is None:
             return replace(state, loop=loop)
         target: Any = self.target.perception
@@ -317,6 +317,6 @@ class WeightedLoop(SystemWrapper):
         """Return (N,) log of the likelihood ratio."""
         return state.log_weight
 
-    def _own(self, noise: Floats) -> Floats:
+    def _take_loop_noise(self, noise: Floats) -> Floats:
         # Models may need different many numbers.
         return noise[:, : self._drawn.noise_size]

@@ -21,13 +21,13 @@ def find_noise_names(part: NoisyPart, label: str = "noise") -> tuple[str, ...]:
     Raises:
         UsageError: It declares more or fewer names than numbers.
     """
-    given = part.noise_names
-    if given is None:
+    own_names = part.noise_names
+    if own_names is None:
         return tuple(f"{label} {channel}" for channel in range(part.noise_size))
-    if isinstance(given, str) or not isinstance(given, Iterable):
-        text = f"{type(part).__name__} has noise_names {given!r}, which is not a list of names"
+    if isinstance(own_names, str) or not isinstance(own_names, Iterable):
+        text = f"{type(part).__name__} has noise_names {own_names!r}, which is not a list of names"
         raise UsageError(text, "give one name for each noise number, or leave noise_names out")
-    names = tuple(map(str, given))
+    names = tuple(map(str, own_names))
     if len(names) != part.noise_size:
         raise UsageError(
             f"{type(part).__name__} has {len(names)} noise_names, but noise_size is {part.noise_size}",

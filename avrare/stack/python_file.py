@@ -259,8 +259,8 @@ def _action(answer: Any, n: int, batched: bool) -> Action:
             np.broadcast_to(np.asarray(values, dtype=np.float64), (n,)) for values in pair
         )
     except (TypeError, ValueError, OverflowError) as error:
-        wanted = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
-        raise UsageError(f"a driving controller's act must return {wanted}: {error}") from None
+        expectation = "a pair (acceleration [m/s^2], yaw rate [rad/s])"
+        raise UsageError(f"a driving controller's act must return {expectation}: {error}") from None
     return Action(acceleration.copy(), yaw_rate.copy())
 
 

@@ -175,11 +175,11 @@ class Response:
 
     def follow(self, level: Action, command: Action, speed: Floats) -> tuple[Action, Action]:
         """Return the mean action of a step and that at its end."""
-        wanted = command.acceleration
+        acceleration = command.acceleration
         if self._power is not None:
             # the power bounds the acceleration from here on [m/s]
-            wanted = np.minimum(wanted, self._power / np.maximum(speed, 0.1))
-        change = self._acceleration[0] * (wanted - level.acceleration)
+            acceleration = np.minimum(acceleration, self._power / np.maximum(speed, 0.1))
+        change = self._acceleration[0] * (acceleration - level.acceleration)
         if self._jerk is not None:
             change = np.clip(change, -self._jerk * self._dt, self._jerk * self._dt)
         turn = self._turn[0] * (command.yaw_rate - level.yaw_rate)

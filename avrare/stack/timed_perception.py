@@ -13,7 +13,7 @@ from avrare.base import batch
 from avrare.driving import Observation, Prediction
 from avrare.protocols import Bools, Floats, PerceptionErrorModel, Tracker
 from avrare.scenario.timing import Timing
-from avrare.stack.clock import Clock, move_samples, round_all_up, round_up
+from avrare.stack.clock import Clock, move_samples, round_up, round_up_each
 from avrare.stack.observation import observe
 from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
@@ -68,13 +68,13 @@ class TimedPerception(PerceptionErrorModel):
 
     def start(self, noise: Floats) -> FrameQueue:
         """Return the memory at t = 0, where no frame is on its way."""
-        inner = self._model.start(self._own(noise))
+        inner = self._model.start(self._take_model_noise(noise))
         waits = np.full((len(noise), self._capacity), _NEVER)
         return FrameQueue(np.zeros(len(noise), dtype=np.int64), (), waits, inner)
 
     def observe(self, world: object, noise: Floats) -> Observation:
         """Return the first observation, without a delay."""
-        return self._model.observe(world, self._own(noise))
+        return self._model.observe(world, self._take_model_noise(noise))
 
     def follow(self, world: object, noise: Floats, memory: FrameQueue) -> tuple[Observation, FrameQueue]:
         """Return the observation that the tracker reads at the next step, and the memory after it."""
@@ -82,7 +82,7 @@ class TimedPerception(PerceptionErrorModel):
         frames = memory.frames or (_blank(self.observe(world, noise)),) * self._capacity
         now = int(step[0])  # that of all rows
         if now % self._clock.sensor == 0:
-            frame, inner = self._model.follow(world, self._own(noise), inner)
+            frame, inner = self._model.follow(world, self._take_model_noise(noise), inner)
             frames = (frame, *frames[:-1])
             waits = np.concatenate([self._draw_waits(noise)[:, None], waits[:, :-1]], axis=1)
         if now % self._clock.tracker:
@@ -101,7 +101,7 @@ class TimedPerception(PerceptionErrorModel):
         """Return the ego as the planner believes it, without delay."""
         return self._model.locate(ego, memory.model)
 
-    def _own(self, noise: Floats) -> Floats:
+    def _take_model_noise(self, noise: Floats) -> Floats:
         return noise[:, : self.noise_size - len(self._extra)]
 
     def _draw_waits(self, noise: Floats) -> NDArray[np.int64]:
@@ -110,7 +110,7 @@ class TimedPerception(PerceptionErrorModel):
         waits = np.full(len(noise), self._clock.latency)
         if timing.perception_jitter:
             late = timing.perception_latency + timing.perception_jitter * np.maximum(next(columns), 0.0)
-            waits = round_all_up(late / self._clock.dt)
+            waits = round_up_each(late / self._clock.dt)
         if timing.lost_frames:
             waits = np.where(next(columns) < NormalDist().inv_cdf(timing.lost_frames), _NEVER, waits)
         return waits

@@ -183,11 +183,11 @@ def _find_part(loop: ClosedLoop, state: LoopState) -> tuple[str, str]:
     try:
         action, _ = loop.act(state)
     except (Exception, SystemExit):
-        seen = _describe(loop.show(state.world))
+        view = _describe(loop.show(state.world))
         if not hasattr(state.world, "ego"):
             names = ", ".join(loop.simulator.signals(state.world))
-            seen += f", the signals {names}: give the simulator's state an attribute `ego` to show it another"
-        return "controller", f"it sees {seen}"
+            view += f", the signals {names}: give the simulator's state an attribute `ego` to show it another"
+        return "controller", f"it sees {view}"
     return "stack", f"its simulator gets the controller's action, {_describe(action)}"
 
 

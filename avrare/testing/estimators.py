@@ -163,7 +163,7 @@ class EstimatorConformance:
     def test_resumable(self, tmp_path: Path) -> None:
         """Killed repeatedly and resumed from its checkpoint, it gives the same bits."""
         immortal = self._mortal()
-        whole = self.estimate(immortal, seed=3)
+        uninterrupted = self.estimate(immortal, seed=3)
         lives, deaths = 60, 0
         while True:
             mortal = self._mortal(lives)
@@ -176,8 +176,8 @@ class EstimatorConformance:
         assert deaths, "the estimate was never interrupted: too weak a test"
         taken = [problem.system.lived for problem in (mortal, immortal)]
         assert taken[0] < taken[1], "nothing was stored: the last attempt took as many steps as the first"
-        assert _without_seconds(whole) == _without_seconds(resumed)
-        np.testing.assert_array_equal(whole.failures.noise, resumed.failures.noise)
+        assert _without_seconds(uninterrupted) == _without_seconds(resumed)
+        np.testing.assert_array_equal(uninterrupted.failures.noise, resumed.failures.noise)
 
     def _mortal(self, lives: float = math.inf) -> Any:
         system, formula = systems.Mortal(self.reference.system, lives), stl(self.reference.formula)

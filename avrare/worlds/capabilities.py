@@ -64,7 +64,7 @@ def probe(system: System, steps: int = STEPS, *, branch: bool = True) -> Finding
     The probe ends where a row raises: errors are counted where they occur in an estimate.
     """
     trial = _Trial(system, steps)
-    with _leave_no_trace():
+    with _restore_generators():
         try:
             trial.run(branch)
         except NotDeterministic as error:
@@ -77,7 +77,7 @@ def probe(system: System, steps: int = STEPS, *, branch: bool = True) -> Finding
 
 
 @contextmanager
-def _leave_no_trace() -> Iterator[None]:
+def _restore_generators() -> Iterator[None]:
     before = random.getstate(), np.random.get_state()
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -96,20 +96,20 @@ class _Trial:
         self.found: dict[str, str] = {}
 
     def run(self, branch: bool) -> None:
-        every = np.arange(len(_TAPES))
-        wanted, copies = self._watch(every, self._read_only_step)
-        again, _ = self._watch(every, self.system.step)
-        if difference := _find_difference(wanted, again):
-            cause = _find_cause(lambda: self._samples(every))
+        all_rows = np.arange(len(_TAPES))
+        expected, copies = self._watch(all_rows, self._read_only_step)
+        repeated, _ = self._watch(all_rows, self.system.step)
+        if difference := _find_difference(expected, repeated):
+            cause = _find_cause(lambda: self._samples(all_rows))
             self.found["differs"] = f"{difference} between two runs on the same noise ({cause})"
             return
         middle = self.steps // 2
         if branch and self.steps and (origin := copies[middle]) is not None:
-            rest = self._samples(every, middle, batch.take(origin, every))
-            difference = _find_difference(wanted[middle + 1 :], rest, middle + 1)
+            rest = self._samples(all_rows, middle, batch.take(origin, all_rows))
+            difference = _find_difference(expected[middle + 1 :], rest, middle + 1)
             self._note("branches", difference, f"after a branch at step {middle} with the same noise")
-        rows = [_find_difference(_rows(wanted, 0), _rows(wanted, 2))]
-        rows.append(_find_difference(_rows(wanted, 1), self._samples(every[1:2])))
+        rows = [_find_difference(_rows(expected, 0), _rows(expected, 2))]
+        rows.append(_find_difference(_rows(expected, 1), self._samples(all_rows[1:2])))
         for difference in rows:
             self._note("differs", difference, "with the other rows of its batch")
 

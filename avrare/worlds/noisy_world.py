@@ -128,8 +128,8 @@ class Noisy(World):
 
     def observation(self) -> Any:
         """Return the disturbed observation (d,)."""
-        seen = read_observation(self.world, self.world.signals())
-        return seen if self.observed is None else np.asarray(seen) + self._error
+        observation = read_observation(self.world, self.world.signals())
+        return observation if self.observed is None else np.asarray(observation) + self._error
 
     def assign(self, values: Mapping[str, float]) -> None:
         """Hand values of options on to the world."""

@@ -108,12 +108,12 @@ def close(world: World) -> None:
 class ByName:
     """Readout of worlds by the names of their signals."""
 
-    def one(self, world: World) -> tuple[Mapping[str, object], object]:
+    def read_world(self, world: World) -> tuple[Mapping[str, object], object]:
         """Read signals and observation."""
         signals = world.signals()
         return signals, read_observation(world, signals)
 
-    def all(self, rows: Sequence[Any]) -> Columns:
+    def stack(self, rows: Sequence[Any]) -> Columns:
         """Return the signals and observations of N worlds as arrays."""
         try:
             names = list(rows[0][0])
@@ -132,11 +132,11 @@ class Table:
     def __init__(self, pattern: World) -> None:
         self.pattern = pattern
 
-    def one(self, world: World) -> Any:
+    def read_world(self, world: World) -> Any:
         """Read K numbers."""
         return world.numbers()
 
-    def all(self, rows: Sequence[object]) -> Columns:
+    def stack(self, rows: Sequence[object]) -> Columns:
         """Join the numbers into a table and name its columns."""
         return self.pattern.split_table(np.array(rows, dtype=np.float64))
 

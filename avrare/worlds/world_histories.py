@@ -85,9 +85,9 @@ class WorldPool:
             del self._lent[history]
             world, history.world = history.world, None
             if world is not None:
-                self.put_away(world)
+                self.return_world(world)
 
-    def lend(self, history: InputHistory) -> World:
+    def take_world(self, history: InputHistory) -> World:
         """Lend a world in an arbitrary state."""
         history.world = self._idle.pop() if self._idle else adapt(World, self.make())
         self._lent[history] = None
@@ -115,7 +115,7 @@ class WorldPool:
     def restore(self, history: InputHistory, snapshot: Any) -> World:
         """Lend a world in the state of a snapshot."""
         if self.copying == "hook":
-            world = self.lend(history)
+            world = self.take_world(history)
             world.restore(snapshot)
             return world
         if self._idle:
@@ -124,7 +124,7 @@ class WorldPool:
         self._lent[history] = None
         return history.world
 
-    def put_away(self, world: World) -> None:
+    def return_world(self, world: World) -> None:
         """Return a world to the pool."""
         if self.reuse:
             self._idle.append(world)
@@ -161,14 +161,14 @@ class Branches:
         if nearest >= 0:
             world = self.pool.restore(history, history.copies[nearest])
         else:
-            world = self.pool.lend(history)
+            world = self.pool.take_world(history)
             self.watchdog.call(world.reset, history.noise[0])
         for step in range(max(nearest, 0), t):
             self.watchdog.call(world.step, history.actions[step], history.noise[step + 1])
         return world
 
     def _check(self, world: World, t: int, expected: dict[str, Floats]) -> None:
-        again, _ = self.readout.all([self.readout.one(world)])
+        again, _ = self.readout.stack([self.readout.read_world(world)])
         if name := _differing_signal(again, expected):
             was, now = expected[name][0], again[name][0]
             raise NotDeterministic(
@@ -184,8 +184,8 @@ class Branches:
         try:
             world: Any = self.pool.restore(spare, spare.copies[t])
             world.step(*given)
-            copied, _ = self.readout.all([self.readout.one(world)])
-            expected, _ = self.readout.all([history.latest])
+            copied, _ = self.readout.stack([self.readout.read_world(world)])
+            expected, _ = self.readout.stack([history.latest])
             name = _differing_signal(copied, expected)
             reason = f"signal {name!r} differs after a step" if name else ""
         except AvrareError:

@@ -104,7 +104,7 @@ class Worlds(Simulator):
         self._prepare = first.prepare
         self._readout = choose_readout(first)
         self._branches = Branches(self._pool, self._watchdog, self._readout)
-        self._pool.put_away(first)
+        self._pool.return_world(first)
 
     def __reduce__(self) -> tuple[object, ...]:
         return self._again, ()
@@ -166,9 +166,9 @@ class Worlds(Simulator):
     def _start(self, noise: Floats) -> InputHistory:
         history = InputHistory([noise], [])
         try:
-            world = self._pool.lend(history)
+            world = self._pool.take_world(history)
             self._watchdog.call(world.reset, noise)
-            history.latest = self._watchdog.call(self._readout.one, world)
+            history.latest = self._watchdog.call(self._readout.read_world, world)
         except (Exception, SystemExit) as error:
             raise self._record_fault(history, error) from error
         return history
@@ -182,10 +182,10 @@ class Worlds(Simulator):
         try:
             if self._watchdog.seconds is None:  # saves two of the few calls per step
                 world.step(action, noise)
-                history.latest = self._readout.one(world)
+                history.latest = self._readout.read_world(world)
             else:
                 self._watchdog.call(world.step, action, noise)
-                history.latest = self._watchdog.call(self._readout.one, world)
+                history.latest = self._watchdog.call(self._readout.read_world, world)
         except (Exception, SystemExit) as error:
             raise self._record_fault(history, error) from error
 
@@ -199,8 +199,8 @@ class Worlds(Simulator):
     ) -> WorldState:
         column = np.empty(len(histories), dtype=object)
         column[:] = histories
-        signals, seen = self._readout.all([history.latest for history in histories])
-        return WorldState(step, column, signals, seen, replayed)
+        signals, observations = self._readout.stack([history.latest for history in histories])
+        return WorldState(step, column, signals, observations, replayed)
 
 
 def _rows(action: object, n: int) -> Iterable[object]:

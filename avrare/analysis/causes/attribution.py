@@ -227,12 +227,16 @@ def _list_perfect(
     changes = []
     for group in groups:
         if group.sort not in ("time", "start") and group.mask[:, count_draws(problem) :].any():
-            some, more = (make_perfect(problem, noise, group.mask) for noise in (tapes, fresh))
+            changed_tapes, changed_fresh = (
+                make_perfect(problem, noise, group.mask) for noise in (tapes, fresh)
+            )
             word = "no" if group.name.endswith((" error", " noise")) or group.sort == "vehicle" else "perfect"
-            changes.append((f"{word} {group.name.removeprefix('all ')}", problem, some, more))
+            changes.append(
+                (f"{word} {group.name.removeprefix('all ')}", problem, changed_tapes, changed_fresh)
+            )
     sigmas = 2.5
-    some, more = (clip_outliers(problem, noise, sigmas) for noise in (tapes, fresh))
-    changes.append((f"no noise beyond {sigmas} sigma", problem, some, more))
+    changed_tapes, changed_fresh = (clip_outliers(problem, noise, sigmas) for noise in (tapes, fresh))
+    changes.append((f"no noise beyond {sigmas} sigma", problem, changed_tapes, changed_fresh))
     for name, other in variants.items():
         if (other.steps, other.noise_size) != (problem.steps, problem.noise_size):
             text = f"{name}: its tapes have another shape, so nothing can be paired"

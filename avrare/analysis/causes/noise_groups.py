@@ -54,8 +54,8 @@ def list_groups(problem: Problem, windows: int = 6, channels: bool = False) -> l
     candidates += [start] if start is not None else []
     groups: list[NoiseGroup] = []
     for group in candidates:
-        whole = group.mask.all() and (group.sort != "component" or group.name == "simulator")
-        if not whole and not any(np.array_equal(group.mask, other.mask) for other in groups):
+        covers_all = group.mask.all() and (group.sort != "component" or group.name == "simulator")
+        if not covers_all and not any(np.array_equal(group.mask, other.mask) for other in groups):
             groups.append(group)
     return groups
 

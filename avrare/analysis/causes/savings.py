@@ -43,11 +43,11 @@ class Saving:
     def describe(self) -> str:
         """Describe its demonstrated effect on the failures."""
         low, high = self.saved_interval
-        saves = _say_share(self.vanish, self.vanish_interval)
+        saves = _describe_share(self.vanish, self.vanish_interval)
         if self.new_interval[1] >= 1.0:
             return f"{saves}; new ones were not looked for"
         if low > 0.0:
-            return _say_share(self.saved, self.saved_interval)
+            return _describe_share(self.saved, self.saved_interval)
         new = f"new ones {format_probability(self.new, 2)}" if self.new else "no new ones were seen"
         new += f", at most {format_probability(self.new_interval[1], 2)}"
         times = f"failures {1.0 - self.saved:.2g} times as likely"
@@ -56,7 +56,7 @@ class Saving:
         return f"may make {times}: {saves}; {new}" if self.saved < 0.0 else f"{saves}; {new}"
 
 
-def _say_share(share: float, interval: Interval) -> str:
+def _describe_share(share: float, interval: Interval) -> str:
     least, most = interval
     worth = least > _WORTH
     bound = f"at least {describe_share(least)}" if worth else f"at most {describe_share(most)}"

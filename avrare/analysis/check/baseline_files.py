@@ -174,9 +174,9 @@ def find_differences(old: Mapping[str, Any], new: Mapping[str, Any], specificati
 
 def summarise_differences(lines: Sequence[str]) -> str:
     """Return the first few differences on one line."""
-    shown = 5
-    more = len(lines) - shown
-    return ", ".join(lines[:shown]) + (f", and {more} more" if more > 0 else "")
+    limit = 5
+    more = len(lines) - limit
+    return ", ".join(lines[:limit]) + (f", and {more} more" if more > 0 else "")
 
 
 def _list_differences(path: str, old: object, new: object) -> Iterator[str]:

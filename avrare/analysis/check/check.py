@@ -66,9 +66,9 @@ def check(
     if not scenarios:
         raise UsageError("there is no scenario to check", 'avrare.check("scenario.yaml")')
     if any(map(is_catalogue, scenarios)):
-        given = {"overrides": overrides, "estimator": estimator, "looks": looks, "baseline": baseline}
+        options = {"overrides": overrides, "estimator": estimator, "looks": looks, "baseline": baseline}
         flags = {"save": save, "require_baseline": require_baseline, "accept_changes": accept_changes}
-        path = choose_catalogue(scenarios, **given, **flags).path
+        path = choose_catalogue(scenarios, **options, **flags).path
         rates = rate(path, budget=budget, workers=workers, executor=executor, watch=watch, safe=safe)
         return decide_rates(rates, strict)
     with safe_mode(safe):
@@ -89,8 +89,8 @@ def choose_catalogue(paths: Sequence[str | os.PathLike[str]], **options: object)
     path = next(filter(is_catalogue, paths))
     if len(paths) > 1:
         raise UsageError(f"{path}: is a catalogue, which is checked alone", "check them one at a time")
-    for name, given in options.items():
-        if given is not None and given is not False and given not in ([], ()):  # a seed may be 0
+    for name, value in options.items():
+        if value is not None and value is not False and value not in ([], ()):  # a seed may be 0
             text = f"{name.replace('_', ' ')} is an option of scenarios, and {path} is a catalogue"
             hint = "change the catalogue; its rates are compared with its thresholds, and with no baseline"
             raise UsageError(text, hint)

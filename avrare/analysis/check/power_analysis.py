@@ -90,10 +90,10 @@ def estimate_costs(
         ("+-20 %", entry, _need_of_auto(_need_for_precision(entry, confidence), entry, auto))
         for entry in earlier.values()
     ]
-    return [_price(scenario, question, entry, *need, source) for question, entry, need in needs]
+    return [_estimate_cost(scenario, question, entry, *need, source) for question, entry, need in needs]
 
 
-def _price(
+def _estimate_cost(
     scenario: str, question: str, entry: Result, rollouts: float | None, reason: str, source: str
 ) -> CostEstimate:
     if rollouts is None:
@@ -131,7 +131,7 @@ def count_settling_rollouts(threshold: Threshold, probability: float) -> int | N
 
 def _need_for_precision(entry: Result, confidence: float) -> _Need:
     if not _has_variance(entry):
-        return None, _no_failures(entry)
+        return None, _explain_missing_failures(entry)
     return _work(entry) * (_quantile(1.0 - (1.0 - confidence) / 2.0) / math.log1p(PRECISION)) ** 2, ""
 
 
@@ -143,7 +143,7 @@ def _need_for_criterion(criterion: Criterion, entry: Result, criteria: int) -> _
 
 def _need_of_auto(need: _Need, entry: Result, auto: AutoLimits | None) -> _Need:
     rollouts, reason = need
-    if auto is None or (rollouts is None and reason != _no_failures(entry)):
+    if auto is None or (rollouts is None and reason != _explain_missing_failures(entry)):
         return need
     if rollouts is None or rollouts > auto.rollouts:
         if auto.relative_error is None:
@@ -170,7 +170,7 @@ def _need_for_threshold(threshold: Threshold, entry: Result, criteria: int) -> _
         if exact is not None:
             return exact, reason
     if not _has_variance(entry):
-        return None, _no_failures(entry)
+        return None, _explain_missing_failures(entry)
     level = tail / criteria if fails else tail
     return _work(entry) * ((_quantile(1.0 - level) + _quantile(POWER)) / math.log(limit / p)) ** 2, reason
 
@@ -223,7 +223,12 @@ def _need_for_regression(
 ) -> _Need:
     if not (_has_variance(entry) and (baseline is None or _has_variance(baseline))):
         both = baseline is not None
-        return None, "no failures: the change is not known; use a threshold" if both else _no_failures(entry)
+        return (
+            None,
+            "no failures: the change is not known; use a threshold"
+            if both
+            else _explain_missing_failures(entry),
+        )
     variance = find_variance(regression, criteria)
     factor = f"to see a factor of {regression.excluded / regression.ratio:g}"
     allowed = math.sqrt(BASELINE_SHARE * variance)
@@ -262,7 +267,7 @@ def _has_variance(entry: Result) -> bool:
     return entry.probability > 0.0 and math.isfinite(entry.relative_error)
 
 
-def _no_failures(entry: Result) -> str:
+def _explain_missing_failures(entry: Result) -> str:
     return f"no failures in {entry.rollouts:,} rollouts: the number needed is unknown"
 
 

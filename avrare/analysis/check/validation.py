@@ -118,8 +118,8 @@ def validate(
 
 
 def _refuse_options(path: str, overrides: Sequence[str], estimator: str | None, build: bool) -> None:
-    for option, given in (("a setting", overrides), ("an estimator", estimator), ("a build", build)):
-        if given:
+    for option, value in (("a setting", overrides), ("an estimator", estimator), ("a build", build)):
+        if value:
             text = f"{option} is for scenarios, and {path} is a catalogue"
             raise UsageError(text, "leave it out, or validate the catalogue's scenarios with it")
 

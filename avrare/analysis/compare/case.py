@@ -89,15 +89,15 @@ def open_case(
     Raises:
         UsageError: An argument does not fit, or the specification is missing or unknown.
     """
-    given = truth if isinstance(truth, GroundTruth) else None
+    truth_result = truth if isinstance(truth, GroundTruth) else None
     if isinstance(subject, Problem):
         problem = open_problem(subject, specification, overrides)
-        return ComparisonCase(type(problem.system).__name__, problem.names[0], problem, given)
+        return ComparisonCase(type(problem.system).__name__, problem.names[0], problem, truth_result)
     path = require_path(subject, "a scenario file or a Problem")
     if not path.startswith(REFERENCE_PREFIX):
         with safe_mode(safe):
             case = scenario_case(path, specification, overrides)
-        return replace(case, truth=given)
+        return replace(case, truth=truth_result)
     for option, value in (
         ("truth", truth),
         ("specification", specification),

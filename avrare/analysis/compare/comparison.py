@@ -115,8 +115,8 @@ class Comparison(Answer):
         for first, second in find_disagreements(labels, self.summaries):
             lines.append(f"{first} and {second} disagree: the intervals of their means do not overlap")
         if self.interrupted:
-            done = min(len(result.repetitions) for result in self.arms if not result.refusal)
-            lines.append(f"interrupted: {done} of {self.design.repeat} repetitions are complete")
+            repetitions = min(len(result.repetitions) for result in self.arms if not result.refusal)
+            lines.append(f"interrupted: {repetitions} of {self.design.repeat} repetitions are complete")
         return lines
 
     def _count_budgets(self, summary: Summary) -> float:

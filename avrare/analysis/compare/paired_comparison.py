@@ -195,8 +195,8 @@ def compare_versions(
         paid = None if budget is None else parse_cost(budget)
         results = []
         for number, scenario in enumerate(scenarios):
-            shown = nullcontext(begin(number))
-            execution = Execution(partial(build_executor, workers), lambda *_, shown=shown: shown)
+            display = nullcontext(begin(number))
+            execution = Execution(partial(build_executor, workers), lambda *_, display=display: display)
             with _name_version(number):
                 results.append(estimate_scenario(scenario, common, paid, execution))
         changes += map(EstimatedChange, common, zip(*results, strict=True))

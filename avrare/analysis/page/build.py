@@ -128,7 +128,7 @@ def _build_summary(estimates: Sequence[Estimate], stored: StoredCauses, exposure
     """Return the overall verdict and a sentence for each specification; ``exposure`` gives rates."""
     judged = [estimate for estimate in estimates if estimate.verdict]
     example = f'thresholds: [{{specification: {estimates[0].specification}, probability: "< 1e-3"}}]'
-    met = None if exposure is None else from_exposure(exposure, estimates[0].confidence)
+    frequency = None if exposure is None else from_exposure(exposure, estimates[0].confidence)
     return Summary(
         worst_verdict(estimate.verdict for estimate in estimates),
         _summarise(judged),
@@ -137,7 +137,7 @@ def _build_summary(estimates: Sequence[Estimate], stored: StoredCauses, exposure
             _build_answer(index, estimate, stored, exposure)
             for index, estimate in sorted(enumerate(estimates), key=lambda entry: _grade(entry[1]))
         ),
-        "" if exposure is None or met is None else _describe_exposure(exposure, met),
+        "" if exposure is None or frequency is None else _describe_exposure(exposure, frequency),
     )
 
 
@@ -150,28 +150,30 @@ def _summarise(judged: Sequence[Estimate]) -> str:
     # One of several thresholds of a rule decides: its worst verdict is stored.
     if not judged:
         return "No threshold is set, so there is no verdict: this is how often each rule was broken."
-    many = len(judged)
+    total = len(judged)
     verdicts = Counter(estimate.verdict for estimate in judged)
     assuming, exceeded = verdicts["pass_assuming"], verdicts["fail"]
     holding = verdicts["pass"] + assuming
-    if holding == many:
-        lead = "The threshold holds" if many == 1 else f"All {many} thresholds hold"
-        return f"{lead}{_say_assuming(assuming, holding)}."
-    clauses = [f"{holding} of {many} thresholds hold{_say_assuming(assuming, holding)}" if many > 1 else ""]
+    if holding == total:
+        lead = "The threshold holds" if total == 1 else f"All {total} thresholds hold"
+        return f"{lead}{_describe_assuming(assuming, holding)}."
+    clauses = [
+        f"{holding} of {total} thresholds hold{_describe_assuming(assuming, holding)}" if total > 1 else ""
+    ]
     if exceeded:
         clauses.append(
             f"{exceeded} {'are' if exceeded > 1 else 'is'} exceeded"
-            if many > 1
+            if total > 1
             else "The threshold is exceeded"
         )
-    if rest := many - holding - exceeded:
+    if rest := total - holding - exceeded:
         clauses.append(
-            f"{rest} {'are' if rest > 1 else 'is'} undecided" if many > 1 else "The threshold is undecided"
+            f"{rest} {'are' if rest > 1 else 'is'} undecided" if total > 1 else "The threshold is undecided"
         )
     return ", ".join(clause for clause in clauses if clause) + "."
 
 
-def _say_assuming(assuming: int, holding: int) -> str:
+def _describe_assuming(assuming: int, holding: int) -> str:
     if not assuming:
         return ""
     return f"{f', {assuming} of them' if holding > assuming else ''} as far as the search could see"
@@ -182,26 +184,34 @@ def _build_answer(index: int, estimate: Estimate, stored: StoredCauses, exposure
     if exposure is not None:
         probability = Quantity(estimate.probability, *estimate.interval)
         total = combine([from_exposure(exposure, estimate.confidence)], [probability])
-        rates.append(f"{_say_rate(exposure.unit, total.value, total.interval)}.")
+        rates.append(f"{_describe_rate(exposure.unit, total.value, total.interval)}.")
     reasons = summarise_causes(estimate.specification, stored) if estimate.probability else []
     if estimate.blind_bound and estimate.verdict != "pass_assuming":
-        reasons.append(f"Failures that nothing led to could be up to {_say_share(estimate.blind_bound)}.")
-    return Answer(index, f"{_say_estimate(estimate)}{_say_limits(estimate)}.", tuple(rates), tuple(reasons))
+        reasons.append(
+            f"Failures that nothing led to could be up to {_describe_share(estimate.blind_bound)}."
+        )
+    return Answer(
+        index, f"{_describe_estimate(estimate)}{_describe_limits(estimate)}.", tuple(rates), tuple(reasons)
+    )
 
 
-def _say_estimate(estimate: Estimate) -> str:
+def _describe_estimate(estimate: Estimate) -> str:
     low, high = estimate.interval
     level = f"{format_percent(estimate.confidence)} confidence"
     length = "" if estimate.duration is None else f" of {estimate.duration:g} s"
     if not estimate.probability:
         count = f"{estimate.rollouts:,} rollouts{length}"
-        return f"never broken in {count}, so in at most {_say_share(high)} ({level})"
+        return f"never broken in {count}, so in at most {_describe_share(high)} ({level})"
     rollouts = f"{' of all' * (estimate.probability >= _FREQUENT)} rollouts{length}"
-    ends = f"at most {_say_share(high)}" if low <= 0.0 else f"{_say_share(low)} to {_say_share(high)}"
-    return f"broken in {_say_share(estimate.probability)}{rollouts} ({ends}, {level})"
+    ends = (
+        f"at most {_describe_share(high)}"
+        if low <= 0.0
+        else f"{_describe_share(low)} to {_describe_share(high)}"
+    )
+    return f"broken in {_describe_share(estimate.probability)}{rollouts} ({ends}, {level})"
 
 
-def _say_share(probability: float) -> str:
+def _describe_share(probability: float) -> str:
     # 35 % or 1 in 430
     if probability <= 0.0:
         return "none"
@@ -210,26 +220,26 @@ def _say_share(probability: float) -> str:
     return f"1 in {format_amount_in_words(1.0 / probability)}"
 
 
-def _say_limits(estimate: Estimate) -> str:
+def _describe_limits(estimate: Estimate) -> str:
     if not estimate.limits or estimate.verdict is None:
         return ""
-    bounds = " and ".join(map(_say_limit, estimate.limits))
+    bounds = " and ".join(map(_describe_limit, estimate.limits))
     undecided = "for a warning doubts it" if estimate.warnings else "more rollouts are needed"
     said = {
         "pass": f"; allowed is {bounds}: it holds",
         "pass_assuming": f"; allowed is {bounds}: it holds as far as the search could see, and failures that "
-        f"nothing led to could be up to {_say_share(estimate.blind_bound or 0.0)}",
+        f"nothing led to could be up to {_describe_share(estimate.blind_bound or 0.0)}",
         "fail": f"; allowed is {bounds}: it does not hold",
         "inconclusive": f"; allowed is {bounds}: undecided, {undecided}",
     }
     return said[estimate.verdict]
 
 
-def _say_limit(limit: Limit) -> str:
-    return f"{'less than' if limit.strict else 'at most'} {_say_share(limit.limit)}"
+def _describe_limit(limit: Limit) -> str:
+    return f"{'less than' if limit.strict else 'at most'} {_describe_share(limit.limit)}"
 
 
-def _say_rate(unit: str, value: float, interval: Interval) -> str:
+def _describe_rate(unit: str, value: float, interval: Interval) -> str:
     low, high = interval
     noun = "hours" if unit == "hour" else "km"
     rarest = f"to {format_amount_in_words(1.0 / low)} {noun}" if low > 0.0 else f"{noun} or more"
@@ -252,14 +262,14 @@ def _build_sections(run: Run, estimates: Sequence[Estimate], stored: StoredCause
     sections = []
     for estimate in estimates:
         name = estimate.specification
-        result, shown = run[name], rollouts.get(name, [])
+        result, replays = run[name], rollouts.get(name, [])
         section = Section(
             estimate,
             _build_rule(run, name),
-            build_causes(run, result, stored, shown),
+            build_causes(run, result, stored, replays),
             _draw_charts(result),
-            tuple(build_player(rollout, run.problem, run.folder) for rollout in shown),
-            None if shown else _explain_absence(run, errors if name in rollouts else ()),
+            tuple(build_player(rollout, run.problem, run.folder) for rollout in replays),
+            None if replays else _explain_absence(run, errors if name in rollouts else ()),
         )
         sections.append(section)
     return tuple(sections)

@@ -74,8 +74,8 @@ def _write_command(run: Run, name: str, analysed: bool) -> Command:
 
 
 def _build_kinds(name: str, kinds: StoredKinds, rollouts: Sequence[MonitoredRollout]) -> Kinds:
-    shown = {rollout.stored.index: rollout for rollout in rollouts if rollout.stored.specification == name}
-    cards = [_build_kind(name, kind, shown.get(kind.representative)) for kind in kinds.kinds]
+    replays = {rollout.stored.index: rollout for rollout in rollouts if rollout.stored.specification == name}
+    cards = [_build_kind(name, kind, replays.get(kind.representative)) for kind in kinds.kinds]
     return Kinds(tuple(cards), draw_map(kinds))
 
 
@@ -170,18 +170,18 @@ class _View:
     def curve(self, x: Floats, y: Floats) -> Floats:
         """Return points (K, 2) of the road in the picture, y downwards."""
         zeros = np.zeros_like(x)
-        there = self._turn(Vehicles(x, y, zeros, zeros, zeros))
-        return np.stack([there.x, -there.y], axis=1)
+        placed = self._turn(Vehicles(x, y, zeros, zeros, zeros))
+        return np.stack([placed.x, -placed.y], axis=1)
 
 
 def _draw_road(view: _View, road: Road) -> tuple[tuple[Points, ...], tuple[Points, ...], float, float]:
     # Lanes as far as they are there, then the lines between them; and the least and greatest y to the left.
     surfaces, lines, reach = [], [], []
-    there = lane_exists(road, view.stations)
-    right, left = (np.broadcast_to(border, there.shape) for border in lane_borders(road, view.stations))
-    for lane in np.flatnonzero(there.sum(axis=1) > 1).tolist():
-        x = view.stations[there[lane]]
-        borders = [view.curve(x, border[lane][there[lane]]) for border in (right, left)]
+    exists = lane_exists(road, view.stations)
+    right, left = (np.broadcast_to(border, exists.shape) for border in lane_borders(road, view.stations))
+    for lane in np.flatnonzero(exists.sum(axis=1) > 1).tolist():
+        x = view.stations[exists[lane]]
+        borders = [view.curve(x, border[lane][exists[lane]]) for border in (right, left)]
         surfaces.append(_list_points([*borders[0], *borders[1][::-1]]))
         reach += [points[:, 1] for points in borders]
     for marking in (marking for marking in list_markings(road) if marking.inner):
@@ -190,8 +190,8 @@ def _draw_road(view: _View, road: Road) -> tuple[tuple[Points, ...], tuple[Point
             lines.append(_list_points(view.curve(x, np.interp(x, marking.x, marking.y))))
     if not reach:
         return (), (), 0.0, 0.0
-    every = np.concatenate(reach)
-    return tuple(surfaces), tuple(lines), -float(every.max()), -float(every.min())
+    coordinates = np.concatenate(reach)
+    return tuple(surfaces), tuple(lines), -float(coordinates.max()), -float(coordinates.min())
 
 
 def _list_points(points: Iterable[Floats]) -> Points:

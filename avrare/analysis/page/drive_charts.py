@@ -77,8 +77,8 @@ class DriveCharts:
         return self._finish(chart.below_zero(at_times, values).zero().line(at_times, values, "accent"))
 
     def _draw_errors(self, v: int, name: str) -> Chart | None:
-        seen = [frame.observation for frame in self.rollout.frames]
-        if not any(observation is not None for observation in seen):
+        observations = [frame.observation for frame in self.rollout.frames]
+        if not any(observation is not None for observation in observations):
             return None
         others = [frame.world.others for frame in self.rollout.frames]
         along, across = (
@@ -87,13 +87,13 @@ class DriveCharts:
                     np.nan
                     if observation is None
                     else getattr(observation, key)[0, v] - getattr(true, key)[0, v]
-                    for observation, true in zip(seen, others, strict=True)
+                    for observation, true in zip(observations, others, strict=True)
                 ]
             )
             for key in ("x", "y")
         )
         missed = np.array(
-            [observation is not None and not observation.detected[0, v] for observation in seen]
+            [observation is not None and not observation.detected[0, v] for observation in observations]
         )
         finite = np.concatenate([errors[np.isfinite(errors)] for errors in (along, across)])
         key = [("line accent", "ahead"), ("line second", "left")]

@@ -52,7 +52,7 @@ def build_rates(rates: CatalogueRates) -> RatesModel:
         (
             *_list_versions(rates),
             *(_list_scenes(rates, rate) for rate in rates.rates),
-            *_list_own(rates),
+            *_list_own_estimates(rates),
             _list_exposures(rates),
         ),
     )
@@ -120,7 +120,7 @@ def _describe(estimate: SceneEstimate) -> str:
     return f"{format_typeset(result.probability)} by {result.estimator}"
 
 
-def _list_own(rates: CatalogueRates) -> list[Table]:
+def _list_own_estimates(rates: CatalogueRates) -> list[Table]:
     rows = [
         (
             scene,

@@ -61,8 +61,8 @@ def _divide(weights: Sequence[float], costs: Sequence[float], budget: float) -> 
     while True:
         left = budget - LEAST * math.fsum(costs[i] for i in fixed)
         open_ = [i for i in range(len(weights)) if i not in fixed]
-        whole = math.fsum(weights[i] * costs[i] for i in open_)
-        counts = {i: math.floor(left * weights[i] / whole) if whole else LEAST for i in open_}
+        total = math.fsum(weights[i] * costs[i] for i in open_)
+        counts = {i: math.floor(left * weights[i] / total) if total else LEAST for i in open_}
         short = {i for i, count in counts.items() if count < LEAST}
         if not short:
             return [counts.get(i, LEAST) for i in range(len(weights))]

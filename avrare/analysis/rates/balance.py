@@ -67,8 +67,8 @@ def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, dri
     low, high = divide_estimates((total.value, *total.sampling), (reference.value, *reference.sampling))
     if total.value and reference.value:
         shifts = [
-            (share - other) * max(_log(met.value, met.low), _log(met.high, met.value))
-            for met, share, other in zip(exposures, total.shares, reference.shares, strict=True)
+            (share - other) * max(_log(exposure.value, exposure.low), _log(exposure.high, exposure.value))
+            for exposure, share, other in zip(exposures, total.shares, reference.shares, strict=True)
             if share != other
         ]
         ratio, shift = total.value / reference.value, math.hypot(*shifts)

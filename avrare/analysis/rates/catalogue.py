@@ -87,7 +87,7 @@ class Catalogue:
         plain += ["ensemble={}"] if phase == "pilot" else []  # what members say divides no budget
         return load(_path(self.path, entry), [*_plain(entry), *named, *plain, *common], "mc")
 
-    def own_budget(self, index: int) -> Budget | None:
+    def own_estimator_budget(self, index: int) -> Budget | None:
         """Return the budget of each estimate of a scene's own estimator, None where its options decide."""
         entry = self.document.scenes[index]
         if entry.budget is None:
@@ -98,7 +98,7 @@ class Catalogue:
         parts = 1 if shared else len(self.own_rules[index])
         return Budget(whole.kind, whole.amount / parts)
 
-    def own_cost(self, kind: str, steps: Sequence[int]) -> float:
+    def own_estimators_cost(self, kind: str, steps: Sequence[int]) -> float:
         """Return the rollouts or steps that the scenes take from the budget of the catalogue."""
         taken = []
         for entry, count in zip(self.document.scenes, steps, strict=True):

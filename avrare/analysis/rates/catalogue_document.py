@@ -173,7 +173,7 @@ class CatalogueDocument(_Model):
     thresholds: tuple[RateThreshold, ...] = Field(default=(), description="bounds that decide the exit code")
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistency(self) -> Self:
         names = [scene.name for scene in self.scenes]
         if len(set(names)) < len(names):
             raise ValueError("every scene needs a name of its own")

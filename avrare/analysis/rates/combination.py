@@ -67,14 +67,14 @@ def combine(exposures: Sequence[Quantity], probabilities: Sequence[Quantity]) ->
     of_probabilities = [_deviations(Quantity(e.value, e.value, e.value), p) for e, p in pairs]
     of_exposures = [_deviations(e, Quantity(p.value, p.value, p.value)) for e, p in pairs]
     doubt = [below + above for below, above in terms]
-    whole = math.fsum(doubt)
+    total = math.fsum(doubt)
     return Total(
         value,
         _around(value, terms),
         _around(value, of_probabilities),
         _around(value, of_exposures),
         tuple(e.value * p.value / value if value else 0.0 for e, p in pairs),
-        tuple(width / whole if whole else 0.0 for width in doubt),
+        tuple(width / total if total else 0.0 for width in doubt),
     )
 
 

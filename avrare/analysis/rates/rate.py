@@ -120,7 +120,7 @@ def rate_catalogue(
     _keep_budgets(catalogue, budget, folder)
     runner = _Runner(catalogue, folder, resume, estimate)
     # 1. The scenes' own estimators; what they find is a part of the rates that the others are to narrow.
-    separate = runner.run_own()
+    separate = runner.run_own_estimators()
     estimates: list[dict[str, SceneEstimate]] = [dict(scene) for scene in separate]
     if budget is not None:
         # 2. Pilots of the other rules divide the budget, and 3. their shares are run.
@@ -178,11 +178,14 @@ class _Runner:
     resume: bool
     estimate: EstimateScene
 
-    def run_own(self) -> list[dict[str, SceneEstimate]]:
+    def run_own_estimators(self) -> list[dict[str, SceneEstimate]]:
         """Return the estimates of each scene by its own estimator; empty for scenes without one."""
         catalogue = self.catalogue
         asked = {
-            index: (LoadedScenario(catalogue.scenario(index, "own", 0)), catalogue.own_budget(index))
+            index: (
+                LoadedScenario(catalogue.scenario(index, "own", 0)),
+                catalogue.own_estimator_budget(index),
+            )
             for index, rules in enumerate(catalogue.own_rules)
             if rules
         }

@@ -254,7 +254,7 @@ def divide(
     """
     costs = [float(count) for count in steps] if budget.kind == "steps" else [1.0] * len(steps)
     sharing = [index for index in range(len(steps)) if catalogue.list_shared_rules(index)]
-    fixed = catalogue.own_cost(budget.kind, steps)
+    fixed = catalogue.own_estimators_cost(budget.kind, steps)
     spent = catalogue.document.pilot * sum(costs[index] for index in sharing) + fixed
     if spent >= budget.amount:
         cost = "the pilot alone costs" if not fixed else "the pilot and the scenes' own budgets cost"

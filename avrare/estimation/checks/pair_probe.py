@@ -73,8 +73,8 @@ def probe_pairs(problem: Problem, column: int, upper: float, seed: int, confiden
             continue
         # 3. Fresh rollouts of the pair that fails most; only these count.
         pair = pairs[hits.argmax()]
-        again = np.tile(pair, (_SECOND, 1))
-        second = find_failures(problem, column, again, partial(draw.tapes, 2))
+        repeated_pair = np.tile(pair, (_SECOND, 1))
+        second = find_failures(problem, column, repeated_pair, partial(draw.tapes, 2))
         low = intervals.clopper_pearson(int(second.sum()), _SECOND, confidence)[0] * size
         if low > upper:
             names = find_noise_names(problem.system)

@@ -20,7 +20,7 @@ from avrare.estimation.result.note import describe_blind_bound, describe_counts,
 from avrare.estimation.result.result import Result, Worst
 from avrare.logic.syntax.nodes import bounded_span
 from avrare.protocols import Floats, System, overrides
-from avrare.rollout.executors.work import Executor, run_errand
+from avrare.rollout.executors.work import Executor, run_on_worker
 from avrare.rollout.problem import Problem
 from avrare.rollout.scores.term_sizes import PROBE_ROWS
 
@@ -84,7 +84,7 @@ def examine(
     again: Sequence[float] = ()
     if replay and "not_deterministic" not in on_system:
         tapes = [result.worst.noise for result in results]
-        again = run_errand(executor, _REPLAY, _replay_tapes, tapes)
+        again = run_on_worker(executor, _REPLAY, _replay_tapes, tapes)
     complete = []
     for column, result in enumerate(results):
         findings = {**result.health, **on_system, **_horizon(problem, column), **_solver(result.counts)}
@@ -128,10 +128,10 @@ def _horizon(problem: Problem, column: int) -> dict[str, str]:
 def _flat_part(executor: Executor, column: int, result: Result) -> dict[str, str]:
     if result.rollouts < _LOOK_SHARE * PROBE_ROWS:
         return {}
-    parts = run_errand(executor, _SEARCH, Problem.flat_parts, column)
+    parts = run_on_worker(executor, _SEARCH, Problem.flat_parts, column)
     if not parts:
         return {}
-    unbroken = run_errand(executor, _SEARCH, Problem.flat_parts, column, result.failures.noise)
+    unbroken = run_on_worker(executor, _SEARCH, Problem.flat_parts, column, result.failures.noise)
     if unbroken:
         return health.warn("flat_part", part=unbroken[0], bound=result.blind_bound)
     reason = f"`{parts[0]}` shows nothing before it fails, which it does in failures that were found"
@@ -151,7 +151,7 @@ def _outliers(
         cost += most(problem)
         if result.rollouts < _LOOK_SHARE * cost:
             break
-        outlier = run_errand(executor, _SEARCH, probe, column, upper, seed, result.confidence)
+        outlier = run_on_worker(executor, _SEARCH, probe, column, upper, seed, result.confidence)
         if outlier is not None:
             when = {0: "at the start", 1: "at the first step", None: "at a later step"}[outlier.step]
             what = numbers.format(outlier.noise)
@@ -175,7 +175,7 @@ def _reproduction(
         return {}
     # Rounding depends on the batch and on nothing else: by itself the rollout repeats.
     tape = result.worst.noise
-    again, repeated = (run_errand(executor, _REPLAY, _replayed_alone, tape, column) for _ in range(2))
+    again, repeated = (run_on_worker(executor, _REPLAY, _replayed_alone, tape, column) for _ in range(2))
     if first == again == repeated:
         return {}
     spread = float(np.nanstd(result.robustness)) if np.isfinite(result.robustness).any() else 0.0

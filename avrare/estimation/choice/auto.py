@@ -80,16 +80,16 @@ class Auto(MonteCarlo):
 
     def _aim(self, problem: Problem, settings: Settings) -> tuple[Aim, str]:
         """Return the aim, and why no pilot is worth its cost (empty where it is)."""
-        given, budget = self.choice, settings.budget
-        goal, rollouts = given.relative_error, float(given.rollouts or ROLLOUTS)
-        if goal is None and given.rollouts is None and budget is None:
+        choice, budget = self.choice, settings.budget
+        goal, rollouts = choice.relative_error, float(choice.rollouts or ROLLOUTS)
+        if goal is None and choice.rollouts is None and budget is None:
             goal = settings.goal or GOAL
         if budget is not None and budget.kind != "seconds":
             cost = max(problem.steps, 1) if budget.kind == "steps" else 1
             most = budget.amount / cost
-            rollouts = min(rollouts, most) if given.rollouts is not None else most
+            rollouts = min(rollouts, most) if choice.rollouts is not None else most
         aim = Aim(goal, rollouts)
-        if given.threshold is not None:
+        if choice.threshold is not None:
             return aim, "only Monte Carlo stops at a threshold"
         if budget is not None and budget.kind == "seconds":
             return aim, "only Monte Carlo can be stopped by the clock"
@@ -193,14 +193,14 @@ class _Work:
         }
         rollouts = result.rollouts + sum(attempt.rollouts for attempt in spent)
         text = f"Estimator `{result.estimator}` was chosen: {reason}{_describe_cost(result, rollouts)}."
-        whole = add_counts(result, [attempt.counts for attempt in spent])
+        complete = add_counts(result, [attempt.counts for attempt in spent])
         return replace(
-            whole,
+            complete,
             rollouts=rollouts,
             simulated_steps=result.simulated_steps + sum(attempt.steps for attempt in spent),
             errors=result.errors + sum(attempt.errors for attempt in spent),
             seconds=result.seconds + sum(attempt.seconds for attempt in spent),
-            notes=(*whole.notes, Note("choice", text)),
+            notes=(*complete.notes, Note("choice", text)),
             diagnostics={**result.diagnostics, "choice": choice},
         )
 
@@ -224,11 +224,11 @@ class _Work:
             # 5. They disagree: the one that finds more must find it again, on rollouts of its own.
             less, more = sorted((first, second), key=lambda witness: witness.probability)
             attempts = list(together)
-            again = self._repeat(more, problem, attempts)
+            enlarged = self._repeat(more, problem, attempts)
             spent += attempts[len(together) :]
-            if again is not None:
+            if enlarged is not None:
                 spent.append(_Attempt.of(less, f"finds less than {more.estimator}"))
-                result, _, words = reconcile(more, again, self.settings.confidence)
+                result, _, words = reconcile(more, enlarged, self.settings.confidence)
         return self.add_choice(result, f"{reason}; {words}", spent)
 
     def _repeat(self, witness: Result, problem: Problem, spent: list[_Attempt]) -> Result | None:
@@ -300,11 +300,11 @@ class _Work:
         return None
 
     def _monte_carlo(self, problem: Problem, spent: Sequence[_Attempt], name: str) -> list[Result]:
-        given, budget = self.config, self.settings.budget
-        options: dict[str, Any] = {"memory": given.memory}
-        if given.threshold is not None:
-            options |= {"threshold": given.threshold}
-            options |= {"rollouts": given.rollouts} if given.rollouts else {}
+        config, budget = self.config, self.settings.budget
+        options: dict[str, Any] = {"memory": config.memory}
+        if config.threshold is not None:
+            options |= {"threshold": config.threshold}
+            options |= {"rollouts": config.rollouts} if config.rollouts else {}
         else:
             options |= {"relative_error": self.aim.goal, "rollouts": self._rollouts_left(problem, spent)}
         if budget is not None and budget.kind != "seconds":
@@ -329,8 +329,8 @@ class _Work:
 
     def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
         rollouts = max(1.0, self.aim.rollouts - sum(attempt.rollouts for attempt in spent))
-        given = self.settings.budget
-        if not problem.steps or (given is not None and given.kind == "rollouts"):
+        budget = self.settings.budget
+        if not problem.steps or (budget is not None and budget.kind == "rollouts"):
             return Budget("rollouts", rollouts)
         steps = self.aim.rollouts * problem.steps - sum(attempt.steps for attempt in spent)
         return Budget("steps", max(float(problem.steps), steps))

@@ -76,8 +76,12 @@ class Aim:
 
         A pilot that ended before its failures gets one more: too few are likelier than too many.
         """
-        wanted = _ENOUGH if self.goal is None else self.goal**-2 + 2.0
-        return wanted * evidence.rows / max(evidence.failures, min(evidence.failures + 1, self.failures))
+        needed_failures = _ENOUGH if self.goal is None else self.goal**-2 + 2.0
+        return (
+            needed_failures
+            * evidence.rows
+            / max(evidence.failures, min(evidence.failures + 1, self.failures))
+        )
 
     def is_frequent(self, evidence: FreshRows) -> bool:
         """Return whether Monte Carlo is the estimator: nothing can pay for the attempt to learn."""
@@ -92,12 +96,12 @@ class Aim:
 
     def describe(self, evidence: FreshRows) -> str:
         """Describe the failures of the pilot, and the rollouts that Monte Carlo would need after it."""
-        seen = f"{evidence.failures:,} failures" if evidence.failures != 1 else "1 failure"
+        failures = f"{evidence.failures:,} failures" if evidence.failures != 1 else "1 failure"
         at_least = "" if evidence.failures else "at least "
-        wanted = format_percent(0.1 if self.goal is None else self.goal)
+        error = format_percent(0.1 if self.goal is None else self.goal)
         return (
-            f"{seen} in {evidence.rows:,} rollouts of the pilot, so Monte Carlo needs {at_least}about "
-            f"{round_to_two_digits(self.estimate_need(evidence)):,} rollouts for a relative error of {wanted}"
+            f"{failures} in {evidence.rows:,} rollouts of the pilot, so Monte Carlo needs {at_least}about "
+            f"{round_to_two_digits(self.estimate_need(evidence)):,} rollouts for a relative error of {error}"
         )
 
 

@@ -101,9 +101,9 @@ def add_cross_check(
     ]
     reason = f"{estimates[0]}, but its cross-check by {estimates[1]}"
     warning = health.warn("contradicted", reason=reason)
-    shown = {} if "contradicted" in settings.suppress else warning
+    warnings = {} if "contradicted" in settings.suppress else warning
     return replace(
-        open_interval(checked, warning, least_upper=second.interval[1]), health=result.health | shown
+        open_interval(checked, warning, least_upper=second.interval[1]), health=result.health | warnings
     )
 
 

@@ -70,10 +70,10 @@ class Checkpoint:
         ``files`` are written before the index, with which the checkpoint begins: without one, what a killed
         process has left in the folder is removed.
         """
-        wanted = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
+        identity = json.loads(json.dumps(task))  # tuples become lists, as they do in the file
         stored = read_index(folder)
         if stored is None:
-            index = json.dumps(seal({"schema": SCHEMA, "task": wanted, "about": about or {}}), indent=2)
+            index = json.dumps(seal({"schema": SCHEMA, "task": identity, "about": about or {}}), indent=2)
             with _explain_folder_errors(folder):
                 folder.mkdir(parents=True, exist_ok=True)
                 if not all(path.is_dir() or _OWN_FILES.fullmatch(path.name) for path in folder.rglob("*")):
@@ -83,15 +83,15 @@ class Checkpoint:
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
                     write_atomic(folder / name, content, durable=True)
                 write_atomic(folder / INDEX, index.encode(), durable=True)
-        elif changes := differences(stored["task"], wanted):
-            shown = 5
-            more = len(changes) - shown
-            listed = "; ".join(changes[:shown]) + (f"; and {more} more" if more > 0 else "")
+        elif changes := differences(stored["task"], identity):
+            limit = 5
+            more = len(changes) - limit
+            listed = "; ".join(changes[:limit]) + (f"; and {more} more" if more > 0 else "")
             raise UsageError(
                 f"{folder}: this checkpoint belongs to another estimate: {listed}",
                 "undo the change to resume, or choose another folder to start afresh",
             )
-        return Checkpoint(folder, wanted if stored is None else stored["task"])
+        return Checkpoint(folder, identity if stored is None else stored["task"])
 
     def journal(self, name: str) -> FileJournal:
         """Return the journal of one of the estimates of the task."""

@@ -271,8 +271,8 @@ class _Loop:
         return outcome
 
     def _check_shape(self, name: str, chunk: Request, outcome: Rollouts) -> None:
-        wanted = (chunk.rows, len(self.plan.names)), self.plan.steps + 1 if self.work.scored else 0
-        if (outcome.robustness.shape, outcome.scores.shape[1]) != wanted:
+        expected_shape = (chunk.rows, len(self.plan.names)), self.plan.steps + 1 if self.work.scored else 0
+        if (outcome.robustness.shape, outcome.scores.shape[1]) != expected_shape:
             hint = "remove this file: its rollouts are then run again"
             raise UsageError(f"{name}.npz of the checkpoint is damaged: it is of another shape", hint)
 

@@ -12,7 +12,7 @@ from avrare.estimation.plan.memory import Forecast, forecast, measure_carry
 from avrare.estimation.plan.plan import Estimator, Plan, Settings
 from avrare.plugin.registry import default_registry
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.executors.work import Executor, Work, run_errand
+from avrare.rollout.executors.work import Executor, Work, run_on_worker
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.worlds.capabilities import STEPS, refuse_limits, require
@@ -108,7 +108,7 @@ def check_system(problem: Problem, estimator: Estimator, settings: Settings) -> 
 def _probe_system(problem: Problem, estimator: Estimator, executor: Executor) -> tuple[dict[str, str], int]:
     """Return the health warnings on a system, and the bytes of a particle's carry, from a few steps."""
     name, needs = estimator.name, estimator.needs
-    reasons, carry = run_errand(executor, "the probe before the estimate", _probe, name, needs)
+    reasons, carry = run_on_worker(executor, "the probe before the estimate", _probe, name, needs)
     return {name: MESSAGES[name].format(reason=reason) for name, reason in reasons.items()}, carry
 
 

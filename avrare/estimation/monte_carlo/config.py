@@ -37,12 +37,12 @@ class McConfig(Options):
 
     @model_validator(mode="after")
     def _check_sequence(self) -> McConfig:
-        given = [name for name in ("relative_error", "threshold") if getattr(self, name) is not None]
-        if len(given) > 1:
+        rules = [name for name in ("relative_error", "threshold") if getattr(self, name) is not None]
+        if len(rules) > 1:
             raise ValueError("relative_error and threshold are two stopping rules: choose one")
-        if given and self.runs > 1:
-            raise ValueError(f"{given[0]} is a stopping rule for a single run; leave runs at 1")
-        if given and "rollouts" not in self.model_fields_set:
+        if rules and self.runs > 1:
+            raise ValueError(f"{rules[0]} is a stopping rule for a single run; leave runs at 1")
+        if rules and "rollouts" not in self.model_fields_set:
             # Not by assignment: an option that is not given must not count as given.
             self.__dict__["rollouts"] = 10**6  # a specification that never fails must end, too
         return self

@@ -69,8 +69,8 @@ class AtThreshold:
         """Return the first rollout after which the threshold is excluded, whatever the errors are, or 0."""
         count = np.arange(1, len(violated) + 1)
         pessimistic = violated | error
-        below = self._out(pessimistic) & (np.cumsum(pessimistic) < self.threshold * count)
-        above = self._out(violated) & (np.cumsum(violated) > self.threshold * count)
+        below = self._exceeds_evidence(pessimistic) & (np.cumsum(pessimistic) < self.threshold * count)
+        above = self._exceeds_evidence(violated) & (np.cumsum(violated) > self.threshold * count)
         decided = below | above
         return int(decided.argmax()) + 1 if decided.any() else 0
 
@@ -82,7 +82,7 @@ class AtThreshold:
         """Return the interval of the sequence, whether it has stopped or not."""
         return partial(intervals.anytime, around=self.threshold)
 
-    def _out(self, failed: Bools) -> Bools:
+    def _exceeds_evidence(self, failed: Bools) -> Bools:
         return np.asarray(self._log_evidence(failed) >= -math.log(1.0 - self.confidence))
 
     def _log_evidence(self, failed: Bools) -> Floats:
@@ -261,14 +261,14 @@ class MonteCarlo(Estimator):
             return None
         if not isinstance(stopping, AtFailures):
             return CostForecast("rollouts", 0.0, total)
-        wanted = stopping.failures
+        needed = stopping.failures
         if counts is None:
-            return CostForecast("rollouts", min(wanted, total), total)
+            return CostForecast("rollouts", min(needed, total), total)
         violated, error = counts.join_verdicts()
         failures, trials = int(violated.sum(axis=0).min()), len(error)
         low, high = intervals.clopper_pearson(failures, trials, plan.confidence)
-        least, most = (min(wanted / p if p else math.inf, total) for p in (high, low))
-        return CostForecast("rollouts", least, most, f"{failures} of {wanted} failures")
+        least, most = (min(needed / p if p else math.inf, total) for p in (high, low))
+        return CostForecast("rollouts", least, most, f"{failures} of {needed} failures")
 
     def _stopping(self, plan: Plan) -> Stopping | None:
         if self.config.relative_error is not None:

@@ -30,9 +30,9 @@ class Budget:
             raise UsageError(f"unknown budget {self.kind!r}", did_you_mean(str(self.kind), KINDS))
         largest = 1e15  # more than a century of simulation
         if not (isinstance(self.amount, (int, float)) and 0.0 < self.amount <= largest):
-            wanted = f"a positive number up to {largest:g}"
+            expectation = f"a positive number up to {largest:g}"
             hint = f"for example {self.kind}=1000"
-            raise UsageError(f"budget {self.kind} must be {wanted}, not {self.amount!r}", hint)
+            raise UsageError(f"budget {self.kind} must be {expectation}, not {self.amount!r}", hint)
 
     @staticmethod
     def parse(value: Budget | Mapping[str, float] | str | None) -> Budget | None:

@@ -78,13 +78,13 @@ def list_error_notes(notes: Sequence[Note]) -> list[str]:
 
 def describe_counts(counts: Mapping[str, int]) -> tuple[Note, ...]:
     """Return the notes on the counters of a system that are not 0: those of its solver, and the others."""
-    shown = {name: count for name, count in counts.items() if count and name != "solves"}
+    nonzero = {name: count for name, count in counts.items() if count and name != "solves"}
     total = f" of {counts['solves']:,} solves" if "solves" in counts else ""
     notes = []
     for of_solver in (True, False):
         texts = [
             f"{name.replace('_', ' ')} {count:,}"
-            for name, count in shown.items()
+            for name, count in nonzero.items()
             if ("solve" in name) == of_solver
         ]
         if texts:

@@ -83,7 +83,7 @@ _STEPS = {
 
 def to_words(node: nodes.Node, dt: float) -> str:
     """Return a formula in English, with bounds in seconds; ``dt`` is the duration of a step [s]."""
-    text = _say(node, dt)
+    text = _describe(node, dt)
     begin = text[0] if _begins_with_term(node) else text[0].upper()  # a name stays as it is written
     return f"{begin}{text[1:]}."
 
@@ -97,7 +97,7 @@ def _begins_with_term(node: nodes.Node) -> bool:
     return isinstance(node, nodes.Comparison | nodes.Predicate)
 
 
-def _say(node: nodes.Node, dt: float) -> str:
+def _describe(node: nodes.Node, dt: float) -> str:
     match node:
         case nodes.Comparison(op, left, right):
             return f"{to_text(left)} {_COMPARISONS[op]} {to_text(right)}"
@@ -113,26 +113,26 @@ def _say(node: nodes.Node, dt: float) -> str:
             word = {"iff": "exactly if", "xor": "or else"}.get(op, op)
             return f"{_inner(left, dt)} {word} {_inner(right, dt)}"
         case nodes.Window(op, lo, hi, child):
-            return f"{_say_window(op, lo, hi, dt)}, {_say(child, dt)}"
+            return f"{_describe_window(op, lo, hi, dt)}, {_describe(child, dt)}"
         case nodes.Until(op, lo, hi, left, right):
-            within = "" if lo == 0 and math.isinf(hi) else f" ({_say_bounds(lo, hi, dt)})"
+            within = "" if lo == 0 and math.isinf(hi) else f" ({_describe_bounds(lo, hi, dt)})"
             word = {"release": "released by", "trigger": "after"}.get(op, op)
             return f"{_inner(left, dt)}, {word}{within} {_inner(right, dt)}"
         case nodes.Step(op, child):
-            return f"{_STEPS[op]}, {_say(child, dt)}"
+            return f"{_STEPS[op]}, {_describe(child, dt)}"
         case nodes.Quantifier(op, variable, group, child, count=count):
             many = {"forall": "for each", "exists": "for some", "at_least": f"for at least {count}"}[op]
-            return f"{many} {variable} of {group}, {_say(child, dt)}"
+            return f"{many} {variable} of {group}, {_describe(child, dt)}"
     return to_text(node)
 
 
 def _inner(node: nodes.Node, dt: float) -> str:
     # brackets where a part of a part could be read in two ways
     simple = isinstance(node, nodes.Comparison | nodes.Predicate | nodes.Constant)
-    return _say(node, dt) if simple else f"({_say(node, dt)})"
+    return _describe(node, dt) if simple else f"({_describe(node, dt)})"
 
 
-def _say_window(op: str, lo: int, hi: float, dt: float) -> str:
+def _describe_window(op: str, lo: int, hi: float, dt: float) -> str:
     whole, part = _WINDOWS[op]
     past = op in nodes.PAST
     if lo == 0 and math.isinf(hi):
@@ -141,10 +141,10 @@ def _say_window(op: str, lo: int, hi: float, dt: float) -> str:
         return f"{lo * dt:.4g} s {'before' if past else 'later'}"
     if past and lo == 0:
         return f"{whole.removesuffix(' so far')} of the last {hi * dt:.4g} s"
-    return part.format(_say_bounds(lo, hi, dt))
+    return part.format(_describe_bounds(lo, hi, dt))
 
 
-def _say_bounds(lo: int, hi: float, dt: float) -> str:
+def _describe_bounds(lo: int, hi: float, dt: float) -> str:
     if math.isinf(hi):
         return f"{lo * dt:.4g} s or more"
     return f"within {hi * dt:.4g} s" if lo == 0 else f"between {lo * dt:.4g} and {hi * dt:.4g} s"

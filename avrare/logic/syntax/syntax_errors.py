@@ -47,9 +47,9 @@ _CONTEXT = 200
 def add_place(text: str, place: Place, message: str) -> str:
     """Return the message with line and column (from 1) of a token or tree, its source line and a mark."""
     line, column = place.line or 1, place.column or 1
-    shown = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
+    source_line = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
     mark = " " * (column - 1) + "^"
-    return f"line {line}, column {column}: {message}\n  {shown}\n  {mark}"
+    return f"line {line}, column {column}: {message}\n  {source_line}\n  {mark}"
 
 
 def make_error(text: str, place: Place, message: str, hint: str | None = None) -> FormulaError:

@@ -204,9 +204,9 @@ class FormulaTransformer:
 
     def _call(self, tree: Tree[Token], name: Token, *arguments: Tree[Token]) -> nodes.Term:
         function = _operator(name)
-        wanted = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}.get(function)
-        if len(arguments) != wanted if wanted else len(arguments) < 2:
-            count = f"{wanted} argument{'s' if wanted != 1 else ''}" if wanted else "two or more arguments"
+        arity = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}.get(function)
+        if len(arguments) != arity if arity else len(arguments) < 2:
+            count = f"{arity} argument{'s' if arity != 1 else ''}" if arity else "two or more arguments"
             raise make_error(self.text, name, f"{name} takes {count}, not {len(arguments)}")
         return nodes.Call(function, tuple(self._term(argument) for argument in arguments))
 
@@ -255,12 +255,12 @@ class FormulaTransformer:
         return self.scope.resolve_vehicle(self.text, get_token(tree, 0))
 
     def _use(self, definition: Definition, name: Token, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
-        wanted = len(definition.parameters)
-        if len(vehicles) != wanted:
-            shown = f"{name}({', '.join(definition.parameters)})" if wanted else str(name)
-            count = f"{wanted or 'no'} argument{'s' if wanted != 1 else ''}"
+        arity = len(definition.parameters)
+        if len(vehicles) != arity:
+            call = f"{name}({', '.join(definition.parameters)})" if arity else str(name)
+            count = f"{arity or 'no'} argument{'s' if arity != 1 else ''}"
             message = f"{name} takes {count}, not {len(vehicles)}"
-            raise make_error(self.text, name, message, f"it is defined as {shown}")
+            raise make_error(self.text, name, message, f"it is defined as {call}")
         return self._expand(definition, vehicles, self.scope)
 
     def _expand(

@@ -26,13 +26,13 @@ _LINE, _RUN, _BLIND, _FAILED = "#1b6ca8", "#9db4c8", "#d9701a", "#b0443c"
 
 def plot_results(results: Sequence[Result]) -> Plot:
     """Draw the interval of each result on a logarithmic axis; of a single one its robustness, too."""
-    shown = results[0].robustness if len(results) == 1 else np.zeros(0)
-    shown = shown[np.isfinite(shown)]
+    robustness = results[0].robustness if len(results) == 1 else np.zeros(0)
+    robustness = robustness[np.isfinite(robustness)]
     height = 1.2 + 0.45 * len(results)
-    figure = make_figure(8.0, max(height, 2.6) if len(shown) else height)
-    if len(shown):
+    figure = make_figure(8.0, max(height, 2.6) if len(robustness) else height)
+    if len(robustness):
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-        _draw_robustness(right, results[0], shown)
+        _draw_robustness(right, results[0], robustness)
     else:
         left = figure.subplots()
     _draw_estimates(left, results)
@@ -103,17 +103,17 @@ _BAND = 0.7  # share of an estimator's band that its repetitions fill
 def plot_comparison(comparison: Comparison) -> Plot:
     """Draw every estimate of a comparison."""
     pairs = zip(comparison.arms, comparison.summaries, strict=True)
-    shown = [(result, summary) for result, summary in pairs if summary]
-    figure = make_figure(10.0, 1.4 + 1.15 * len(shown))
+    summaries = [(result, summary) for result, summary in pairs if summary]
+    figure = make_figure(10.0, 1.4 + 1.15 * len(summaries))
     ax = figure.subplots()
     low, high = _find_range(comparison)
     truth = comparison.truth.probability if comparison.truth else None
-    for place, (result, summary) in enumerate(shown):
+    for place, (result, summary) in enumerate(summaries):
         _draw_arms(ax, place, result, truth, low)
         _draw_summary(ax, place, summary)
     if truth is not None:
         ax.axvline(truth, color=_TRUTH, lw=1.2, zorder=1)
-    _frame(ax, [_label(result) for result, _ in shown], low, high)
+    _frame(ax, [_label(result) for result, _ in summaries], low, high)
     figure.suptitle(plain("\n".join(comparison.headline())), fontsize=10, x=0.01, ha="left")
     _add_legend(figure)
     return Plot(figure)
@@ -124,10 +124,10 @@ def _find_range(comparison: Comparison) -> tuple[float, float]:
     estimates = [repetition.probability for result in comparison.arms for repetition in result.repetitions]
     if comparison.truth:
         estimates.append(comparison.truth.probability)
-    seen = [value for value in estimates if value > 0.0]
-    if not seen:
+    positive = [value for value in estimates if value > 0.0]
+    if not positive:
         return 1e-9, 1.0
-    return 10.0 ** (math.log10(min(seen)) - 1.0), min(1.0, 10.0 ** (math.log10(max(seen)) + 1.0))
+    return 10.0 ** (math.log10(min(positive)) - 1.0), min(1.0, 10.0 ** (math.log10(max(positive)) + 1.0))
 
 
 def _draw_arms(ax: Axes, place: int, result: ArmResult, truth: float | None, low: float) -> None:

@@ -126,8 +126,10 @@ def draw_road(ax: Axes, scene: Scene) -> None:
     lanes = list_lanes(road)
     for index, lane in enumerate(lanes):
         s = np.clip(lane.stations, road.begin, road.end)
-        apart = index in (*road.access_ramp, *road.shoulder, *road.opposing)
-        ax.fill_between(s, lane.right, lane.left, color="#e2e6ea" if apart else "#eef0f2", lw=0, zorder=0)
+        is_special = index in (*road.access_ramp, *road.shoulder, *road.opposing)
+        ax.fill_between(
+            s, lane.right, lane.left, color="#e2e6ea" if is_special else "#eef0f2", lw=0, zorder=0
+        )
     for marking in list_markings(road):
         width, dashes = (0.8, (0, (8, 8))) if marking.inner else (1.2, "-")
         s = np.clip(marking.x, road.begin, road.end)
@@ -147,10 +149,10 @@ def _widen_limits(ax: Axes, frame: Frame) -> None:
     left, right = ax.get_xlim()
     ego, others = frame.world.ego, frame.world.others
     x, y = np.append(others.x[0], ego.x[0]), np.append(others.y[0], ego.y[0])
-    seen = y[(x >= left) & (x <= right)]
+    heights = y[(x >= left) & (x <= right)]
     low, high = ax.get_ylim()
-    if seen.size:
-        ax.set_ylim(min(low, seen.min() - 1.8), max(high, seen.max() + 4.0))
+    if heights.size:
+        ax.set_ylim(min(low, heights.min() - 1.8), max(high, heights.max() + 4.0))
 
 
 def draw_frame(
@@ -172,9 +174,18 @@ def draw_frame(
         ax.plot(x.T, y.T, ":", color=_ESTIMATE, lw=1.1, zorder=4)
         ax.plot(x[:, 0], y[:, 0], "o", color=_ESTIMATE, ms=3.0, label="estimate, prediction", zorder=5)
     if frame.observation is not None:
-        seen = frame.observation
-        ax.plot(seen.x[0], seen.y[0], "x", color=_SEEN, ms=5.0, mew=1.4, label="observation", zorder=6)
-        missed = ~seen.detected[0, : len(scene.names)]
+        observation = frame.observation
+        ax.plot(
+            observation.x[0],
+            observation.y[0],
+            "x",
+            color=_SEEN,
+            ms=5.0,
+            mew=1.4,
+            label="observation",
+            zorder=6,
+        )
+        missed = ~observation.detected[0, : len(scene.names)]
         x, y = others.x[0, missed], others.y[0, missed]
         ax.plot(x, y, "s", mfc="none", color=_SEEN, ms=9.0, label="missed", zorder=6)
     text = f"{clock or f'{frame.t * scene.dt:.1f}'} s\n{ego.speed[0]:.1f} m/s"

@@ -57,19 +57,19 @@ class TimeLeft:
             if rest >= 5.0:  # a shorter stage needs no clock
                 words.append(f"stage {info.stage_done}/{info.stage_rows}, {format_clock(rest)} left in it")
         if forecast is not None and (left := self._range(info, seconds)) is not None:
-            given = f" ({forecast.given})" if forecast.given else ""
-            words.append(f"{_clock_range(*left)} left{given}")
+            basis = f" ({forecast.given})" if forecast.given else ""
+            words.append(f"{_clock_range(*left)} left{basis}")
         return words
 
     def _range(self, info: Info, seconds: float) -> tuple[float, float] | None:
         forecast = _forecast(info)
         if forecast is None or seconds <= 0.0 or not info.rollouts:
             return None
-        done = _amount(forecast.kind, info, seconds)
-        if done <= 0.0 or forecast.most <= done:
+        amount = _amount(forecast.kind, info, seconds)
+        if amount <= 0.0 or forecast.most <= amount:
             return None
         pace = self._pace(forecast.kind, info, seconds)
-        return max(forecast.least - done, 0.0) * pace, (forecast.most - done) * pace
+        return max(forecast.least - amount, 0.0) * pace, (forecast.most - amount) * pace
 
     def _pace(self, kind: str, info: Info, seconds: float) -> float:
         """Return the seconds per unit of ``kind``."""
@@ -202,13 +202,13 @@ class Progress:
     def _view(self) -> Group:
         info, seconds = self.info, time.monotonic() - self.began
         goal = f" of {info.goal:,}" if info.goal else ""
-        done = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
+        count = Text(f"{info.rollouts:,}{goal} rollouts" if info.rollouts else "starting", no_wrap=True)
         bar = [ProgressBar(info.goal, min(info.rollouts, info.goal), width=24)] if info.goal else []
         rate, *left = self._pace(info, seconds) or [""]
         remaining = left if info.goal else []
         pace = "   ".join([format_clock(seconds), rate, *remaining])
         advance = Table.grid(padding=(0, 2, 0, 0))
-        advance.add_row(*bar, done, Text(pace, style="dim", no_wrap=True))
+        advance.add_row(*bar, count, Text(pace, style="dim", no_wrap=True))
         head = Text(self.label, style="bold", no_wrap=True, overflow="ellipsis")
         estimate = Text("   ".join([*self._estimate(info), *_counters(info)]))
         below = [Text("   ".join(left), style="dim")] if left and not remaining else []

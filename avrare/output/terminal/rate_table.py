@@ -30,13 +30,13 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
         )
         for rate in rates.rates:
             for unit, total in rate.totals.items():
-                shown = (total.interval, total.sampling, total.exposure)
-                cells = [format_probability(total.value), *map(format_interval, shown)]
+                intervals = (total.interval, total.sampling, total.exposure)
+                cells = [format_probability(total.value), *map(format_interval, intervals)]
                 table.add_row(escape(rate.rule), f"per {unit}", *cells)
         print_table(console, table)
         print_lines(console, [f"{rate.rule}: {describe_scenes(rates, rate)}" for rate in rates.rates])
         _print_scenes(console, rates)
-        _print_own(console, rates)
+        _print_own_estimates(console, rates)
         print_lines(console, describe_warnings(rates), "yellow")
         print_lines(console, [*describe_blind(rates), *describe_grid(rates)])
     print_lines(console, [balance.describe(rates.driver) for balance in rates.balances], "bold")
@@ -48,7 +48,7 @@ def print_rates(console: Console, rates: CatalogueRates, quiet: bool = False) ->
         print_lines(console, [f"{BROKEN}: {', '.join(rates.errors)}"], "red")
 
 
-def _print_own(console: Console, rates: CatalogueRates) -> None:
+def _print_own_estimates(console: Console, rates: CatalogueRates) -> None:
     rows = list(rates.own)
     if not rows:
         return

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from avrare.rollout.child_process import run_guarded
-from avrare.rollout.executors.work import Errand, Executor, ExecutorConfig, Task, Work
+from avrare.rollout.executors.work import Executor, ExecutorConfig, FunctionCall, Task, Work
 
 
 def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor:
@@ -20,8 +20,8 @@ def build(config: ExecutorConfig, scene: object | None = None) -> SerialExecutor
 class SerialExecutor(Executor):
     """Executor that runs one chunk after another.
 
-    An errand runs in a child process until a chunk has run here. A chunk that crashes ends this process, and
-    says where. Rollouts with a time limit run in a process of their own.
+    A function call runs in a child process until a chunk has run here. A chunk that crashes ends this process
+    and says where. Rollouts with a time limit run in a separate process.
     """
 
     _says_where = False
@@ -55,6 +55,6 @@ class SerialExecutor(Executor):
             self._says_where = False
 
     def _run(self, task: Task) -> object:
-        if isinstance(task, Errand):
+        if isinstance(task, FunctionCall):
             return run_guarded(task.purpose, self._work.problem.system, partial(self._work.run, task))
         return self._work.run(task)

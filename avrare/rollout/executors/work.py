@@ -32,7 +32,7 @@ class ExecutorConfig(Options):
 
 
 @dataclass(frozen=True)
-class Errand:
+class FunctionCall:
     """Run of the system beside the chunks of an estimate.
 
     Attributes:
@@ -50,7 +50,7 @@ class Errand:
         return f"in {self.purpose}"
 
 
-Task = Request | Errand
+Task = Request | FunctionCall
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Work:
     scored: bool  # True where the estimator needs the importance score
 
     def run(self, task: Task) -> Any:
-        """Return the outcome of a chunk (``Rollouts``) or of an errand; the same wherever it runs."""
+        """Return the outcome of a chunk (``Rollouts``) or of a function call; the same wherever it runs."""
         run_here(self.problem.system)
-        if isinstance(task, Errand):
+        if isinstance(task, FunctionCall):
             return task.function(self.problem, *task.arguments)
         return self.problem.simulate(self.noise, task, scored=self.scored)
 
@@ -73,7 +73,7 @@ Executor = protocols.Executor[Work, Task, Any]
 """Executor of chunks of rollouts, and of errands."""
 
 
-def run_errand(
+def run_on_worker(
     executor: Executor,
     purpose: str,
     function: Callable[Concatenate[Problem, P], T],
@@ -81,7 +81,7 @@ def run_errand(
     **_: P.kwargs,
 ) -> T:
     """Return the result of ``function`` for the problem of an open executor, where that runs the system."""
-    (answer,) = executor.map([Errand(purpose, function, arguments)])
+    (answer,) = executor.map([FunctionCall(purpose, function, arguments)])
     return answer  # type: ignore[no-any-return]
 
 

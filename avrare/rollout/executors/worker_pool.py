@@ -19,7 +19,7 @@ from itertools import islice, pairwise
 from typing import Any, Protocol
 
 from avrare.base.errors import AvrareError, ExitCode
-from avrare.rollout.executors.work import Errand, Executor, Task, Work
+from avrare.rollout.executors.work import Executor, FunctionCall, Task, Work
 from avrare.rollout.request import Request, Rollouts
 
 _LOOK_SECONDS = 0.5
@@ -117,7 +117,7 @@ class WorkerPool(Executor):
 
     def _run(self, task: Task) -> Any:
         try:
-            if isinstance(task, Errand):
+            if isinstance(task, FunctionCall):
                 return self._try(task, _MOST_ATTEMPTS)
             return self._run_chunk(task, _CHUNK_ATTEMPTS, [])
         except WorkerLost as loss:
@@ -196,6 +196,6 @@ class WorkerPool(Executor):
         """Return the seconds after which a task is divided, or given up."""
         if self._timeout is None:
             return math.inf
-        if isinstance(task, Errand):
-            return 100 * self._timeout  # an errand may take as long as 100 rollouts
+        if isinstance(task, FunctionCall):
+            return 100 * self._timeout  # a function call may take as long as 100 rollouts
         return self._timeout + _SLOWEST * self._most_seconds * max(task.rows / self._most_rows, 1.0)

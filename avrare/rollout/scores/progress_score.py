@@ -134,20 +134,20 @@ class Danger:
         return np.maximum(end - begin + 1, 0), np.maximum(np.minimum(end, newest) - begin + 1, 0)
 
     def _eventually(self, x: Floats, deficit: Floats, lo: int, hi: float) -> Floats:
-        allowed, seen = self._find_allowed(lo, hi)
+        allowed, past = self._find_allowed(lo, hi)
         best = np.minimum(slide(x, lo, hi, np.minimum), 1.0)
-        return np.asarray(_waiting(best, deficit, allowed, seen))
+        return np.asarray(_waiting(best, deficit, allowed, past))
 
     def _until(self, node: nodes.Until) -> Floats:
         left, right = self(node.left), self(node.right)
         return np.stack([self._until_at(node, left, right, i) for i in range(len(left))])
 
     def _until_at(self, node: nodes.Until, left: Floats, right: Floats, i: int) -> Floats:
-        allowed, seen = self._find_allowed(node.lo, node.hi)
+        allowed, past = self._find_allowed(node.lo, node.hi)
         held = np.maximum.accumulate(left[i:], axis=0)
         end = int(min(node.hi, len(held) - 1)) + 1
         best = np.maximum(right[i + node.lo : i + end], held[node.lo : end]).min(axis=0, initial=1.0)
-        waiting = _waiting(best, self._deficit(node.right), allowed[i], seen[i])
+        waiting = _waiting(best, self._deficit(node.right), allowed[i], past[i])
         return np.where(best < 1.0, waiting, np.maximum(waiting, held[-1]))
 
     def _next(self, op: str, x: Floats) -> Floats:

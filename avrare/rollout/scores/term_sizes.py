@@ -65,8 +65,8 @@ def measure_terms(system: System, steps: int, formula: Formula, select: Select |
             if sizes
             else spreads
         )
-    every = np.concatenate([size.reshape(steps + 1, -1) for size in sizes], axis=1)
-    return None if np.allclose(every, every[:, :1], rtol=1e-9, atol=0.0) else tuple(sizes)
+    all_sizes = np.concatenate([size.reshape(steps + 1, -1) for size in sizes], axis=1)
+    return None if np.allclose(all_sizes, all_sizes[:, :1], rtol=1e-9, atol=0.0) else tuple(sizes)
 
 
 def record(
@@ -89,13 +89,15 @@ class _Recorder(Specification):
         return {}
 
     def update(self, state: dict[str, Floats], signals: Signals) -> tuple[dict[str, Floats], Verdict]:
-        read = self.select(signals) if self.select else signals
-        arrays = {name: np.asarray(read[name]) for name in self.signals if name in read}
+        selected = self.select(signals) if self.select else signals
+        arrays = {name: np.asarray(selected[name]) for name in self.signals if name in selected}
         # A value that is unknown, as of a predicate where two vehicles meet, tells no size.
         newest = {name: np.where(np.isnan(x), np.inf, x)[:, None] for name, x in arrays.items()}
-        seen = {name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()}
+        recorded = {
+            name: np.concatenate([state[name], x], axis=1) if state else x for name, x in newest.items()
+        }
         n = len(next(iter(signals.values())))
-        return seen, Verdict(np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
+        return recorded, Verdict(np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n))
 
 
 def _margins(formula: Formula, terms: list[nodes.Node], signals: Mapping[str, Floats]) -> list[Floats]:
@@ -251,5 +253,5 @@ def is_flat(part: Formula, signals: dict[str, Floats], by_sample: bool) -> bool:
     passing = whole[:, 0] >= 0.0
     if by_sample and isinstance(part.node, nodes.Window) and part.node.op == "always":
         whole = replace(part, derived=part.node.child).robustness(signals)
-    seen = whole[passing] if by_sample else whole[passing, :1]
-    return len(seen) >= PROBE_ROWS // 2 and bool((seen == seen[0]).all())
+    robustness = whole[passing] if by_sample else whole[passing, :1]
+    return len(robustness) >= PROBE_ROWS // 2 and bool((robustness == robustness[0]).all())

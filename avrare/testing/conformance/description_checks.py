@@ -45,9 +45,9 @@ def description_is_light(subject: Subject) -> None:
     references = [*points, part.config, part.rules, part.check, options]
     modules = [reference.partition(":")[0] for reference in references if reference]
     program = _PROBE.format(path=sys.path, modules=modules, heavy=HEAVY)
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr.strip().splitlines()[-1:] or "it cannot be imported"
-    heavy_modules = json.loads(done.stdout.splitlines()[-1])
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr.strip().splitlines()[-1:] or "it cannot be imported"
+    heavy_modules = json.loads(process.stdout.splitlines()[-1])
     assert not heavy_modules, f"imports {', '.join(heavy_modules)}: import it inside the factory"
 
 
@@ -66,8 +66,8 @@ def config_is_strict(subject: Subject) -> None:
     assert issubclass(model, Options), f"derive {model.__name__} from avrare.plugin.Options"
     for config in _list_models(model):
         settings = (config.model_config.get("extra"), config.model_config.get("frozen"))
-        wanted = 'ConfigDict(extra="forbid", frozen=True)'
-        assert settings == ("forbid", True), f"{config.__name__}: set model_config = {wanted}"
+        expected = 'ConfigDict(extra="forbid", frozen=True)'
+        assert settings == ("forbid", True), f"{config.__name__}: set model_config = {expected}"
     try:
         model.model_validate({"no_such_option_": 1})
     except ValidationError as error:
@@ -103,8 +103,8 @@ def _is_tag(field: FieldInfo) -> bool:
 
 def options_pickle(subject: Subject) -> None:
     """The options survive pickling, which is how a scenario travels to a worker."""
-    again = pickle.loads(pickle.dumps(subject.config))
-    assert again == subject.config, "they come back changed"
+    copy = pickle.loads(pickle.dumps(subject.config))
+    assert copy == subject.config, "they come back changed"
 
 
 def factory_builds(subject: Subject) -> None:

@@ -111,11 +111,11 @@ def _suite(subject: Subject) -> EstimatorConformance:
     except ImportError as error:
         raise Skipped(f"needs {error.name}: pip install pytest") from None
     subject.build()
-    given: dict[str, Any] = subject.config.model_dump(exclude_unset=True)
+    set_options: dict[str, Any] = subject.config.model_dump(exclude_unset=True)
 
     class Quick(EstimatorConformance):
         estimator = subject.name
-        options = given
+        options = set_options
         seeds = Study(count_down(5, 9, "1/5"), 60)
         overshoot = 0.5  # the tests of the plugin may be stricter
 

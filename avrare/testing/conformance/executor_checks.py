@@ -10,7 +10,7 @@ import numpy as np
 
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors.serial import SerialExecutor
-from avrare.rollout.executors.work import Executor, Work, run_errand
+from avrare.rollout.executors.work import Executor, Work, run_on_worker
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
@@ -33,17 +33,17 @@ def outcomes_are_those_of_serial(subject: Subject) -> None:
             assert same, f"{name} of chunk {index} differs"
 
 
-def runs_errands(subject: Subject) -> None:
-    """An errand returns its function's value for the problem, and the function's error comes through."""
+def runs_functions_on_workers(subject: Subject) -> None:
+    """A function call returns the value of the function for the problem, or raises its error."""
     executor = subject.build()
     executor.open(_work())
     with closing(executor):
-        assert run_errand(executor, "a check", _add, 2) == _work().problem.steps + 2, "another answer"
+        assert run_on_worker(executor, "a check", _add, 2) == _work().problem.steps + 2, "another answer"
         try:
-            run_errand(executor, "a check", _add, None)
+            run_on_worker(executor, "a check", _add, None)
         except TypeError:
             return
-        raise AssertionError("an errand that raises gives an answer")
+        raise AssertionError("a function call that raises gives an answer")
 
 
 def runs_more_than_once(subject: Subject) -> None:
@@ -103,7 +103,7 @@ def _chunks(number: int) -> list[Request]:
 
 CHECKS = (
     outcomes_are_those_of_serial,
-    runs_errands,
+    runs_functions_on_workers,
     runs_more_than_once,
     takes_chunks_as_there_is_room,
     errors_come_through,

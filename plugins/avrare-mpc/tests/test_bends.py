@@ -5,7 +5,7 @@ import pytest
 
 from avrare.driving import Prediction, Road, Scene, Vehicles
 from avrare.driving.reference_line import CurvedLine, Piece
-from avrare_mpc.bends import beside_ego, slip_of_road, turn_of_road
+from avrare_mpc.bends import measure_along_ego_offset, road_slip_angle, road_yaw_rate
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.controller import MpcController
 
@@ -19,14 +19,14 @@ def ego(y=2.0, x=50.0, n=1):
 def test_lengths_are_those_of_the_offset_curve():
     x = np.array([[[50.0, 90.0, 30.0]]])
     expected = [50.0, 50.0 + 40.0 * 0.99, 50.0 - 20.0 * 0.99]
-    np.testing.assert_allclose(beside_ego(ARC, ego(), x)[0, 0], expected)
+    np.testing.assert_allclose(measure_along_ego_offset(ARC, ego(), x)[0, 0], expected)
     forth = ARC.advance(np.array([50.0]), np.array([2.0]), np.array([40.0 * 0.99]))
     assert forth[0] == pytest.approx(90.0)
 
 
 def test_the_road_turns_the_ego():
-    assert turn_of_road(ARC, ego(), 0.1)[0] == pytest.approx(20.0 * 0.005 / 0.99)
-    assert turn_of_road(CurvedLine((Piece(400.0),)), ego(), 0.1)[0] == 0.0
+    assert road_yaw_rate(ARC, ego(), 0.1)[0] == pytest.approx(20.0 * 0.005 / 0.99)
+    assert road_yaw_rate(CurvedLine((Piece(400.0),)), ego(), 0.1)[0] == 0.0
 
 
 @pytest.mark.parametrize("backend", ["riccati", "casadi"])
@@ -52,8 +52,8 @@ def test_the_slip_is_that_of_a_circle_about_the_road_s_centre():
     # the rear axle drives on a radius of sqrt(r^2 - (L / 2)^2), r that of the middle
     middle = (1.0 - 0.005 * ego().y[0]) / 0.005
     rear = np.sqrt(middle**2 - 1.35**2)
-    assert slip_of_road(ARC, ego(), 2.7)[0] == pytest.approx(np.arctan2(1.35, rear), rel=1e-12)
-    assert slip_of_road(CurvedLine((Piece(400.0),)), ego(), 2.7)[0] == 0.0
+    assert road_slip_angle(ARC, ego(), 2.7)[0] == pytest.approx(np.arctan2(1.35, rear), rel=1e-12)
+    assert road_slip_angle(CurvedLine((Piece(400.0),)), ego(), 2.7)[0] == 0.0
 
 
 @pytest.mark.parametrize("limit", [4.0, 1.5])
@@ -68,6 +68,6 @@ def test_the_lateral_bound_counts_the_road_s_own_turn(limit):
         controller = MpcController(MpcConfig(**options, lateral_acceleration_max=bound), scene)
         action, _ = controller.act(controller.start(1), ego(), prediction)
         found.append(20.0 * action.yaw_rate[0])
-    own = 20.0 * turn_of_road(ARC, ego(), 0.1)[0]  # 2.02 m/s^2
+    own = 20.0 * road_yaw_rate(ARC, ego(), 0.1)[0]  # 2.02 m/s^2
     assert found[0] > 5.0
     assert found[1] == pytest.approx(max(limit, own))

@@ -214,10 +214,10 @@ def test_a_scene_s_budget_is_taken_off_the_catalogue_s(catalogue, amount, kind, 
 def test_a_scene_s_budget_is_divided_among_rules_that_are_estimated_apart(catalogue):
     both = "{plugin: ess, chains: 20}"
     read = load_catalogue(catalogue((OWN, f"{both}, budget: {{rollouts: 90}}")))
-    assert read.own_budget(1) == Budget("rollouts", 45.0)
+    assert read.own_estimator_budget(1) == Budget("rollouts", 45.0)
     together = load_catalogue(catalogue((OWN, "mc, budget: {rollouts: 90}")))
-    assert together.own_budget(1) == Budget("rollouts", 90.0)
-    assert load_catalogue(catalogue()).own_budget(1) is None
+    assert together.own_estimator_budget(1) == Budget("rollouts", 90.0)
+    assert load_catalogue(catalogue()).own_estimator_budget(1) is None
 
 
 def test_the_rates_of_rare_scenes_weigh_in_the_shares_of_the_others(catalogue):

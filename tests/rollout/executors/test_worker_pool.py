@@ -11,7 +11,7 @@ import pytest
 import avrare
 from avrare.base.errors import AvrareError
 from avrare.rollout.executors import worker_pool
-from avrare.rollout.executors.work import Errand, Work
+from avrare.rollout.executors.work import FunctionCall, Work
 from avrare.rollout.executors.worker_pool import WorkerDied, WorkerLost, WorkerPool
 from avrare.rollout.noise import NoiseSource
 from avrare.rollout.request import Request
@@ -33,7 +33,7 @@ class Hand:
 
     def run(self, task):
         self.pool.tasks.append(task)
-        rows = set() if isinstance(task, Errand) or task.crash else set(task.particle.tolist())
+        rows = set() if isinstance(task, FunctionCall) or task.crash else set(task.particle.tolist())
         for row, (end, how) in self.pool.ends.items():
             if row in rows and self.pool.left[row] > 0:
                 self.pool.left[row] -= 1
@@ -154,7 +154,7 @@ def test_an_errand_that_always_ends_its_worker_is_named():
     Hand.run, run = lambda hand, task: (_ for _ in ()).throw(WorkerLost("SIGSEGV")), Hand.run
     try:
         with closing(pool), pytest.raises(WorkerDied, match=r"\(SIGSEGV\) in a look around"):
-            list(pool.map([Errand("a look around", len, ())]))
+            list(pool.map([FunctionCall("a look around", len, ())]))
     finally:
         Hand.run = run
     assert pool.restarts == 3

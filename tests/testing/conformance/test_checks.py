@@ -48,7 +48,7 @@ WRONG = {
     "charts_are_drawn": ("estimator", {"charts": "wrong:draw_words"}),
     "unknown_options_are_refused": ("estimator", {"config": "wrong:Lenient"}),
     "outcomes_are_those_of_serial": ("executor", {"factory": "wrong:backwards"}),
-    "runs_errands": ("executor", {"factory": "wrong:idle"}),
+    "runs_functions_on_workers": ("executor", {"factory": "wrong:idle"}),
     "runs_more_than_once": ("executor", {"factory": "wrong:once"}),
     "takes_chunks_as_there_is_room": ("executor", {"factory": "wrong:greedy"}),
     "errors_come_through": ("executor", {"factory": "wrong:deaf"}),

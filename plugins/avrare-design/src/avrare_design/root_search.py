@@ -165,16 +165,16 @@ class _Search:
     def root(self) -> float | None:
         """Return the value between the ends at which the fitted line reaches the bound; None without one."""
         line, (low, high) = self._fit(), self.between
-        if line is None or not _to(low, self.scaled) <= line[0] <= _to(high, self.scaled):
+        if line is None or not _to_axis(low, self.scaled) <= line[0] <= _to_axis(high, self.scaled):
             return None  # nor has a nearly flat line a root that is a number
-        return _from(line[0], self.scaled)
+        return _to_value(line[0], self.scaled)
 
     @property
     def rising(self) -> bool:
         """True if the probability rises with the parameter, as is shown, or else as the line does."""
-        shown = _find_direction(self.trials)
-        if shown is not None:
-            return shown
+        direction = _find_direction(self.trials)
+        if direction is not None:
+            return direction
         if (line := self._fit()) is not None:
             return line[1] > 0.0
         first, last = self.trials[0], self.trials[-1]
@@ -203,11 +203,11 @@ class _Search:
                 return None
         elif safe == unsafe:  # the direction is not known yet
             safe, unsafe = low, high
-        ends = sorted((_to(safe, self.scaled), _to(unsafe, self.scaled)))
+        ends = sorted((_to_axis(safe, self.scaled), _to_axis(unsafe, self.scaled)))
         middle = 0.5 * (ends[0] + ends[1])
         line = self._fit()
         if line is None or number == 2:
-            return _from(middle, self.scaled)
+            return _to_value(middle, self.scaled)
         root, slope = line
         # The half width of the next interval in log p: that of the last trial, at its own budget and level.
         last = self.trials[-1]
@@ -218,14 +218,14 @@ class _Search:
         side = (-1.0 if number % 2 or self._is_rare() else 1.0) * (1.0 if slope > 0 else -1.0)
         point = root + side * _STEP_HALF_WIDTHS * width / max(abs(slope), _MIN_SLOPE)
         inside = ends[0] < point < ends[1]
-        return _from(point if inside else middle, self.scaled)
+        return _to_value(point if inside else middle, self.scaled)
 
     def _inside(self, root: float) -> float:
         """Return the value of a root, or the middle of the rest where it lies outside."""
-        shown = [end for end in self.bracket() if end is not None]
-        ends = shown if len(shown) == 2 else [end.value for end in self.trials[:2]]
-        low, high = sorted(_to(end, self.scaled) for end in ends)
-        return _from(root if low < root < high else 0.5 * (low + high), self.scaled)
+        known_ends = [end for end in self.bracket() if end is not None]
+        ends = known_ends if len(known_ends) == 2 else [end.value for end in self.trials[:2]]
+        low, high = sorted(_to_axis(end, self.scaled) for end in ends)
+        return _to_value(root if low < root < high else 0.5 * (low + high), self.scaled)
 
     def _reach(self) -> float:
         """Return how far the failures near the root can be reweighed, along the axis of the search."""
@@ -240,11 +240,11 @@ class _Search:
         return min(reach / nearest.value, 1.0) if self.scaled else reach
 
     def _grid(self, value: float) -> list[float]:
-        centre, reach = _to(value, self.scaled), self._reach()
+        centre, reach = _to_axis(value, self.scaled), self._reach()
         if not reach:
             return []
         steps, (low, high) = np.arange(-_GRID_VALUES, _GRID_VALUES + 1) / _GRID_VALUES, self.between
-        values = (_from(centre + reach * step, self.scaled) for step in steps.tolist())
+        values = (_to_value(centre + reach * step, self.scaled) for step in steps.tolist())
         return [point for point in values if low <= point <= high]  # others may not be valid
 
     def _fit(self) -> tuple[float, float] | None:
@@ -256,7 +256,7 @@ class _Search:
         rows = [trial for trial in self.trials if 0.0 < trial.result.probability < 1.0]
         if len(rows) < 2:
             return None
-        x = np.array([_to(trial.value, self.scaled) for trial in rows])
+        x = np.array([_to_axis(trial.value, self.scaled) for trial in rows])
         y = np.array([math.log(trial.result.probability / self.limit) for trial in rows])
         spread = [
             math.log(trial.interval[1] / max(trial.interval[0], trial.interval[1] * 1e-4)) for trial in rows
@@ -316,9 +316,9 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
     return tuple(doubts)
 
 
-def _to(value: float, scaled: bool) -> float:
+def _to_axis(value: float, scaled: bool) -> float:
     return math.log(value) if scaled else value
 
 
-def _from(point: float, scaled: bool) -> float:
+def _to_value(point: float, scaled: bool) -> float:
     return math.exp(point) if scaled else point

@@ -266,9 +266,9 @@ def _ends(
     scenario: ParametricScenario, parameter: str, value: float, step: float, name: str
 ) -> tuple[_End, _End]:
     """Return the values below and above between which to compare, each as far as the scenario permits."""
-    far = _distance(value, step)
+    distance = _distance(value, step)
     reasons: list[str] = []
-    low, high = (_reach(scenario, parameter, value, sign * far, name, reasons) for sign in (-1, 1))
+    low, high = (_reach(scenario, parameter, value, sign * distance, name, reasons) for sign in (-1, 1))
     if low.value == high.value:
         text = f"{parameter} = {value:g}: the scenario permits no value beside it to compare with"
         raise UsageError(text, "; ".join(dict.fromkeys(reasons)))

@@ -187,11 +187,11 @@ def _add_premises(
         scenes = source.rates.catalogue.document.scenes
         exposures = {
             scene.name: {
-                **asdict(met),
+                **asdict(exposure),
                 "unit": scene.unit,
                 "stated": scene.exposure and scene.exposure.model_dump(mode="json", exclude_defaults=True),
             }
-            for scene, met in zip(scenes, source.rates.exposures, strict=True)
+            for scene, exposure in zip(scenes, source.rates.exposures, strict=True)
         }
         text = f"{source.name}: scenes are met as often as stated"
         assumption = add_element(case, "A", text, exposures=exposures)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.base.errors import ExitCode
 from avrare.cli.options import DISPLAY, REPEATABLE, RUN, SAFE, SEED, WORKERS, Options, add_rows, display
-from avrare.cli.output import say_beside, show, write_files
+from avrare.cli.output import print_notes, show, write_files
 from avrare.output.terminal.progress_line import Progress
 from avrare_evidence.confirm import confirm
 from avrare_evidence.pack import CONFIRMATION, dump_yaml
@@ -43,6 +43,6 @@ def execute(args: argparse.Namespace) -> int:
     folder, content = Path(args.out or args.folder), confirmation.to_dict()
     write_files(folder, {CONFIRMATION: dump_yaml(content)})
     show(args, content, [confirmation])
-    say_beside(args, f"sheet to sign: {folder / CONFIRMATION}")
+    print_notes(args, f"sheet to sign: {folder / CONFIRMATION}")
     codes = {"agree": ExitCode.PASS, "disagree": ExitCode.FAIL, "not decided": ExitCode.INCONCLUSIVE}
     return int(codes[confirmation.outcome])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import DISPLAY, SAFE, Options, add_rows
-from avrare.cli.output import say, say_beside
+from avrare.cli.output import print_notes, say
 from avrare_evidence.gsn import STATES
 from avrare_evidence.pack import PAGE, find_pack_faults, find_version_changes, read_pack, write_pack
 
@@ -38,7 +38,7 @@ def execute(args: argparse.Namespace) -> int:
         print(json.dumps({"folder": args.out, "claims": states}))
     else:
         say(*(f"{text}: {state}" for text, state in states.items()))
-        say_beside(args, f"the page to read: {Path(args.out) / PAGE}")
+        print_notes(args, f"the page to read: {Path(args.out) / PAGE}")
     return int(ExitCode.PASS)
 
 

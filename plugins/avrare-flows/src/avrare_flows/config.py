@@ -15,13 +15,13 @@ from avrare.scenario.fingerprint import named_files
 from avrare.scenario.validation import check_options
 
 
-def _tuples(value: object) -> object:
+def _convert_to_tuples(value: object) -> object:
     # Frozen models hold no lists.
-    return tuple(_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value
+    return tuple(_convert_to_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
 def _law_tuple(value: object) -> object:
-    return _tuples([value] if isinstance(value, dict) else value)
+    return _convert_to_tuples([value] if isinstance(value, dict) else value)
 
 
 class RestrictableLaw(Options):
@@ -128,8 +128,12 @@ class MixtureLaw(RestrictableLaw):
     """Mixture of several laws."""
 
     law: Literal["mixture"]
-    weights: Annotated[tuple[float, ...], BeforeValidator(_tuples)] = Field(description="weight of each law")
-    laws: Annotated[tuple[LawConfig, ...], BeforeValidator(_tuples)] = Field(description="the laws")
+    weights: Annotated[tuple[float, ...], BeforeValidator(_convert_to_tuples)] = Field(
+        description="weight of each law"
+    )
+    laws: Annotated[tuple[LawConfig, ...], BeforeValidator(_convert_to_tuples)] = Field(
+        description="the laws"
+    )
 
 
 LawConfig = Annotated[
@@ -139,7 +143,7 @@ LawConfig = Annotated[
 ]  # fmt: skip
 MixtureLaw.model_rebuild()
 Laws = Annotated[tuple[LawConfig, ...], BeforeValidator(_law_tuple), Field(min_length=1)]
-Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_convert_to_tuples)]
 
 
 class TransformedConfig(Options):

@@ -246,10 +246,10 @@ def _student(freedom: Number, p: Floats) -> Floats:
     """
     half = 0.5 * np.asarray(freedom)
     log_w = (_log(2.0 * p) + np.log(half) + special.betaln(half, 0.5)) / half
-    far = log_w < -40.0  # rounding loses e^-40 beside 1
+    negligible = log_w < -40.0  # rounding loses e^-40 beside 1
     with np.errstate(over="ignore"):
         beyond = -np.exp(0.5 * (np.log(2.0 * half) - log_w))
-    return np.asarray(np.where(far, beyond, special.stdtrit(freedom, np.where(far, 0.5, p))))
+    return np.asarray(np.where(negligible, beyond, special.stdtrit(freedom, np.where(negligible, 0.5, p))))
 
 
 def Exponential(scale: Number = 1.0) -> Weibull:

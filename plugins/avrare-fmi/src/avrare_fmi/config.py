@@ -11,12 +11,12 @@ from avrare.plugin import Options
 from avrare.scenario.safe_mode import TRUST, is_safe
 
 
-def _tuple(value: object) -> object:
+def _convert_to_tuple(value: object) -> object:
     """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 
-Names = Annotated[tuple[str, ...], BeforeValidator(_tuple)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_convert_to_tuple)]
 
 
 class FmuConfig(Options):

@@ -78,12 +78,12 @@ class FmuWorld(World):
         Raises:
             UsageError: They do not fit the inputs.
         """
-        wanted = (len(noise), len(self.config.inputs)) if self.config.inputs else ()
-        if np.shape(actions) != wanted:
+        expected_shape = (len(noise), len(self.config.inputs)) if self.config.inputs else ()
+        if np.shape(actions) != expected_shape:
             shape = np.shape(actions) or f"of {type(actions).__name__}"
             raise UsageError(
                 f"{self.config.file}: inputs {', '.join(self.config.inputs) or '(none)'} get values {shape}",
-                f"`inputs` has a name for each, in the order of the array {wanted}",
+                f"`inputs` has a name for each, in the order of the array {expected_shape}",
             )
         return actions
 
@@ -104,8 +104,8 @@ class FmuWorld(World):
     def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Split numbers (N, K) into signals and observations."""
         names = self.config.outputs
-        seen = table[:, len(names) :] if table.shape[1] > len(names) else table
-        return dict(zip(names, table.T.copy(), strict=False)), seen.copy()
+        observed = table[:, len(names) :] if table.shape[1] > len(names) else table
+        return dict(zip(names, table.T.copy(), strict=False)), observed.copy()
 
     def signals(self) -> dict[str, float]:
         """Return the outputs."""

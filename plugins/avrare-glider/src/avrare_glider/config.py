@@ -9,13 +9,13 @@ from pydantic import BeforeValidator, Field
 from avrare.plugin import Options
 
 
-def _tuple(value: object) -> object:
+def _convert_to_tuple(value: object) -> object:
     """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 
 Cost = Annotated[float, Field(ge=0.0)]
-Costs = Annotated[tuple[Cost, Cost, Cost, Cost, Cost, Cost, Cost], BeforeValidator(_tuple)]
+Costs = Annotated[tuple[Cost, Cost, Cost, Cost, Cost, Cost, Cost], BeforeValidator(_convert_to_tuple)]
 _ORDER = "weights of the errors in x, z [1/m^2], pitch, elevator [1/rad^2], and the rates of x, z, pitch"
 
 

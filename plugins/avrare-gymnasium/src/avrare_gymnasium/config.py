@@ -130,10 +130,10 @@ class GymnasiumConfig(Options):
 
     def used_files(self) -> dict[str, Path]:
         """Files that the keyword arguments of the environment name, by dotted option."""
-        given = {"options": self.options, "reset": self.reset}
+        blocks = {"options": self.options, "reset": self.reset}
         return {
             f"{option}.{key}": Path(value)
-            for option, arguments in given.items()
+            for option, arguments in blocks.items()
             for key, value in arguments.items()
             if is_file(value)
         }

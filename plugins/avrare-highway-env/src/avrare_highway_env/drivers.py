@@ -48,8 +48,8 @@ class MoodyDriver(IDMVehicle):  # type: ignore[misc]
         """Set the model's action, with the mood added to the acceleration within the model's bounds."""
         super().act(action)
         if self.mood and not self.crashed:
-            wanted = self.action["acceleration"] + self.mood
-            self.action["acceleration"] = np.clip(wanted, -self.ACC_MAX, self.ACC_MAX)
+            acceleration = self.action["acceleration"] + self.mood
+            self.action["acceleration"] = np.clip(acceleration, -self.ACC_MAX, self.ACC_MAX)
 
     def step(self, dt: float) -> None:
         """Advance by ``dt`` [s]; braking ends at standstill, where highway-env's drivers go on backwards."""

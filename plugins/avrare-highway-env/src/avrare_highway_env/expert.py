@@ -66,8 +66,8 @@ class Expert:
         gap = np.maximum(dx - self.length, 0.5)
         approach = v - others.speed * np.cos(others.heading)
         comfort = 2.0 * np.sqrt(self.acceleration * self.braking)
-        wanted = self.jam + np.maximum(v * self.headway + v * approach / comfort, 0.0)
-        braking = np.where(leads, (wanted / gap) ** 2, 0.0).max(axis=1, initial=0.0)
+        desired_gap = self.jam + np.maximum(v * self.headway + v * approach / comfort, 0.0)
+        braking = np.where(leads, (desired_gap / gap) ** 2, 0.0).max(axis=1, initial=0.0)
         free = (np.maximum(ego.speed, 0.0) / self.speed) ** 4
         return np.asarray(self.acceleration * (1.0 - free - braking))
 
@@ -78,8 +78,8 @@ class Expert:
         near = self.length + self.room
         blocks = np.minimum(np.abs(dx), np.abs(later)) < near
         blocks |= dx * later < 0.0
-        there = np.abs(others.y - lane[:, None]) < _IN_LANE
-        return np.asarray(~np.any(blocks & there, axis=1) | (np.abs(ego.y - lane) < 2.0))
+        in_lane = np.abs(others.y - lane[:, None]) < _IN_LANE
+        return np.asarray(~np.any(blocks & in_lane, axis=1) | (np.abs(ego.y - lane) < 2.0))
 
     def _steer(self, ego: Vehicles, lane: Floats) -> Floats:
         """Return the steering angle [rad] of highway-env's cascade (offset, lateral speed, heading)."""

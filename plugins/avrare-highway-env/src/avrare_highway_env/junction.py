@@ -60,7 +60,7 @@ def label_vehicles(environment: AbstractEnv) -> None:
     free = (slot for slot in count() if slot not in taken)
     for vehicle in others:
         if not hasattr(vehicle, "slot"):
-            vehicle.slot, vehicle.way = next(free), _planned_way(vehicle)
+            vehicle.slot, vehicle.way = next(free), _find_planned_way(vehicle)
 
 
 def read_ways(environment: AbstractEnv, capacity: int) -> list[float]:
@@ -72,7 +72,7 @@ def read_ways(environment: AbstractEnv, capacity: int) -> list[float]:
     return ways
 
 
-def _planned_way(vehicle: Vehicle) -> int:
+def _find_planned_way(vehicle: Vehicle) -> int:
     route = [vehicle.lane_index, *(vehicle.route or ())]
     for begin, end, _ in route:
         if begin.startswith("ir"):

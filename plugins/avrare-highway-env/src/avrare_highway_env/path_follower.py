@@ -100,8 +100,8 @@ class PathFollower:
                 "the controller path_follower needs the states of the other vehicles",
                 "use it with the simulator highway_env",
             )
-        wanted = self._accelerate(ego, prediction) / ACCELERATION, self._steer(ego) / STEERING
-        return np.clip(np.stack(wanted, axis=1), -1.0, 1.0), None
+        command = self._accelerate(ego, prediction) / ACCELERATION, self._steer(ego) / STEERING
+        return np.clip(np.stack(command, axis=1), -1.0, 1.0), None
 
     def _steer(self, ego: Vehicles) -> Floats:
         """Return the steering angle [rad] by pure pursuit of the rear axle (Coulter, 1992)."""
@@ -122,8 +122,8 @@ class PathFollower:
         room = np.maximum(v * config.time_gap + v * (v - leader) / comfort, 0.0)
         braking = ((config.standstill_gap + room) / gap) ** 2
         free = (np.maximum(v, 0.0) / config.cruise_speed) ** 4
-        wanted = config.acceleration * (1.0 - free - braking)
-        return np.asarray(np.maximum(wanted, -v / config.stopping_time))
+        acceleration = config.acceleration * (1.0 - free - braking)
+        return np.asarray(np.maximum(acceleration, -v / config.stopping_time))
 
     def _foresee(self, others: Vehicles, prediction: Prediction | None) -> Iterator[Vehicles]:
         """Yield the other vehicles at some times up to the foresight; their headings and speeds stay."""

@@ -71,8 +71,8 @@ def train(plan: Plan) -> Network:
     network = None
     for k in range(plan.rounds):
         share = 0.5**k
-        seen, wanted = _drive(plan, simulator, expert, network, share, rng)
-        states, labels = np.concatenate([states, seen]), np.concatenate([labels, wanted])
+        observations, actions = _drive(plan, simulator, expert, network, share, rng)
+        states, labels = np.concatenate([states, observations]), np.concatenate([labels, actions])
         network = _fit(plan, states, labels)
         error = np.sqrt(np.mean((network(states[-2000:]) - labels[-2000:]) ** 2, axis=0))
         print(f"round {k}: {len(states)} states, error of throttle {error[0]:.4f}, steering {error[1]:.4f}")
@@ -95,10 +95,14 @@ def _drive(
     world = simulator.reset(rng.standard_normal((n, simulator.noise_size)))
     states, labels = [], []
     for _ in range(plan.steps):
-        wanted = expert.act(world.ego, world.others)
+        expert_action = expert.act(world.ego, world.others)
         states.append(world.ego.observation[~world.over])
-        labels.append(wanted[~world.over])
-        action = wanted if network is None else np.where(by_expert, wanted, network(world.ego.observation))
+        labels.append(expert_action[~world.over])
+        action = (
+            expert_action
+            if network is None
+            else np.where(by_expert, expert_action, network(world.ego.observation))
+        )
         jolt = rng.standard_normal((n, 2)) * jolted * (1.0, 1.0 / STEERING_GAIN)
         noise = rng.standard_normal((n, simulator.noise_size))
         world = simulator.step(world, np.clip(action + jolt, -1.0, 1.0), noise)

@@ -90,9 +90,9 @@ def read(environment: AbstractEnv, capacity: int, goal: float | None, dt: float)
     road, ego = environment.road, environment.vehicle
     others = [body for body in (*road.vehicles, *road.objects) if body is not ego]
     on_road, crashed = bool(ego.on_road), bool(ego.crashed)
-    there = ego.position[0] > goal if goal is not None else _has_arrived(environment, ego)
+    arrived = ego.position[0] > goal if goal is not None else _has_arrived(environment, ego)
     numbers = [*_kinematics(ego, dt, crashed), 0.0 - float(ego.action["steering"])]
-    numbers += [crashed, there and on_road, on_road, crashed or there]
+    numbers += [crashed, arrived and on_road, on_road, crashed or arrived]
     states: list[tuple[float, ...]] = [(ABSENT, ABSENT, 0.0, 0.0, 0.0)] * capacity
     for k, other in enumerate(others):
         if (slot := getattr(other, "slot", k)) < capacity:

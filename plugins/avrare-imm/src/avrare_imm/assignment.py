@@ -25,27 +25,29 @@ def assign(gain: Floats) -> Indices:
     """
     if not gain.shape[2]:
         return np.full(gain.shape[:2], -1, np.intp)
-    wanted = gain > 0.0
-    chosen = np.where(wanted.any(axis=2), wanted.argmax(axis=2), -1)
-    contested = (wanted.sum(axis=1) > 1).any(axis=1) | (wanted.sum(axis=2) > 1).any(axis=1)
+    useful = gain > 0.0
+    assignment = np.where(useful.any(axis=2), useful.argmax(axis=2), -1)
+    contested = (useful.sum(axis=1) > 1).any(axis=1) | (useful.sum(axis=2) > 1).any(axis=1)
     rows = np.flatnonzero(contested)
     if len(rows):
-        chosen[rows] = _solve(np.where(wanted[rows], -gain[rows], np.inf))
-    return chosen
+        assignment[rows] = _solve(np.where(useful[rows], -gain[rows], np.inf))
+    return assignment
 
 
 def _solve(cost: Floats) -> Indices:
     count, tracks, items = cost.shape
-    nothing = np.where(np.eye(tracks, dtype=bool), 0.0, np.inf)  # a column for each t that gets no item
-    cost = np.concatenate([cost, np.broadcast_to(nothing, (count, tracks, tracks))], axis=2)
+    unassigned_cost = np.where(
+        np.eye(tracks, dtype=bool), 0.0, np.inf
+    )  # a column for each t that gets no item
+    cost = np.concatenate([cost, np.broadcast_to(unassigned_cost, (count, tracks, tracks))], axis=2)
     solver = _Solver(cost)
     for track in range(tracks):
         solver.add(track)
     owner = solver.owner[:, :items]
-    chosen = np.full((count, tracks), -1, np.intp)
+    assignment = np.full((count, tracks), -1, np.intp)
     rows, chosen_item = np.nonzero(owner >= 0)
-    chosen[rows, owner[rows, chosen_item]] = chosen_item
-    return chosen
+    assignment[rows, owner[rows, chosen_item]] = chosen_item
+    return assignment
 
 
 class _Solver:
@@ -64,17 +66,17 @@ class _Solver:
     def add(self, track: int) -> None:
         """Assign one more row, along the shortest augmenting path."""
         count, _, columns = self.cost.shape
-        every = np.arange(count)
+        problems = np.arange(count)
         self.owner[:, columns] = track
         at = np.full(count, columns, np.intp)
         before = np.full((count, columns), columns, np.intp)
         least = np.full((count, columns), np.inf)
         used = np.zeros((count, columns + 1), bool)
-        searching = every
+        searching = problems
         while len(searching):
             at[searching] = self._reach(searching, at[searching], before, least, used)
             searching = searching[self.owner[searching, at[searching]] >= 0]
-        changing = every
+        changing = problems
         while len(changing):
             previous = before[changing, at[changing]]
             self.owner[changing, at[changing]] = self.owner[changing, previous]

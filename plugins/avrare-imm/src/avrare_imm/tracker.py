@@ -165,13 +165,13 @@ class ImmTracker(Tracker):
             return ImmTrack(longitudinal, lateral)
         first = observation.detected & self._rules.absent(predicted.life)
         rejected = observation.detected & ~accepted & ~first
-        again = self._rules.restarts(predicted.life, rejected)
-        life = self._rules.update(predicted.life, accepted | first | again, rejected)
-        begins = first | again
+        restarts = self._rules.restarts(predicted.life, rejected)
+        life = self._rules.update(predicted.life, accepted | first | restarts, rejected)
+        begins = first | restarts
         if begins.any():
             speed = observation.speed_x
             if self.config.velocity == "none":
-                speed = np.where(again, fuse(longitudinal)[0][..., 1], 0.0)
+                speed = np.where(restarts, fuse(longitudinal)[0][..., 1], 0.0)
             seen = np.stack([observation.x, speed, observation.y], axis=-1)
             begun = self._begin(np.where(begins[..., None], seen, 0.0))
             longitudinal = choose(begins, begun.longitudinal, longitudinal)

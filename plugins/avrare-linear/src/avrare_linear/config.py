@@ -14,7 +14,7 @@ Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
 
 
-def _tuples(value: object) -> object:
+def _convert_to_tuples(value: object) -> object:
     # Strict validation refuses lists.
     return tuple(map(_entry, value)) if isinstance(value, list | tuple) else value
 
@@ -23,7 +23,7 @@ def _entry(value: object) -> object:
     # Checked here, as the wrapping below would hide the place of an entry.
     if isinstance(value, bool) or not isinstance(value, int | float | list | tuple):
         raise ValueError(f"{value!r} is not a number")
-    return _tuples(value)
+    return _convert_to_tuples(value)
 
 
 def _depth(value: object) -> int:
@@ -33,13 +33,13 @@ def _depth(value: object) -> int:
 
 def _stack(depth: int) -> Callable[[Any], Any]:
     # One value for all steps, of the given depth, becomes a list of one.
-    return lambda value: _tuples([value] if _depth(value) == depth else value)
+    return lambda value: _convert_to_tuples([value] if _depth(value) == depth else value)
 
 
 def _covariances(value: Any) -> object:
     if _depth(value) != 1:
         return _stack(2)(value)
-    value = _tuples(value)
+    value = _convert_to_tuples(value)
     return (tuple(tuple(x if i == j else 0.0 for j in range(len(value))) for i, x in enumerate(value)),)
 
 
@@ -121,7 +121,7 @@ class LinearConfig(Options):
         return (*self.states, *estimates, *self.inputs, *self.outputs)
 
     @model_validator(mode="after")
-    def _good_names(self) -> Self:
+    def _check_names(self) -> Self:
         for name in self.names:
             if not re.fullmatch(r"[A-Za-z_]\w*", name):
                 raise ValueError(f"{name!r} is not a valid signal name: use letters, digits and '_'")

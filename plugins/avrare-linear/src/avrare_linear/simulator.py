@@ -62,7 +62,7 @@ def from_config(config: LinearConfig) -> LinearSystem:
     costs = None
     if feedback is not None and feedback.state_cost is not None and feedback.input_cost is not None:
         costs = feedback.state_cost[0], feedback.input_cost[0]
-    given = observer.gain if observer is not None else None
+    gain = observer.gain if observer is not None else None
     return LinearSystem.of(
         config.states,
         config.A,
@@ -76,7 +76,7 @@ def from_config(config: LinearConfig) -> LinearSystem:
         measurement_noise=config.measurement_noise,
         gain=feedback.gain if feedback is not None else None,
         costs=costs,
-        observer=given if given is not None else observer is not None,
+        observer=gain if gain is not None else observer is not None,
         reference=config.reference,
         feedforward=config.feedforward,
     )

@@ -200,21 +200,21 @@ def descend(
     """
     if (rate is not None and not 0.0 < rate < math.inf) or iterations < 1:
         raise UsageError("gradient descent needs a positive, finite rate and at least one iteration")
-    done: list[DescentStep] = []
+    descent: list[DescentStep] = []
     value = start
     for iteration in range(iterations):
-        done.append(evaluate(value, iteration))
+        descent.append(evaluate(value, iteration))
         if on_step is not None:
-            on_step(done[-1])
-        slope = float((done[-1].gradient ** 2).sum())
+            on_step(descent[-1])
+        slope = float((descent[-1].gradient ** 2).sum())
         rate = 1.0 / max(slope, 1e-300) if rate is None else rate
-        move = rate * done[-1].gradient
+        move = rate * descent[-1].gradient
         still = np.abs(move).max(initial=0.0) <= tolerance or rate * slope < least
         sign = 1.0 if maximise else -1.0
-        if still or (target is not None and sign * (done[-1].probability - target) >= 0.0):
+        if still or (target is not None and sign * (descent[-1].probability - target) >= 0.0):
             break
         value = value + sign * move
-    return done
+    return descent
 
 
 def synthesise(

@@ -241,8 +241,8 @@ def _stack(name: str, value: ArrayLike | None, *shape: int) -> Floats:
     array = np.asarray(value, dtype=np.float64)
     stack = array[None] if array.ndim == len(shape) else array
     if stack.shape[1:] != shape or not len(stack):
-        wanted = " x ".join(map(str, shape))
-        raise UsageError(f"{name} must be {wanted}, or a list of these, but its shape is {array.shape}")
+        expected = " x ".join(map(str, shape))
+        raise UsageError(f"{name} must be {expected}, or a list of these, but its shape is {array.shape}")
     if not np.isfinite(stack).all():
         raise UsageError(f"{name} has entries that are not finite")
     return stack

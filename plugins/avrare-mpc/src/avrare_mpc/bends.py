@@ -17,14 +17,14 @@ from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Floats
 
 
-def beside_ego(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
+def measure_along_ego_offset(line: ReferenceLine, ego: Vehicles, x: Floats) -> Floats:
     """Return stations ``x`` (N, V, H + 1) as the ego's station plus the length along its offset [m]."""
     shape = (-1, *[1] * (x.ndim - 1))
     turned = line.heading(x) - line.heading(ego.x).reshape(shape)
     return np.asarray(x - ego.y.reshape(shape) * turned)
 
 
-def slip_of_road(line: ReferenceLine, ego: Vehicles, wheelbase: float) -> Floats:
+def road_slip_angle(line: ReferenceLine, ego: Vehicles, wheelbase: float) -> Floats:
     """Return the angle (N,) from the body to the course of its middle on a circle along the road [rad].
 
     Half-way between the axles of a single-track vehicle sin(β) = L / 2R (Rajamani, Vehicle Dynamics and
@@ -34,7 +34,7 @@ def slip_of_road(line: ReferenceLine, ego: Vehicles, wheelbase: float) -> Floats
     return np.asarray(np.arcsin(np.clip(0.5 * wheelbase * curvature / (1.0 - curvature * ego.y), -1.0, 1.0)))
 
 
-def turn_of_road(line: ReferenceLine, ego: Vehicles, dt: float) -> Floats:
+def road_yaw_rate(line: ReferenceLine, ego: Vehicles, dt: float) -> Floats:
     """Return the yaw rate (N,) that follows the road over the next step [rad/s]."""
     pace = ego.speed * np.cos(ego.heading) / (1.0 - line.curvature(ego.x) * ego.y)
     return np.asarray((line.heading(ego.x + pace * dt) - line.heading(ego.x)) / dt)

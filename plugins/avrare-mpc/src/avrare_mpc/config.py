@@ -69,13 +69,13 @@ class PlannerConfig(Options):
 
     @field_validator("lanes")
     @classmethod
-    def _distinct_lanes(cls, lanes: tuple[int, ...]) -> tuple[int, ...]:
+    def _check_distinct_lanes(cls, lanes: tuple[int, ...]) -> tuple[int, ...]:
         if len(set(lanes)) < len(lanes):  # the lane cost would be 0 / 0 on its centre
             raise ValueError("a lane is named twice")
         return lanes
 
     @model_validator(mode="after")
-    def _ordered_speeds(self) -> Self:
+    def _check_speed_order(self) -> Self:
         if self.speed_min >= self.speed_max:
             raise ValueError("speed_min must be below speed_max")
         return self
@@ -169,7 +169,7 @@ class LaneSchedule(Options):
     lane: Lane = Field(description="Index of the lane of the road.")
 
     @model_validator(mode="after")
-    def _ordered_steps(self) -> Self:
+    def _check_step_order(self) -> Self:
         if self.to_step < self.from_step:
             raise ValueError("to_step must not be before from_step")
         return self
@@ -198,7 +198,7 @@ class TrajectoryPlan(PlannerConfig):
     y_max: Finite = Field(default=5.763, description="Upper bound of the lateral position [m].")
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistency(self) -> Self:
         if self.y_min >= self.y_max:
             raise ValueError("y_min must be below y_max")
         parts = sorted(self.schedule, key=lambda part: part.from_step)

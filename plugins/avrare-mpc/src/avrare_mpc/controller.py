@@ -14,7 +14,7 @@ from avrare.base.errors import UsageError
 from avrare.driving import Action, Prediction, Scene, Vehicles
 from avrare.driving.reference_line import ReferenceLine
 from avrare.protocols import Bools, Controller, Floats
-from avrare_mpc.bends import BendSpeed, beside_ego, slip_of_road, turn_of_road
+from avrare_mpc.bends import BendSpeed, measure_along_ego_offset, road_slip_angle, road_yaw_rate
 from avrare_mpc.config import MpcConfig
 from avrare_mpc.lane_gaps import find_gaps
 from avrare_mpc.plan import Memory, Search, lane_centres, shift, start_of
@@ -94,11 +94,11 @@ class MpcController(Controller):
         vehicles = others = self._list_predictions(prediction)
         line, wheelbase = self._scene.road.line, self._config.wheelbase
         if line is not None:
-            vehicles = others = beside_ego(line, ego, others[0]), others[1]
+            vehicles = others = measure_along_ego_offset(line, ego, others[0]), others[1]
         if len(self._gaps.edges):
             others = self._gaps.extend(others, ego, self._scene.road)
         if line is not None and wheelbase is not None:
-            ego = replace(ego, heading=ego.heading + slip_of_road(line, ego, wheelbase))
+            ego = replace(ego, heading=ego.heading + road_slip_angle(line, ego, wheelbase))
         start = start_of(ego, np.where(memory.solved, memory.plan_inputs[:, 0, 1], 0.0))
         old = shift(memory.plan_states, memory.plan_inputs, self._scene.dt)
         result = self._search(memory.solved, start, old, others)
@@ -147,7 +147,7 @@ class MpcController(Controller):
 
     def _turn_with_road(self, turn_rate: Floats, ego: Vehicles, line: ReferenceLine) -> Floats:
         # Both together keep the lateral bound, but what the road itself demands is always driven.
-        road = turn_of_road(line, ego, self._scene.dt)
+        road = road_yaw_rate(line, ego, self._scene.dt)
         lateral = self._config.lateral_acceleration_max
         if lateral is None:
             return turn_rate + road

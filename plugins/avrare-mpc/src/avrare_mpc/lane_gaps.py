@@ -10,7 +10,7 @@ import numpy as np
 from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.lanes import lane_ends
 from avrare.protocols import Floats
-from avrare_mpc.bends import beside_ego
+from avrare_mpc.bends import measure_along_ego_offset
 
 _LONG = 1e4
 """Length of the obstacle there [m]."""
@@ -46,7 +46,7 @@ class LaneGaps:
         n, _, nodes = others[0].shape
         edges = np.broadcast_to(self.edges[:, None], (n, len(self.edges), 1))
         if road.line is not None:
-            edges = beside_ego(road.line, ego, edges)
+            edges = measure_along_ego_offset(road.line, ego, edges)
         middles = np.broadcast_to(edges + 0.5 * _LONG * self.sides[:, None], (n, len(self.edges), nodes))
         offsets = np.broadcast_to(self.offsets[:, None], middles.shape)
         return np.concatenate([others[0], middles], axis=1), np.concatenate([others[1], offsets], axis=1)

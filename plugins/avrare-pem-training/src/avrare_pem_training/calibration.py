@@ -99,9 +99,9 @@ def _fit_error(errors: _ErrorsUnderLaws, form: int) -> Floats:
     free = 2 + form
 
     def loss(parameters: Floats) -> float:
-        every = np.append(parameters, centre[free:])
-        shift = every - centre
-        return float(errors.loss(every).mean() + _PRIOR * (shift @ shift) / len(errors.seen.detected))
+        complete = np.append(parameters, centre[free:])
+        shift = complete - centre
+        return float(errors.loss(complete).mean() + _PRIOR * (shift @ shift) / len(errors.seen.detected))
 
     minimum = minimize(loss, centre[:free], method="L-BFGS-B", options={"ftol": 1e-7})
     return np.append(minimum.x, centre[free:])
@@ -110,10 +110,10 @@ def _fit_error(errors: _ErrorsUnderLaws, form: int) -> Floats:
 class _ErrorsUnderLaws:
     """One error of m detections, under laws of any parameters; their truncation, far out, is left aside."""
 
-    def __init__(self, variant: Variant, seen: UnseenRows, axis: int) -> None:
-        self.variant, self.seen, self.axis = variant, seen, axis
-        self.given = seen.law(variant)
-        self._scale_depends_on_tails = bool(seen.variance.any())
+    def __init__(self, variant: Variant, rows: UnseenRows, axis: int) -> None:
+        self.variant, self.seen, self.axis = variant, rows, axis
+        self.given = rows.law(variant)
+        self._scale_depends_on_tails = bool(rows.variance.any())
 
     def loss(self, parameters: Floats) -> Floats:
         """Return (m,) negative log densities of the errors."""
@@ -122,11 +122,11 @@ class _ErrorsUnderLaws:
     def losses(self, parameters: Floats) -> Floats:
         """Return two sums of the same: exact, and with errors below ``_LARGE`` given scales only as small."""
         z, scale, power, dof = self._standard(parameters)
-        every = self._loss(z, scale, power, dof)
+        exact = self._loss(z, scale, power, dof)
         size = 4.0 * self.given.scale[:, self.axis] / scale  # an error beyond four of the fitted scales
         beyond = 2 * student_t.sf(np.sinh(np.arcsinh(power * size) / power), dof)
-        large = np.where(np.abs(z) > size, every, -np.log1p(-np.minimum(beyond, 1 - _TINY)))
-        return np.array([every.sum(), large.sum()])
+        large = np.where(np.abs(z) > size, exact, -np.log1p(-np.minimum(beyond, 1 - _TINY)))
+        return np.array([exact.sum(), large.sum()])
 
     def _standard(self, parameters: Floats) -> tuple[Floats, Floats, Floats, float]:
         """Return standardised errors, scales [m], powers of the tails and degrees of freedom."""

@@ -207,13 +207,13 @@ class _Trainer:
         for k, block in enumerate(self.blocks):
             rows = torch.as_tensor(block)
             with torch.no_grad():
-                output = self._forward_one(k, self.x[rows])
+                output = self._forward_member(k, self.x[rows])
                 loss = float(self._loss(output, rows, self.freedom[k]).mean())
             if loss < self.best_loss[k]:
                 self.best_loss[k], self.best_step[k] = loss, step
                 self._best_parameters[k] = [parameter[k].detach().clone() for parameter in parameters]
 
-    def _forward_one(self, k: int, x: Tensor) -> Tensor:
+    def _forward_member(self, k: int, x: Tensor) -> Tensor:
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             last = weight[k] * self._output_mask if i == len(self.weights) - 1 else weight[k]
             x = torch.addmm(bias[k], torch.relu(x) if i else x, last)

@@ -104,15 +104,15 @@ def _persistence(log: GhostLog) -> float:
     tracked = np.isfinite(log.track) & (frame < len(steps))
     # 2.5 usual steps and more: the frames do not follow one another
     tracked[tracked] = steps[frame[tracked]] < 2.5 * np.median(steps) if len(steps) else False
-    there = set(zip(log.track.tolist(), frame.tolist(), strict=True))
+    tracked_frames = set(zip(log.track.tolist(), frame.tolist(), strict=True))
     pairs = zip(log.track[tracked].tolist(), frame[tracked].tolist(), strict=True)
-    stays = np.array([(track, at + 1) in there for track, at in pairs], bool)
+    stays = np.array([(track, at + 1) in tracked_frames for track, at in pairs], bool)
     if not stays.any():
         return 0.0
-    apart = steps[frame[tracked]]
+    frame_gap = steps[frame[tracked]]
 
     def loss(log_seconds: float) -> float:
-        hazard = apart / np.exp(log_seconds)
+        hazard = frame_gap / np.exp(log_seconds)
         return float(np.where(stays, hazard, -np.log(-np.expm1(-hazard))).sum())
 
     return float(np.exp(minimize_scalar(loss, bounds=(-5.0, 5.0), method="bounded").x))

@@ -59,11 +59,11 @@ def track_pairs(rows: DetectionTable) -> Pairs:
     while True:
         gap += 1
         first, second = order[:-gap], order[gap:]
-        apart = rows.time[second] - rows.time[first]
-        near = (rows.track[second] == rows.track[first]) & (apart <= LONGEST)
+        seconds = rows.time[second] - rows.time[first]
+        near = (rows.track[second] == rows.track[first]) & (seconds <= LONGEST)
         if gap >= len(order) or not near.any():
             break
-        pairs.append(np.stack([first, second])[:, near & (apart > 0)])
+        pairs.append(np.stack([first, second])[:, near & (seconds > 0)])
     first, second = np.concatenate(pairs, axis=1) if pairs else np.zeros((2, 0), np.intp)
     return Pairs(first, second, rows.time[second] - rows.time[first])
 

@@ -104,9 +104,9 @@ def _fit_variant(
     rows: DetectionTable, plan: FitPlan, frame: str, report: Report
 ) -> tuple[Variant, Recipe | None]:
     # 1. Inputs; only the labels' own frame reads the orientation of boxes relative to the ego's axes.
-    wanted = COMMON if plan.model == "gp" else RECIPES[plan.model][1]
-    wanted = (*wanted, *AXES) if frame == "ego" else wanted
-    columns = features(rows, wanted)
+    inputs = COMMON if plan.model == "gp" else RECIPES[plan.model][1]
+    inputs = (*inputs, *AXES) if frame == "ego" else inputs
+    columns = features(rows, inputs)
     varying = columns.std(axis=0) > _MIN_SD
     columns = columns[:, varying]
     mean, sd = columns.mean(axis=0), columns.std(axis=0)
@@ -119,7 +119,7 @@ def _fit_variant(
     latents, unseen, recipe = _fit_latents(sample, plan, distance, errors, report)
     variant = Variant(
         latents=latents,
-        inputs=tuple(np.array(wanted)[varying].tolist()),
+        inputs=tuple(np.array(inputs)[varying].tolist()),
         input_mean=mean,
         input_sd=sd,
         base_scale=base,

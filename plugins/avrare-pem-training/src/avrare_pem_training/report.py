@@ -193,10 +193,10 @@ def _render_yaw(yaw: Mapping[str, float]) -> str:
 def _render_limits(model: FittedPem, data: CleanedData) -> str:
     bounds = dict(zip(model.clean.inputs, model.clean.bounds.T, strict=True))
     spans = [(name, *bounds[name]) for name in ("range", "length", "width") if name in bounds]
-    seen = ", ".join(f"{name} {low:.1f} to {high:.1f}" for name, low, high in spans)
+    spans_text = ", ".join(f"{name} {low:.1f} to {high:.1f}" for name, low, high in spans)
     lines = [
         _render_artefact(model, data),
-        f"It has seen {seen} m; beyond, inputs are cut to these: it extrapolates nothing.",
+        f"It has seen {spans_text} m; beyond, inputs are cut to these: it extrapolates nothing.",
         _render_persistence(model),
         _render_ghosts(model, data),
         "No swapped identities; errors of size are not modelled.",

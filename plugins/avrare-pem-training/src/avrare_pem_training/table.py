@@ -169,8 +169,8 @@ def _split_ghosts(path: Path, columns: dict[str, Floats], lines: NDArray[np.intp
         "and each drive times after those of the drive before",
     )
     right, forward = (
-        np.where(np.isnan(columns.get(detected, unknown)), columns[given], columns.get(detected, unknown))
-        for given, detected in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
+        np.where(np.isnan(columns.get(detected, unknown)), columns[column], columns.get(detected, unknown))
+        for column, detected in zip(BOX[:2], _DETECTED_BOX[:2], strict=True)
     )
     _refuse(
         path, lines, false & ~np.isfinite(right + forward), "right, forward: a false detection has no place"

@@ -53,10 +53,10 @@ class PolicyController(Controller):
                 "the controller policy needs a simulator with observations of the ego",
                 "such as highway_env with a `lidar:` block",
             )
-        wanted, given = self.network.inputs, observation.shape[1]
-        if given != wanted:
+        expected_size, size = self.network.inputs, observation.shape[1]
+        if size != expected_size:
             raise UsageError(
-                f"the policy needs observations of {wanted} numbers, the simulator gives {given}",
+                f"the policy needs observations of {expected_size} numbers, the simulator gives {size}",
                 "configure the simulator's sensors as in the policy's model card",
             )
         action = self.network(observation)

@@ -16,12 +16,12 @@ EXAMPLE = Path(__file__).with_name("examples") / "acc.py"
 """Program in plain Python: adaptive cruise control, as simulator and as controller."""
 
 
-def _tuple(value: object) -> object:
+def _convert_to_tuple(value: object) -> object:
     """Convert a list to a tuple, since strict validation refuses lists."""
     return tuple(value) if isinstance(value, list) else value
 
 
-Words = Annotated[tuple[str, ...], BeforeValidator(_tuple)]
+Words = Annotated[tuple[str, ...], BeforeValidator(_convert_to_tuple)]
 
 
 class ProcessConfig(Options):

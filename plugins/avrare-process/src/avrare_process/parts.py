@@ -58,7 +58,7 @@ class ProcessSimulator(Simulator):
         """Return worlds at t = 0 from noise (N, noise_size)."""
         self._pool.recall(len(noise), keep=())
         histories = [InputHistory([row], []) for row in noise.copy()]
-        worlds = [cast("RemoteWorld", self._pool.lend(history)) for history in histories]
+        worlds = [cast("RemoteWorld", self._pool.take_world(history)) for history in histories]
         try:
             move(worlds, "reset", noise=noise.tolist())
         except ProcessEnded:  # it is started again
@@ -129,7 +129,7 @@ class ProcessSimulator(Simulator):
         column = np.empty(len(histories), dtype=object)
         column[:] = histories
         worlds = [cast("RemoteWorld", history.world) for history in histories]
-        return WorldState(step, column, *self._readout.all([world.outputs for world in worlds]), replayed)
+        return WorldState(step, column, *self._readout.stack([world.outputs for world in worlds]), replayed)
 
 
 class ProcessFunction(Controller):

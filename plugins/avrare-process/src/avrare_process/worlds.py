@@ -124,8 +124,8 @@ class RemoteWorld(World):
     def split_table(self, table: Floats) -> tuple[dict[str, Floats], Floats]:
         """Split outputs (N, K) into signals and observations."""
         names = self.client.hello.outputs
-        seen = table[:, len(names) :] if self.client.hello.seen else table
-        return dict(zip(names, table.T.copy(), strict=False)), seen.copy()
+        observed = table[:, len(names) :] if self.client.hello.seen else table
+        return dict(zip(names, table.T.copy(), strict=False)), observed.copy()
 
     def signals(self) -> dict[str, float]:
         """Return the signals."""

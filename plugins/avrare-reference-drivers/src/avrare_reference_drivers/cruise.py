@@ -41,10 +41,10 @@ class Cruise(Controller):
         free = config.speed_gain * (set_speed - ego.speed)
         room = gap - following_distance(ego.speed)
         behind = config.gap_gain * room + config.speed_gain * (speed - ego.speed)
-        wanted = np.where(exists, np.minimum(free, behind), free)
-        wanted = np.clip(wanted, -config.braking, config.acceleration)
+        acceleration = np.where(exists, np.minimum(free, behind), free)
+        acceleration = np.clip(acceleration, -config.braking, config.acceleration)
         turn = steer_in_lane(scene.road, ego, config.y_goal)
-        return Action(np.maximum(wanted, -ego.speed / scene.dt), turn), set_speed
+        return Action(np.maximum(acceleration, -ego.speed / scene.dt), turn), set_speed
 
 
 class Hold(Controller):

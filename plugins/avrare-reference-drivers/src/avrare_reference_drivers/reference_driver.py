@@ -50,11 +50,11 @@ class ReferenceDriver(Controller):
 
     def act(self, memory: Reaction, ego: Vehicles, prediction: Prediction | None) -> tuple[Action, Reaction]:
         """Return the braking for the worst of the others, and the state after it."""
-        seen = find_situation("reference_driver", self._scene, ego, prediction)
-        demand = self._driver.demand(self._look_ahead(seen)).max(axis=1, initial=0.0)
+        situation = find_situation("reference_driver", self._scene, ego, prediction)
+        demand = self._driver.demand(self._look_ahead(situation)).max(axis=1, initial=0.0)
         braking, later = memory.advance(self._driver, demand, self._scene.dt)
         follows = np.full(len(demand), self._settles) | (self._config.follows & (later.delay <= 0.0))
-        braking = np.where(follows & (demand <= 0.0), self._close_up(seen, ego), braking)
+        braking = np.where(follows & (demand <= 0.0), self._close_up(situation, ego), braking)
         acceleration = np.maximum(-braking, -ego.speed / self._scene.dt)
         turn = steer_in_lane(self._scene.road, ego, self._config.y_goal)
         return Action(acceleration, turn), later
@@ -67,9 +67,9 @@ class ReferenceDriver(Controller):
     def _close_up(self, seen: Situation, ego: Vehicles) -> Floats:
         gap, speed, exists = find_leader(seen, margin=0.0)
         distance = _DISTANCES[self._config.model](ego.speed, speed)
-        wanted = 2.0 * (speed - ego.speed) + gap - distance
+        desired_speed = 2.0 * (speed - ego.speed) + gap - distance
         # the most [m/s^2] behind others without a danger
-        return np.where(exists, np.clip(-wanted, 0.0, 4.0), 0.0)
+        return np.where(exists, np.clip(-desired_speed, 0.0, 4.0), 0.0)
 
 
 def build(config: ReferenceDriverConfig, scene: Scene) -> ReferenceDriver:

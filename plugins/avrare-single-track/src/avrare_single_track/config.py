@@ -76,7 +76,7 @@ class RoadConfig(Options):
     end: float = Field(default=160.0, description="last x that is drawn [m]")
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistency(self) -> Self:
         if list(self.lane_centres) != sorted(set(self.lane_centres)):
             raise ValueError("lane_centres must ascend: the rightmost lane first")
         if any(b - a < self.lane_width - 1e-9 for a, b in pairwise(self.lane_centres)):
@@ -269,7 +269,7 @@ class SingleTrackConfig(Options):
     after_impact: AfterImpact = Field(default="end", description=AFTER_IMPACT)
 
     @model_validator(mode="after")
-    def _distinct_names(self) -> Self:
+    def _check_distinct_names(self) -> Self:
         names = [vehicle.name for vehicle in self.vehicles]
         if len(set(names)) != len(names):
             raise ValueError("every vehicle needs a name of its own")

@@ -50,14 +50,14 @@ def advance(
     whatever is demanded.
     """
     bound = config.acceleration_max
-    wanted = np.clip(action.acceleration, -bound, bound)
-    speed = np.clip(ego.speed + wanted * dt, 0.0, config.speed_max)
+    demanded = np.clip(action.acceleration, -bound, bound)
+    speed = np.clip(ego.speed + demanded * dt, 0.0, config.speed_max)
     acceleration = (speed - ego.speed) / dt
     target = _steer(config, dt, ego.speed, steering, action.yaw_rate)
     beyond = np.zeros(len(speed), dtype=np.bool_)
-    held = config.friction if friction is None else friction
-    if held is not None:
-        speed, target, beyond = _grip(config, held, dt, ego.speed, speed, target)
+    friction_coefficient = config.friction if friction is None else friction
+    if friction_coefficient is not None:
+        speed, target, beyond = _grip(config, friction_coefficient, dt, ego.speed, speed, target)
         acceleration = (speed - ego.speed) / dt
     slope = (target - steering) / dt
 
@@ -96,7 +96,7 @@ def _grip(
 
 
 def _steer(config: EgoConfig, dt: float, speed: Floats, steering: Floats, yaw_rate: Floats) -> Floats:
-    wanted = steering_angle(config.wheelbase * yaw_rate / np.maximum(speed, _MIN_SPEED))
+    desired_angle = steering_angle(config.wheelbase * yaw_rate / np.maximum(speed, _MIN_SPEED))
     reach = config.steering_rate_max * dt
-    reachable = np.clip(wanted, steering - reach, steering + reach)
+    reachable = np.clip(desired_angle, steering - reach, steering + reach)
     return np.asarray(np.clip(reachable, -config.steering_max, config.steering_max))

@@ -71,51 +71,51 @@ def can_stop_at_yellow(s: Setting, a: Bodies) -> Floats:
 @predicate("mixed")
 def crosses_right_before_left(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A is where the ways of a and b meet: one is the ego, the other comes from its right, at equal signs."""
-    return _over_areas(s, a, b, "right", _is_in_area)
+    return _maximise_over_areas(s, a, b, "right", _is_in_area)
 
 
 @predicate("mixed")
 def crosses_priority_road(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A is where the ways of a and b meet: one is the ego, to the other signs give priority over it."""
-    return _over_areas(s, a, b, "sign", _is_in_area)
+    return _maximise_over_areas(s, a, b, "sign", _is_in_area)
 
 
 @predicate("mixed")
 def crosses_oncoming(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A is where the ways of a and b meet: one is the ego, turning left, the other oncoming and not."""
-    return _over_areas(s, a, b, "oncoming", _is_in_area)
+    return _maximise_over_areas(s, a, b, "oncoming", _is_in_area)
 
 
 @predicate("mixed")
 def brakes_right_before_left(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A brakes, as ``made_to_brake`` says, near where it meets b, the ego, and comes from its right."""
-    return _over_areas(s, a, b, "right", _brakes_before_area)
+    return _maximise_over_areas(s, a, b, "right", _brakes_before_area)
 
 
 @predicate("mixed")
 def brakes_on_priority_road(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A brakes, as ``made_to_brake`` says, near where it meets b, the ego, and signs prefer it."""
-    return _over_areas(s, a, b, "sign", _brakes_before_area)
+    return _maximise_over_areas(s, a, b, "sign", _brakes_before_area)
 
 
 @predicate("mixed")
 def brakes_oncoming(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """A brakes, as ``made_to_brake`` says, near where it meets b, the ego, which turns left."""
-    return _over_areas(s, a, b, "oncoming", _brakes_before_area)
+    return _maximise_over_areas(s, a, b, "oncoming", _brakes_before_area)
 
 
 def _at_lights(s: Setting, a: Bodies, colour: float, value: Callable[[float], Floats]) -> Floats:
     # lights are those on the ego's way
     shape = (-1, *[1] * (a.x.ndim - 1))
-    shown = [np.reshape(light, shape) == colour for light in s.lights]
+    matches = [np.reshape(light, shape) == colour for light in s.lights]
     values = [
         np.where(here & (a.number < 0), value(line), -np.inf)
-        for here, line in zip(shown, s.road.light_lines, strict=True)
+        for here, line in zip(matches, s.road.light_lines, strict=True)
     ]
     return _greatest(a, values)
 
 
-def _over_areas(
+def _maximise_over_areas(
     s: Setting, a: Bodies, b: Bodies, reason: str, value: Callable[[Setting, Bodies, Crossing], Floats]
 ) -> Floats:
     number, way = np.maximum(a.number, b.number), np.maximum(a.way, b.way)  # of the other one
@@ -132,16 +132,16 @@ def _is_in_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
     if area.ego_line is None:
         ego = np.minimum(a.front - area.begin, area.end - a.rear) / s.scales.longitudinal
     else:
-        station, sideways = _on_way(s, a, area.ego_line, area.half_width)
-        ego = np.minimum(_reach(s, a, station, area.begin, area.end), sideways)
-    station, sideways = _on_way(s, a, area.line, area.half_width)
-    other = np.minimum(_reach(s, a, station, area.line_begin, area.line_end), sideways)
+        station, sideways = _measure_along_way(s, a, area.ego_line, area.half_width)
+        ego = np.minimum(_measure_overlap(s, a, station, area.begin, area.end), sideways)
+    station, sideways = _measure_along_way(s, a, area.line, area.half_width)
+    other = np.minimum(_measure_overlap(s, a, station, area.line_begin, area.line_end), sideways)
     least = np.where(a.number < 0, ego, other)
     return np.where(np.isnan(least), -np.inf, least)
 
 
 def _brakes_before_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
-    station, sideways = _on_way(s, a, area.line, area.half_width)
+    station, sideways = _measure_along_way(s, a, area.line, area.half_width)
     gap = area.line_begin - station - 0.5 * a.length
     near = np.minimum(gap, s.parameters.made_to_brake_distance - gap) / s.scales.longitudinal
     brakes = (s.parameters.made_to_brake - a.acceleration) / s.scales.acceleration
@@ -149,7 +149,9 @@ def _brakes_before_area(s: Setting, a: Bodies, area: Crossing) -> Floats:
     return np.where(np.isnan(least) | (a.number < 0), -np.inf, least)
 
 
-def _on_way(s: Setting, a: Bodies, line: ReferenceLine, half_width: float) -> tuple[Floats, Floats]:
+def _measure_along_way(
+    s: Setting, a: Bodies, line: ReferenceLine, half_width: float
+) -> tuple[Floats, Floats]:
     # a vehicle on another way, or across this one, is not on it; one without a foot on the line neither
     plane = to_plane(s.road, Vehicles(a.x, a.y, a.heading, a.speed, a.acceleration))
     station, offset = line.to_road(plane.x, plane.y)
@@ -159,7 +161,7 @@ def _on_way(s: Setting, a: Bodies, line: ReferenceLine, half_width: float) -> tu
     return station, np.minimum(sideways, along_way)
 
 
-def _reach(s: Setting, a: Bodies, station: Floats, begin: float, end: float) -> Floats:
+def _measure_overlap(s: Setting, a: Bodies, station: Floats, begin: float, end: float) -> Floats:
     half = 0.5 * a.length
     return np.minimum(station + half - begin, end - station + half) / s.scales.longitudinal
 

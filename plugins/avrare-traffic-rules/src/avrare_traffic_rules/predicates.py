@@ -175,9 +175,9 @@ def time_to_collision(s: Setting, a: Bodies, b: Bodies) -> Floats:
     """Time until the boxes of a and b touch at constant velocities; infinite if they never do."""
     # closed intervals: boxes that touch now have collided, whether they approach or not
     reaches = (a.half_length + b.half_length, a.half_width + b.half_width)
-    apart = (b.x - a.x, b.y - a.y)
+    offsets = (b.x - a.x, b.y - a.y)
     closing = (_along(a) - _along(b), _across(a) - _across(b))
-    along, across = (_meeting(*axis) for axis in zip(apart, reaches, closing, strict=True))
+    along, across = (_meeting(*axis) for axis in zip(offsets, reaches, closing, strict=True))
     enter = np.maximum(np.maximum(along[0], across[0]), 0.0)
     return np.where(enter <= np.minimum(along[1], across[1]), enter, np.inf)
 

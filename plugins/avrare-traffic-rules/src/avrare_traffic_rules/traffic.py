@@ -160,6 +160,6 @@ def read_traffic(signals: Signals, scene: Scene, chosen: Bools, extents: Extents
 
     # the particle axis of sizes and numbers has length 1
     ego = bodies("ego", np.array([scene.ego_length]), np.array([scene.ego_width]), np.array([-1]))
-    every = bodies("others", scene.lengths[None], scene.widths[None], np.arange(len(scene.names))[None])
-    others = every if chosen.all() else every.view((..., chosen))
-    return Traffic(ego, others, every, scene.names)
+    all_others = bodies("others", scene.lengths[None], scene.widths[None], np.arange(len(scene.names))[None])
+    others = all_others if chosen.all() else all_others.view((..., chosen))
+    return Traffic(ego, others, all_others, scene.names)

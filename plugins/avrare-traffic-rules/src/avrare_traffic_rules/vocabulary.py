@@ -52,8 +52,8 @@ class Setting:
     @property
     def main_lanes(self) -> list[int]:
         """Lanes of the main carriageway, from right to left."""
-        apart = (*self.road.access_ramp, *self.shoulders, *self.road.opposing)
-        return [lane for lane in range(len(self.road.lane_centres)) if lane not in apart]
+        special_lanes = (*self.road.access_ramp, *self.shoulders, *self.road.opposing)
+        return [lane for lane in range(len(self.road.lane_centres)) if lane not in special_lanes]
 
     @property
     def shoulders(self) -> list[int]:
@@ -118,12 +118,12 @@ class Definitions:
         if predicate is None:
             hint = did_you_mean(name, self.predicates) or f"there are {', '.join(sorted(self.predicates))}"
             raise FormulaError(f"unknown predicate {name!r}", hint)
-        wanted = len(predicate.arguments)
-        if wanted != count:
+        arity = len(predicate.arguments)
+        if arity != count:
             call = f"{name}({', '.join(predicate.arguments)})"
-            plural = "s" if wanted != 1 else ""
+            plural = "s" if arity != 1 else ""
             raise FormulaError(
-                f"{name} takes {wanted} vehicle{plural}, not {count}", f"{call}: {predicate.text}"
+                f"{name} takes {arity} vehicle{plural}, not {count}", f"{call}: {predicate.text}"
             )
         return predicate
 

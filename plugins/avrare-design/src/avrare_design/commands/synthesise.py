@@ -23,7 +23,7 @@ from avrare.cli.options import (
     add_rows,
     read_rollouts,
 )
-from avrare.cli.output import say, say_beside
+from avrare.cli.output import print_notes, say
 from avrare.estimation.loop.checkpoint import SCENARIO as SCENARIO_FILE
 from avrare.estimation.result.result import finite
 
@@ -155,7 +155,7 @@ def _execute_any(args: argparse.Namespace) -> int:
             proof=args.proof,
             workers=args.workers,
             runner=TapeRunner(args.workers, progress),
-            show=partial(say_beside, args),
+            show=partial(print_notes, args),
         )
     if args.json:
         content = {"specification": synthesis.specification, "proved": synthesis.proved}
@@ -164,5 +164,5 @@ def _execute_any(args: argparse.Namespace) -> int:
         say(*synthesis.conclude()[: 1 if args.quiet else None])
     if args.file is not None and synthesis.proof is not None:
         synthesis.write(args.file)
-        say_beside(args, f"{args.file}: the scenario with other {', '.join(synthesis.numbers.paths)}")
+        print_notes(args, f"{args.file}: the scenario with other {', '.join(synthesis.numbers.paths)}")
     return int(ExitCode.PASS if synthesis.proved else ExitCode.INCONCLUSIVE)

@@ -38,7 +38,9 @@ class AmsConfig(GrowingConfig):
         if self.early_stop and self.variant == "published":
             raise ValueError("the published variant does not have early_stop: leave it out")
         if self.discard >= self.particles:
-            given = "" if "discard" in self.model_fields_set else ", its default"
-            text = f"discard ({self.discard}{given}) must be less than particles ({self.particles}): set both"
+            origin = "" if "discard" in self.model_fields_set else ", its default"
+            text = (
+                f"discard ({self.discard}{origin}) must be less than particles ({self.particles}): set both"
+            )
             raise ValueError(text)
         return self

@@ -37,5 +37,5 @@ def forecast_cost(state: AmsState, looks: Looks, growth: int, slope: float) -> C
         likely, rare = likely * (1 + looks.runs[0]), rare * (1 + growth * looks.runs[-1])
     else:
         likely, rare = likely * max(state.done, state.looks.runs[0]), rare * state.looks.runs[-1]
-    given = f"p {math.exp(ends[0]):.1g} .. {math.exp(ends[1]):.1g}"
-    return CostForecast("steps", likely, rare, given)
+    basis = f"p {math.exp(ends[0]):.1g} .. {math.exp(ends[1]):.1g}"
+    return CostForecast("steps", likely, rare, basis)

@@ -21,7 +21,7 @@ _LEAST, _MOST_SHARE = 20, 1.0 / 3.0
 """Fewest rollouts above the high level to judge the leaps, and their largest share without a warning."""
 
 
-def _none() -> Floats:
+def _empty() -> Floats:
     return np.zeros(0)
 
 
@@ -39,9 +39,9 @@ class Leaps:
         after: (H,) score after it.
     """
 
-    final: Floats = field(default_factory=_none)
-    before: Floats = field(default_factory=_none)
-    after: Floats = field(default_factory=_none)
+    final: Floats = field(default_factory=_empty)
+    before: Floats = field(default_factory=_empty)
+    after: Floats = field(default_factory=_empty)
 
     @staticmethod
     def of(scores: Floats) -> Leaps:

@@ -141,8 +141,8 @@ class Pilot:
         ``spent`` went before all runs; ``pilots`` is the cost of the pilot of each run.
         """
         run = pilots + self.growth * self.cost
-        wanted = next((look for look in looks.runs if look >= done), done)
-        least, most = (spent + runs * run for runs in (wanted, max(looks.runs[-1], done)))
+        next_look = next((look for look in looks.runs if look >= done), done)
+        least, most = (spent + runs * run for runs in (next_look, max(looks.runs[-1], done)))
         return CostForecast(kind, least, most, "by the pilot")
 
     def diagnostics(self, size: int, name: str) -> dict[str, object]:

@@ -167,24 +167,26 @@ class NestedLevels(Estimator):
             rollouts, roots, result.relative_error**2 * runs / larger, cost=rollouts * larger / runs
         )
         # With a budget, larger runs are fewer.
-        wanted = self._first_runs(state.plan)
+        first_runs = self._first_runs(state.plan)
         growth = min(pilot.wanted_growth, self._most_growth(state.plan))
-        while growth > 1 and self._most_runs(state.plan, growth) < wanted:
+        while growth > 1 and self._most_runs(state.plan, growth) < first_runs:
             growth -= 1
         pilot, most = replace(pilot, growth=growth), self._most_runs(state.plan, growth)
-        first = pilot.first_look(config.relative_error, wanted, most) if config.relative_error else wanted
+        first = (
+            pilot.first_look(config.relative_error, first_runs, most) if config.relative_error else first_runs
+        )
         return replace(state, pilot=pilot, looks=Looks.until(config.relative_error, first, most))
 
     def _continue(self, state: EssState) -> EssState:
         """Begin a batch of further runs where they are wanted."""
         state = state.join_batches()
         assert state.looks is not None
-        done = state.level_pass.shape.runs
-        more = state.looks.missing(done, lambda: self._summary(state).relative_error)
+        runs = state.level_pass.shape.runs
+        more = state.looks.missing(runs, lambda: self._summary(state).relative_error)
         if not more:
             return state
         more = min(more, self._batch(state.plan, state.pilot.growth if state.pilot else 1))
-        noise = NoiseSource(state.plan.noise.seed, state.plan.noise.noise_size, first_run=done)
+        noise = NoiseSource(state.plan.noise.seed, state.plan.noise.noise_size, first_run=runs)
         return state.next_batch(
             self._pilot(replace(state.plan, noise=noise), more), counting=not self.config.second_pass
         )

@@ -171,14 +171,14 @@ class Particles:
         return Request(
             self.rows.run + self.first_run,
             np.full(n, course.stage + self.segment),
-            self._own(),
+            self._particle_index(),
             start,
             tape_law=course.law,
             stop_failed=True,
             **fields,
         )
 
-    def _own(self) -> Integers:
+    def _particle_index(self) -> Integers:
         """Return the particle of each row: its place in its run."""
         run = self.rows.run
         return np.arange(len(run)) - np.searchsorted(run, run)
@@ -195,7 +195,7 @@ class Particles:
 
     def tell(self, outcome: Rollouts) -> Particles:
         """Take in the segment: some rows end, the others are resampled where that helps."""
-        numbers = self._own()
+        numbers = self._particle_index()
         rows = replace(self.rows, lineage=self.rows.lineage.copy())
         rows.lineage[:, self.segment] = numbers
         ratio = outcome.log_weight
@@ -271,9 +271,9 @@ class Particles:
 
     def _choose(self, run: int, weight: Floats, h: Floats) -> tuple[Integers, Floats, bool]:
         """Return parents and weights of a run's particles, and whether it was resampled."""
-        size, wanted = len(weight), self.course.particles
+        size, particles = len(weight), self.course.particles
         target = weight * h
-        enough = effective_size(target) >= _LEAST_EFFECTIVE * size and size >= wanted // 2
+        enough = effective_size(target) >= _LEAST_EFFECTIVE * size and size >= particles // 2
         if not target.any() or enough:
             return np.arange(size), weight, False
         # Sorted by potential: systematic resampling then keeps their distribution best.
@@ -281,8 +281,8 @@ class Particles:
         # beyond the particles of a run
         address = self.first_run + run, self.course.stage + self.segment, 2**32 - 1
         uniform = float(self.course.plan.noise.choices(*address))
-        parents = order[resample(target[order], wanted, uniform)]
-        copies = wanted * target[parents] / target.sum()
+        parents = order[resample(target[order], particles, uniform)]
+        copies = particles * target[parents] / target.sum()
         return parents, weight[parents] / copies, True
 
     def list_ended_particles(self) -> Ends:

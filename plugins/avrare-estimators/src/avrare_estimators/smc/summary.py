@@ -107,8 +107,8 @@ def _some_failures(ends: Ends, runs: int) -> Ends:
         rows = np.flatnonzero(ends.violated & (ends.rows.run == run))
         weight = ends.rows.weight[rows]
         if len(rows) > _KEPT:
-            some, copies = np.unique(resample(weight, _KEPT, 0.5), return_counts=True)
-            rows, weight = rows[some], copies * weight.sum() / _KEPT
+            drawn, copies = np.unique(resample(weight, _KEPT, 0.5), return_counts=True)
+            rows, weight = rows[drawn], copies * weight.sum() / _KEPT
         chosen.append(rows)
         weights.append(weight)
     failures = batch.take(ends, np.concatenate(chosen))
@@ -236,16 +236,16 @@ def _health(
 def _failures(plan: Plan, counted: Sequence[Counted], mean: float, plain: bool, tally: Info) -> Failures:
     total = sum(len(runs.failing.robustness) for runs in counted)
     parts = _choose_failures(counted, spread(np.arange(total), plan.kept_failures))
-    tapes = [draw_tapes(runs.course, runs.first_run, some.rows) for runs, some in parts]
-    robustness = np.concatenate([some.robustness for _, some in parts])
+    tapes = [draw_tapes(runs.course, runs.first_run, ends.rows) for runs, ends in parts]
+    robustness = np.concatenate([ends.robustness for _, ends in parts])
     if plain:  # independent, of equal weights
         return Failures(np.concatenate(tapes), robustness, tally.failures)
-    weights = np.concatenate([some.rows.weight for _, some in parts])
+    weights = np.concatenate([ends.rows.weight for _, ends in parts])
     if weights.any():
         weights *= mean / weights.sum()
     ancestors = [
-        np.stack([some.rows.run + runs.first_run, some.rows.root % runs.course.particles], axis=1)
-        for runs, some in parts
+        np.stack([ends.rows.run + runs.first_run, ends.rows.root % runs.course.particles], axis=1)
+        for runs, ends in parts
     ]
     return Failures(np.concatenate(tapes), robustness, tally.failures, weights, np.concatenate(ancestors))
 

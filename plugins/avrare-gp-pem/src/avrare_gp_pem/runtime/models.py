@@ -95,8 +95,8 @@ class GpPem(LawPem):
     def law(self, world: World) -> ObservationLaw:
         """Return the distribution of the observation of ``world``."""
         levels = category(visibility(world, self.scene, self.config.rays))
-        seen = relative(world_in_plane(self.scene.road, world))
-        box = box_of(seen, self.scene.lengths, self.scene.widths, self.config.height, levels)
+        relative_world = relative(world_in_plane(self.scene.road, world))
+        box = box_of(relative_world, self.scene.lengths, self.scene.widths, self.config.height, levels)
         return scale_law(self.variant.law(box, self.config.speed_sd), self.config)
 
 
@@ -191,8 +191,8 @@ class ParametricPem(LawPem):
             reach = reach / weather[:, None] ** config.weather_range
         steepness = (distance - reach) / config.detection_width
         in_range = config.detection_plateau / (1 + np.exp(np.minimum(steepness, MAX_EXPONENT)))
-        seen = visibility(world, self.scene, config.rays)
-        detect = in_range * np.minimum(1.0, seen / config.full_visibility)
+        relative_world = visibility(world, self.scene, config.rays)
+        detect = in_range * np.minimum(1.0, relative_world / config.full_visibility)
         coefficients = (config.longitudinal_scale, config.lateral_scale)
         scale = np.stack([base + slope * distance for base, slope in coefficients], axis=-1)
         law = ObservationLaw(

@@ -71,12 +71,12 @@ class MotionErrorPem:
 
     def observe(self, world: World, noise: Floats) -> Observation:
         """Return one observation of every other vehicle, from noise (N, noise_size)."""
-        seen: Observation = self.model.observe(world, noise[:, : self.model.noise_size])
+        observation: Observation = self.model.observe(world, noise[:, : self.model.noise_size])
         parts = dict(zip(self.kinds, self._parts(noise), strict=True))
-        others, missing = world.others, np.where(seen.detected, 0.0, np.nan)
+        others, missing = world.others, np.where(observation.detected, 0.0, np.nan)
         if self.speed_y_sd is not None:
             across = others.speed * np.sin(others.heading) + self.speed_y_sd * parts[_SPEED[0]]
-            seen = replace(seen, speed_y=across + missing)
+            observation = replace(observation, speed_y=across + missing)
         if self.heading is not None:
             distance = self._range(world)
             flipped = normal.cdf(parts[_HEADING[0]]) < self.heading.flip_probability(distance)
@@ -85,8 +85,8 @@ class MotionErrorPem:
                 parts[_HEADING[1]], 0.5 * np.pi / scale
             )
             error = rest + np.where(flipped, np.pi, 0.0)
-            seen = replace(seen, heading=_wrap(others.heading - error) + missing)
-        return seen
+            observation = replace(observation, heading=_wrap(others.heading - error) + missing)
+        return observation
 
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the (N,) log density of ``observation``."""

@@ -77,12 +77,12 @@ class SharedErrorPem(PerceptionErrorModel):
     def follow(self, world: World, noise: Floats, memory: SharedMemory) -> tuple[Observation, SharedMemory]:
         """Return the observation of the next step and the memory after it, from noise (N, noise_size)."""
         first, shared = self._split(noise)
-        seen, inner = self.model.follow(world, first, memory.model)
+        observation, inner = self.model.follow(world, first, memory.model)
         later = SharedMemory(inner, self._decay * memory.numbers + self._fresh * shared, memory.dark)
         if self._bounds is not None:
             draw = noise[:, -1]
             later = replace(later, dark=draw < np.where(memory.dark, self._bounds[1], self._bounds[0]))
-        return self._black_out(self._move(seen, world, later), later.dark), later
+        return self._black_out(self._move(observation, world, later), later.dark), later
 
     def locate(self, ego: Vehicles, memory: SharedMemory) -> Vehicles:
         """Return the ego where the error of its pose puts it."""

@@ -202,8 +202,8 @@ class MeasuredGhosts:
     @property
     def slots(self) -> int:
         """Slots that hold nearly all ghosts of a frame, if their number is Poisson."""
-        wanted = max(3.0, 2.0 * self.rate, self.rate + 3.0 * math.sqrt(self.rate))
-        return min(MOST_GHOST_SLOTS, math.ceil(wanted))
+        slots = max(3.0, 2.0 * self.rate, self.rate + 3.0 * math.sqrt(self.rate))
+        return min(MOST_GHOST_SLOTS, math.ceil(slots))
 
 
 @dataclass(frozen=True)

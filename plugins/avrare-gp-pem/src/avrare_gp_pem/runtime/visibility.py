@@ -81,10 +81,10 @@ def _may_be_hidden(seen: Relative, half: Floats) -> Bools:
     covers_ego = distance <= radius
     half_angle = np.where(covers_ego, np.pi, np.arcsin(radius / np.maximum(distance, radius)))
     bearing = np.arctan2(seen.left, seen.forward)
-    apart = np.abs(bearing[:, :, None] - bearing[:, None, :])
-    apart = np.minimum(apart, 2 * np.pi - apart)
+    angle = np.abs(bearing[:, :, None] - bearing[:, None, :])
+    angle = np.minimum(angle, 2 * np.pi - angle)
     margin = 1e-9  # rounding error of an angle or a distance
-    overlaps = apart <= half_angle[:, :, None] + half_angle[:, None, :] + margin
+    overlaps = angle <= half_angle[:, :, None] + half_angle[:, None, :] + margin
     in_front = (distance - radius)[:, None, :] <= (distance + radius)[:, :, None] + margin
     vehicles = np.arange(len(half))
     overlaps[:, vehicles, vehicles] = False

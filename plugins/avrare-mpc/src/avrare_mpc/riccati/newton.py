@@ -126,12 +126,12 @@ def _limit_hard(
     work: Workspace, row: int, mu: Lanes, first: Mask, low: Lanes, high: Lanes, inverse: Lanes
 ) -> None:
     """Limit the multipliers of two bounds; ``inverse`` is 1 / (low high)."""
-    _limit_one(work, row, mu, first, high * inverse)
-    _limit_one(work, row + 1, mu, first, low * inverse)
+    _limit_multiplier(work, row, mu, first, high * inverse)
+    _limit_multiplier(work, row + 1, mu, first, low * inverse)
 
 
 @kernel
-def _limit_one(work: Workspace, row: int, mu: Lanes, first: Mask, near: Lanes) -> None:
+def _limit_multiplier(work: Workspace, row: int, mu: Lanes, first: Mask, near: Lanes) -> None:
     central = mu * near
     limited = larger(smaller(load(work.box, row), 1e8 * central), 1e-8 * central)
     store(work.nearness, row, near)

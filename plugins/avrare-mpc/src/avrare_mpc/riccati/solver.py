@@ -136,8 +136,8 @@ class RiccatiSolver:
         """
         if not len(index):
             return
-        every = np.repeat(rows, guesses.shape[1]), guesses.reshape(-1, *guesses.shape[2:])
-        self._improve(solutions, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *every))
+        candidates = np.repeat(rows, guesses.shape[1]), guesses.reshape(-1, *guesses.shape[2:])
+        self._improve(solutions, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *candidates))
 
     def _improve(
         self,

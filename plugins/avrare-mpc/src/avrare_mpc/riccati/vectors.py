@@ -94,8 +94,8 @@ def _define(
             needed = any(kind in (LANES, MASK) for kind in arguments) and function is not lanes.store
             if len(given) != len(arguments) or (needed and not vectors):
                 return None
-            for kind, wanted in zip(given, arguments, strict=True):
-                if kind != wanted and not (wanted != MASK and isinstance(kind, types.Number)):
+            for kind, expected in zip(given, arguments, strict=True):
+                if kind != expected and not (expected != MASK and isinstance(kind, types.Number)):
                     return None
             taken: Signature = signature(result, *arguments)
             return taken
@@ -134,7 +134,7 @@ def _peek(builder: ir.IRBuilder, memory: ir.Value, index: ir.Value) -> ir.Value:
     return builder.load(_pointer(builder, memory, index, 8, _DOUBLE))
 
 
-def _poke(builder: ir.IRBuilder, memory: ir.Value, index: ir.Value, value: ir.Value) -> ir.Value:
+def _set_entry(builder: ir.IRBuilder, memory: ir.Value, index: ir.Value, value: ir.Value) -> ir.Value:
     return builder.store(value, _pointer(builder, memory, index, 8, _DOUBLE))
 
 
@@ -158,7 +158,7 @@ def _mantissa(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     return builder.bitcast(builder.or_(fraction, _long(1023 << 52)), _VECTOR)
 
 
-def _nothing(emit: Emit) -> Emit:
+def _emit_nothing(emit: Emit) -> Emit:
     def whole(builder: ir.IRBuilder, *values: ir.Value) -> ir.Value:
         emit(builder, *values)
         return ir.Constant(ir.IntType(8).as_pointer(), None)  # numba's None
@@ -185,9 +185,9 @@ _define(lanes.select, LANES, (MASK, LANES, LANES), lambda builder, *values: buil
 _define(lanes.any_of, types.boolean, (MASK,), _any)
 _define(lanes.splat, LANES, (NUMBER,), _splat)
 _define(lanes.load, LANES, (PLACE, PLACE), _load)
-_define(lanes.store, types.none, (PLACE, PLACE, LANES), _nothing(_store))
+_define(lanes.store, types.none, (PLACE, PLACE, LANES), _emit_nothing(_store))
 _define(lanes.peek, NUMBER, (PLACE, PLACE), _peek)
-_define(lanes.poke, types.none, (PLACE, PLACE, NUMBER), _nothing(_poke))
+_define(lanes.poke, types.none, (PLACE, PLACE, NUMBER), _emit_nothing(_set_entry))
 _define(lanes.root, LANES, (LANES,), _intrinsic("llvm.sqrt"))
 _define(lanes.magnitude, LANES, (LANES,), _intrinsic("llvm.fabs"))
 _define(lanes.nearest, LANES, (LANES,), _intrinsic("llvm.rint"))

@@ -47,8 +47,8 @@ class Cruise:
 
     def step(self, seen, noise):
         gap, speed, lead = seen
-        wanted = 0.3 * (gap - 3.0 - self.time_gap * speed) + (lead - speed)
-        self.acceleration = min(max(wanted, -8.0), 2.0)
+        acceleration = 0.3 * (gap - 3.0 - self.time_gap * speed) + (lead - speed)
+        self.acceleration = min(max(acceleration, -8.0), 2.0)
 
     def read(self):
         return [self.acceleration]

@@ -62,18 +62,18 @@ def open_drone_recording(
     ]
     about, recording = map(_read_table, meta)
     columns = _read_header(tracks)
-    wanted = _HIGHD if "xCenter" not in columns else _PLANE
-    if missing := [name for name in wanted if name not in columns]:
+    required = _HIGHD if "xCenter" not in columns else _PLANE
+    if missing := [name for name in required if name not in columns]:
         hint = "expected the columns of highD or of inD"
         raise UsageError(f"{tracks}: there is no column {missing[0]!r}", hint)
     try:
-        table = _read_columns(tracks, columns, wanted)
+        table = _read_columns(tracks, columns, required)
         rate = float(recording[0]["frameRate"])
     except (ValueError, KeyError, IndexError) as error:
         raise UsageError(f"{tracks}: not a recording in the format of highD or inD: {error}") from None
     if not 0.0 < rate < np.inf:
         raise UsageError(f"{meta[1]}: the frameRate is {rate:g}", "it must be a number above 0 [1/s]")
-    if wanted is _HIGHD:
+    if required is _HIGHD:
         return _read_highd(path, table, about, recording[0], 1.0 / rate)
     obstacles = _read_plane(table)
     names, (lanes, step) = tuple(obstacles), network or (None, None)

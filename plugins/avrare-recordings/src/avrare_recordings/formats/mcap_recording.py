@@ -107,11 +107,11 @@ def _list_entities(scene: Scene, frame: Frame) -> dict[str, dict[str, Entity]]:
         boxes[name] = _box(others, (0, v), scene.lengths[v], scene.widths[v], kind)
     topics = {"/scene": boxes}
     if frame.observation is not None:
-        seen = frame.observation
+        observation = frame.observation
         topics["/observations"] = {
-            name: {"spheres": [_sphere(seen.x[0, v], seen.y[0, v])]}
-            for v, name in enumerate(_pad(scene.names, seen.detected.shape[1], "ghost"))
-            if seen.detected[0, v]
+            name: {"spheres": [_sphere(observation.x[0, v], observation.y[0, v])]}
+            for v, name in enumerate(_pad(scene.names, observation.detected.shape[1], "ghost"))
+            if observation.detected[0, v]
         }
     if frame.prediction is not None:
         x, y = np.asarray(frame.prediction.x[0]), np.asarray(frame.prediction.y[0])

@@ -110,7 +110,7 @@ def _list_lights(network: LaneletNetwork, names: Sequence[int]) -> list[tuple[in
         turn, lanelet = _turn(network, name, names), lanelets[name]
         arrow = turn == "right" and "GREEN_ARROW" in _signs(network, lanelet)
         all_lights = map(network.find_traffic_light_by_id, sorted(lanelet.traffic_lights or ()))
-        lights = [light for light in all_lights if light.active and _is_for(light, turn)]
+        lights = [light for light in all_lights if light.active and _applies_to(light, turn)]
         if lights and not arrow:
             lights_by_name.append((name, lights))
     return lights_by_name
@@ -132,7 +132,7 @@ def _turn(network: LaneletNetwork, name: int, names: Sequence[int]) -> str:
     return next((turn for turn, after in ways if after & set(names)), "straight")
 
 
-def _is_for(light: TrafficLight, turn: str) -> bool:
+def _applies_to(light: TrafficLight, turn: str) -> bool:
     direction = str(light.direction.value)
     return direction == "all" or turn in direction.lower()
 

@@ -274,8 +274,8 @@ def _held_out_gain(
         out = np.arange(len(weights)) % _FOLDS == fold
         logs = []
         for columns in (ratios[:, :count], ratios):
-            given = weights[~out] / weights[~out].sum()
-            share = _shares(columns[~out], given, defensive, start[: columns.shape[1]], rounds)
+            fitted_weights = weights[~out] / weights[~out].sum()
+            share = _shares(columns[~out], fitted_weights, defensive, start[: columns.shape[1]], rounds)
             logs.append(np.log(defensive + columns[out] @ share))
         gains[out] = logs[1] - logs[0]
     mean = float(weights @ gains)

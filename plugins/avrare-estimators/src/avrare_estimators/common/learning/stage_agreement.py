@@ -26,15 +26,15 @@ def find_differing(samples: Sequence[Sample], mean: float, variance: float) -> d
     if not estimates or not mean:
         return {}
     confidence = 1.0 - 1e-3 / len(estimates)  # the risk that stages which agree seem not to
-    apart = [
+    contradicting = [
         format_probability(value)
         for value, spread, effective in estimates
         if abs(math.log(value / mean))
         > t_factor(confidence, int(effective) - 1) * math.sqrt(math.log1p(spread) + math.log1p(variance))
     ]
-    if not apart:
+    if not contradicting:
         return {}
-    reason = f"stages of learning estimate {', '.join(apart)} but {format_probability(mean)}"
+    reason = f"stages of learning estimate {', '.join(contradicting)} but {format_probability(mean)}"
     return health.warn("contradicted", reason=reason)
 
 

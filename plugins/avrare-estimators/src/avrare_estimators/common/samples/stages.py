@@ -39,8 +39,8 @@ def is_worthless(stage: dict[str, Any]) -> bool:
     The gain is that for the rows which the proposal was fitted to; failures of rows that were drawn from the
     one before it must not contradict.
     """
-    shown = stage.get("gain_shown")
-    if shown is not None and shown < 1.2:  # two stages in a row that show less end learning
+    gain = stage.get("gain_shown")
+    if gain is not None and gain < 1.2:  # two stages in a row that show less end learning
         return True
     return stage["gain"] is None or stage["gain"] < LEAST_GAIN
 

@@ -355,11 +355,11 @@ def _pick_by_row(logs: Floats, uniform: Floats) -> tuple[Integers, Floats]:
     """Return as ``_pick`` does, with log shares (M, K) of each row's own that need not add up to 1."""
     shares = np.exp(logs - logs.max(axis=1, keepdims=True))
     ends = np.cumsum(shares, axis=1)
-    wanted = uniform * ends[:, -1]
-    place = np.minimum((ends <= wanted[:, None]).sum(axis=1), shares.shape[1] - 1)
+    position = uniform * ends[:, -1]
+    place = np.minimum((ends <= position[:, None]).sum(axis=1), shares.shape[1] - 1)
     rows = np.arange(len(uniform))
     width = shares[rows, place]
-    rest = (wanted - (ends[rows, place] - width)) / np.where(width > 0.0, width, 1.0)
+    rest = (position - (ends[rows, place] - width)) / np.where(width > 0.0, width, 1.0)
     return place, np.clip(rest, 0.0, 1.0 - 2.0**-53)
 
 
