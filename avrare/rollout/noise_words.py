@@ -14,25 +14,11 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape
 from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
-_NEUTRAL_FACTOR = 3.0
-"""Errors are described above this multiple of the largest one without noise."""
-_USUAL_DRAW = 0.5
-"""Normal score above which a drawn option is described."""
-_MAX_GAP_SHARE = 0.03
-"""Share of a rollout's steps between two stretches that are joined."""
-_EVEN_SHARE = 0.9
-"""Share of its peak above which the mean of an error is as good as even."""
 _SMALL_SHARE = 0.25
 """Share of the greatest error or sum of a channel, and of a tape's norm, below which others are left out."""
 _WINDOWS = 8
 _MIN_STANDARD_ERRORS = 4.0
 """Standard errors from which on the size of noise in a window is set apart from chance."""
-_MIN_SUM_STANDARD_ERRORS = 5.0
-"""Standard errors from which on the sum of a stretch is: there are more stretches than windows."""
-_MAX_LENGTHS = 100
-"""Lengths of a stretch that are tried."""
-_NEAR_PEAK_SHARE = 0.95
-"""Share of the least likely sum above which a longer stretch is preferred."""
 
 
 def format_time(step: int, dt: float | None) -> str:
@@ -121,7 +107,8 @@ def find_disturbances(problem: Problem, tape: Floats, rollout: ReplayedRollout) 
             each = words.describe_sum(channel, drift)
             disturbances.append(each if each.magnitude >= least else replace(each, magnitude=0.0))
     for k, (value, score) in enumerate(words.list_draws(rollout)):
-        if abs(score) > _USUAL_DRAW:
+        least_score = 0.5  # normal score above which a drawn option is described
+        if abs(score) > least_score:
             disturbances.append(words.describe_draw(k, value, score))
     return sorted(dict.fromkeys(disturbances), key=lambda each: each.step)
 
@@ -145,7 +132,9 @@ def find_common_noise(
     disturbances = list(words.find_common_draws(rollouts, shares, effective))
     means, squares = (np.einsum("f,ftc->ct", shares, power) for power in (tapes, tapes**2))
     for channel in range(words.drawn, len(words.names)):
-        drifts = list(_find_drifts(means[channel], _MIN_SUM_STANDARD_ERRORS / math.sqrt(effective)))
+        # standard errors from which the sum of a stretch is described: there are more stretches than windows
+        standard_errors = 5.0
+        drifts = list(_find_drifts(means[channel], standard_errors / math.sqrt(effective)))
         wide = [] if drifts else list(words.find_wide_windows(channel, squares[channel], effective))
         if drifts or wide:
             magnitude = max([abs(score) for _, _, score in drifts] + [each.magnitude for each in wide])
@@ -162,10 +151,12 @@ def _find_drifts(numbers: Floats, least: float) -> Iterator[tuple[int, int, floa
     if not len(numbers):
         return
     sums = np.concatenate([np.zeros(1), np.cumsum(numbers)])
-    lengths = np.unique(np.geomspace(1.0, len(numbers), _MAX_LENGTHS).round().astype(np.int64)).tolist()
+    most_lengths = 100  # lengths of a stretch that are tried
+    lengths = np.unique(np.geomspace(1.0, len(numbers), most_lengths).round().astype(np.int64)).tolist()
     scores = [(sums[length:] - sums[:-length]) / math.sqrt(length) for length in lengths]
     peaks = np.array([float(np.abs(score).max()) for score in scores])
-    longest = int(np.flatnonzero(peaks >= _NEAR_PEAK_SHARE * peaks.max())[-1])
+    near_peak_share = 0.95  # share of the least likely sum above which a longer stretch is preferred
+    longest = int(np.flatnonzero(peaks >= near_peak_share * peaks.max())[-1])
     first = int(np.argmax(np.abs(scores[longest])))
     sign = np.sign(scores[longest][first])
     same_sign = first + np.flatnonzero(numbers[first : first + lengths[longest]] * sign > 0.0)
@@ -193,7 +184,8 @@ class _Words:
         self.names, self._perfect = find_noise_names(system), find_perfect_noise(system)
         self._loop = system if isinstance(system, ClosedLoop) else None
         self.drawn = 0 if self._loop is None or self._loop.start is None else self._loop.start.size
-        self._dt, self._gap = problem.dt, max(1, round(_MAX_GAP_SHARE * problem.steps))
+        largest_gap_share = 0.03  # share of a rollout's steps between two stretches that are joined
+        self._dt, self._gap = problem.dt, max(1, round(largest_gap_share * problem.steps))
 
     def list_raw_channels(self, misread: Collection[str]) -> list[int]:
         """Return the channels that neither drawn options nor errors of these names describe."""
@@ -272,13 +264,15 @@ class _Words:
         if not reading.above:
             return
         errors = np.where(values != usual, np.nan_to_num(values), 0.0)
-        limit = max(_NEUTRAL_FACTOR * float(np.nan_to_num(np.abs(usual)).max(initial=0.0)), reading.least)
+        factor = 3.0  # errors are described above this multiple of the largest one without noise
+        limit = max(factor * float(np.nan_to_num(np.abs(usual)).max(initial=0.0)), reading.least)
         limit = max(limit, _SMALL_SHARE * float(np.abs(errors).max(initial=0.0)))
         for sign in (1.0, -1.0):
             for first, last in _find_stretches(sign * errors > limit, self._gap):
                 sizes = sign * errors[first : last + 1]
                 peak = float(sizes.max())
-                size = f"{'up to ' * bool(sizes.mean() < _EVEN_SHARE * peak)}{peak:.2g}"
+                even_share = 0.9  # share of its peak above which the mean of an error is as good as even
+                size = f"{'up to ' * bool(sizes.mean() < even_share * peak)}{peak:.2g}"
                 text = (reading.above if sign > 0.0 else reading.below).format(size)
                 text = f"{text} {format_span(first, last, self._dt)}"
                 yield Disturbance(reading.subject, text, first, peak / limit)

@@ -7,16 +7,15 @@ from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 
-_MIN_SILHOUETTE = 0.25
-"""Below this there is one cluster (Kaufman and Rousseeuw 1990: no substantial structure)."""
-
 
 def find_clusters(points: Floats, max_clusters: int) -> NDArray[np.int64]:
     """Return the cluster (F,) of each of F >= 1 points (F, C), counted from the largest."""
     distances = np.sqrt(_compute_squared_distances(points, points))
     candidates = [_run_kmeans(points, k) for k in range(2, min(max_clusters, len(points) - 1) + 1)]
     silhouettes = [_compute_mean_silhouette(distances, labels) for labels in candidates]
-    if max(silhouettes, default=-1.0) < _MIN_SILHOUETTE:
+    # below this there is one cluster (Kaufman and Rousseeuw 1990: no substantial structure)
+    least_silhouette = 0.25
+    if max(silhouettes, default=-1.0) < least_silhouette:
         return np.zeros(len(points), dtype=np.int64)
     _, labels, sizes = np.unique(
         candidates[int(np.argmax(silhouettes))], return_inverse=True, return_counts=True

@@ -34,12 +34,6 @@ from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signal
 METHODS = ("kmeans", "hdbscan")
 _PRINCIPAL_COMPONENTS = 5
 """Principal components of the features in which k-means makes clusters."""
-_MAX_STRAY_FAILURES = 4
-"""So few failures do not make a kind, unless they begin with another violation."""
-_MIN_SEPARATION = 4.0
-"""Least separation of two kinds; a uniform law cut in the middle has 3.5, a normal one 2.7."""
-_MIN_KIND_SHARE = 0.05
-"""Least share of failures for which HDBSCAN makes a kind."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +219,8 @@ def _sort(
         from sklearn.cluster import HDBSCAN
     except ImportError:
         raise UsageError("hdbscan needs scikit-learn", "pip install 'avrare[kinds]'") from None
-    least = max(3, round(_MIN_KIND_SHARE * len(features)))
+    least_share = 0.05  # least share of failures for which HDBSCAN makes a kind
+    least = max(3, round(least_share * len(features)))
     labels = np.asarray(HDBSCAN(min_cluster_size=least, copy=True).fit_predict(features))
     labels = np.where(labels < 0, labels.max() + 1, labels)  # those of no cluster are a kind of their own
     return np.unique(labels, return_inverse=True)[1].reshape(-1)
@@ -245,7 +240,9 @@ def _merge_alike(
         first = {k: counts.most_common(1)[0][0] for k, counts in keys.items()}
         pairs = [(j, k) for j, k in combinations(keys, 2) if first[j] == first[k]]
         gaps = [_measure_separation(features[labels == j], features[labels == k]) for j, k in pairs]
-        if not gaps or min(gaps) >= _MIN_SEPARATION:
+        # least separation of two kinds; a uniform law cut in the middle has 3.5, a normal one 2.7
+        least_separation = 4.0
+        if not gaps or min(gaps) >= least_separation:
             return np.unique(labels, return_inverse=True)[1].reshape(-1)
         j, k = pairs[int(np.argmin(gaps))]
         labels[labels == k] = j
@@ -254,7 +251,8 @@ def _merge_alike(
 def _measure_separation(first: Floats, second: Floats) -> float:
     # Distance of the means in standard deviations along the line between them (Ashman, Bird and Zepf 1994);
     # 0 for a few outliers.
-    if min(len(first), len(second)) <= _MAX_STRAY_FAILURES:
+    most_stray = 4  # so few failures do not make a kind, unless they begin with another violation
+    if min(len(first), len(second)) <= most_stray:
         return 0.0
     line = first.mean(axis=0) - second.mean(axis=0)
     distance = float(np.linalg.norm(line))

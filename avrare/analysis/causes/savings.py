@@ -14,9 +14,6 @@ from avrare.estimation.result import intervals
 from avrare.estimation.result.intervals import Interval
 from avrare.protocols import Bools
 
-_WORTH = 0.05
-"""Least share of the failures that is a reason for a change."""
-
 
 @dataclass(frozen=True)
 class Saving:
@@ -58,7 +55,8 @@ class Saving:
 
 def _describe_share(share: float, interval: Interval) -> str:
     least, most = interval
-    worth = least > _WORTH
+    least_share = 0.05  # least share of the failures that is a reason for a change
+    worth = least > least_share
     bound = f"at least {describe_share(least)}" if worth else f"at most {describe_share(most)}"
     if share == (1.0 if worth else 0.0):
         return f"saves {bound} of them"

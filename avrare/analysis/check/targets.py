@@ -37,8 +37,6 @@ from avrare.scenario.fingerprint import changed_files, digests
 from avrare.scenario.safe_mode import refuse_outside
 from avrare.scenario.schema import Regression, Scenario
 
-_SEED_STRIDE = 0x9E3779B97F4A7C15
-
 
 @dataclass(frozen=True)
 class CheckTarget:
@@ -214,7 +212,8 @@ class Look:
 
     def seed(self, seed: int) -> int:
         """Return the seed of this look, so that the batches of all looks are independent."""
-        return (seed + (self.number - 1) * _SEED_STRIDE) % 2**63
+        stride = 0x9E3779B97F4A7C15
+        return (seed + (self.number - 1) * stride) % 2**63
 
 
 def plan_looks(budget: Budget | None, several: bool = False) -> list[Look]:

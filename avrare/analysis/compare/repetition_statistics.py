@@ -18,8 +18,6 @@ from avrare.protocols import Floats
 
 MIN_REPETITIONS = 2
 """Repetitions that a spread needs."""
-_BIAS_SHARE = 0.5
-"""Share of the mean squared error above which a mean whose interval misses the truth counts as biased."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,11 @@ def _accuracy(
     work_interval = _log_delta_interval(squares * cost.mean(), confidence)
     low, high = _mean_interval(repetitions, confidence)
     bias = float(values.mean()) / p - 1.0
-    missed = not values.any() or (not low <= p <= high and bias**2 > _BIAS_SHARE * float(squares.mean()))
+    # share of the mean squared error above which a mean whose interval misses the truth counts as biased
+    largest_bias_share = 0.5
+    missed = not values.any() or (
+        not low <= p <= high and bias**2 > largest_bias_share * float(squares.mean())
+    )
     monte_carlo = (1.0 - p) / p
     return Accuracy(
         ratio=float(values.mean()) / p,

@@ -13,8 +13,6 @@ from avrare.protocols import Bools, Floats
 
 FULL_BRAKING = 6.0
 """Deceleration of an emergency braking [m/s^2]."""
-_AFTER = 8.0
-"""Time after the impact for which the other continues, braking as it did at last [s]."""
 _FAR = 1e3
 """Length of the straight that continues the ego's path [m]."""
 
@@ -50,7 +48,9 @@ class Approach:
     def _avoids(self, begin: NDArray[np.int64], deceleration: Floats) -> Bools:
         """Return (M,) whether braking from samples ``begin`` on avoids the impact."""
         samples = len(self.ego.x)
-        times = np.asarray(self.dt * np.arange(samples + round(_AFTER / self.dt)), dtype=np.float64)
+        # time after the impact for which the other continues, braking as it did at last [s]
+        seconds_after = 8.0
+        times = np.asarray(self.dt * np.arange(samples + round(seconds_after / self.dt)), dtype=np.float64)
         way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.ego.x), np.diff(self.ego.y)))])
         speed = self.ego.speed[begin][:, None]
         braking = np.clip(times - self.dt * begin[:, None], 0.0, speed / deceleration[:, None])

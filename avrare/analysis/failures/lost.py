@@ -16,10 +16,6 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.noise_words import format_steps, format_time
 from avrare.rollout.problem import Problem
 
-_MAX_CONTINUATIONS = 120
-"""Continuations of a long rollout, at every k-th step; the steps around the moment follow. A kept one
-between two violated ones is not found then."""
-
 
 @dataclass(frozen=True)
 class Continuations:
@@ -77,7 +73,10 @@ def continue_without_noise(problem: Problem, tape: Floats) -> Continuations:
     The first specification of ``problem`` is judged.
     """
     ends = np.arange(-1, problem.steps + 1)
-    stride = math.ceil(len(ends) / _MAX_CONTINUATIONS)
+    # continuations of a long rollout, at every k-th step; the steps around the moment follow. A kept one
+    # between two violated ones is not found then
+    most_continuations = 120
+    stride = math.ceil(len(ends) / most_continuations)
     chosen = np.unique(np.append(ends[::stride], ends[-1]))
     coarse = _run(problem, tape, chosen)
     if stride > 1 and coarse.lost is not None:

@@ -26,8 +26,6 @@ from avrare.results.recordings import FIELDS
 
 _SMALL_REACH = 0.3
 """Reach into a lane below which the ego only touches it [m]."""
-_REAR = 0.7
-"""Share of the lengths of both that lies between the centres at a contact with the ego's rear."""
 
 
 @dataclass(frozen=True)
@@ -263,7 +261,9 @@ def _locate(ego: _Car, other: _Car, pose: Vehicles, place: Vehicles) -> tuple[fl
 def _name_role(pair: _Pair, end: int, speed: float, ahead: float) -> str:
     if speed < 0.3:  # it stands [m/s]
         return "stands"
-    if ahead < -0.5 * _REAR * (pair.ego.length + pair.other.length):
+    # share of the lengths of both that lies between the centres at a contact with the ego's rear
+    rear_share = 0.7
+    if ahead < -0.5 * rear_share * (pair.ego.length + pair.other.length):
         return "is hit from behind"
     if ahead < 0.5 * pair.ego.length and pair.cuts_in(end):
         return "cuts in"

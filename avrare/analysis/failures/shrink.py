@@ -23,8 +23,6 @@ BUDGET = 3000
 _TARGET_RATIO = 0.1
 """Ratio of the norm after to the norm before at which the search stops."""
 _RESTARTS = 3
-_TURN_GAIN = 0.95
-"""A turned tape has more nonzero numbers; it replaces the result only below this ratio of its norm."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,9 @@ def _search(evaluate: TapeEvaluator, tape: Floats) -> Floats:
         return small
     # 3. Turn the best result within its channels.
     turned = descend(evaluate, small, channels=np.asarray(small.any(axis=0)))
-    return turned if _norm(turned) <= max(_TURN_GAIN * _norm(small), target) else small
+    # a turned tape has more nonzero numbers; it replaces the result only below this ratio of its norm
+    largest_ratio = 0.95
+    return turned if _norm(turned) <= max(largest_ratio * _norm(small), target) else small
 
 
 def _norm(tape: Floats) -> float:

@@ -27,12 +27,9 @@ BlockOrder = Callable[[Floats], Floats]
 """Maps the norms (B,) of blocks to sort keys: least first."""
 Block = tuple[slice, slice]
 
-_STOP_RATIO = 0.99
-"""Another round follows if the last one brought the norm below this ratio."""
 
 _FIRST_TURN, _MIN_TURN = 0.3, 0.01
 _LENGTHS = (0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
-_PROGRESS = 0.999
 _MEMORY = 400
 """Number of the newest rollouts in the gradient estimate."""
 
@@ -51,7 +48,8 @@ def reduce_tape(evaluate: TapeEvaluator, tape: Floats, order: BlockOrder | None 
     """
     small, before = _scale_down(evaluate, tape), math.inf
     sizes = list(_list_block_sizes(evaluate.shape))
-    while evaluate.remaining and np.linalg.norm(small) < _STOP_RATIO * before:
+    stop_ratio = 0.99  # another round follows if the last one brought the norm below this ratio
+    while evaluate.remaining and np.linalg.norm(small) < stop_ratio * before:
         before = float(np.linalg.norm(small))
         for factor in (0.0, 0.5, 0.8, 0.95):
             for size in sizes if factor == 0.0 else sizes[-1:]:
@@ -186,7 +184,8 @@ class _Descent:
                 ]
                 self._move([(length * self.norm, direction) for direction in ahead for length in _LENGTHS])
             # 3. Without progress, turn less.
-            if self.norm > _PROGRESS * before:
+            largest_ratio = 0.999  # smaller progress does not count
+            if self.norm > largest_ratio * before:
                 self.turn *= 0.5
         return self.norm * self.direction
 

@@ -24,7 +24,6 @@ MAX_DEPTH = 100
 
 _NAME = r"[^\W\d][\w.]*"
 _STARTS = r"(?<![^\n;])([ \t]*)"
-_ENDS = r"(?=[ \t]*(?:;|\r?\n|#|//|/\*|\Z))"
 
 
 def parse(text: str, dt: float | Fraction = 1.0) -> nodes.Node:
@@ -111,7 +110,8 @@ def _blank_declarations(text: str) -> str:
         rf"(?:input|output|internal)[ \t]+{_NAME}[ \t]+{other}",
         rf"(?:{types})[ \t]+{other}",
     )
-    text = re.sub(rf"{_STARTS}(?:{'|'.join(declarations)}){_ENDS}", _blanks, text)
+    end = r"(?=[ \t]*(?:;|\r?\n|#|//|/\*|\Z))"
+    text = re.sub(rf"{_STARTS}(?:{'|'.join(declarations)}){end}", _blanks, text)
     return re.sub(rf"{_STARTS}const[ \t]+{_NAME}(?=[ \t]+{_NAME}[ \t]*=(?!=))", _blanks, text)
 
 

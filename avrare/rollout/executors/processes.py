@@ -23,8 +23,6 @@ from avrare.rollout.executors.work import ExecutorConfig, Task, Work
 from avrare.rollout.executors.worker_pool import WorkerLost, WorkerPool
 
 HINT = "define the system, its parts and the score at the top level of a module, or use workers=1"
-_PATIENCE = 10
-"""Looks in a row that find a worker stopped (SIGSTOP) before it is given up; Ctrl-Z stops the parent too."""
 _UNGUARDED = 97
 """Exit code of a worker whose import of the script began another estimate with workers."""
 _OUT_OF_MEMORY = 98
@@ -75,7 +73,10 @@ class WorkerProcess:
     def look(self) -> None:
         """Kill the process if it stays stopped, and hang up if it is dead."""
         self._stopped = self._stopped + 1 if _is_stopped(self._process.pid) else 0
-        if self._stopped >= _PATIENCE or self._process.exitcode is not None:
+        # looks in a row that find a worker stopped (SIGSTOP) before it is given up; Ctrl-Z stops the parent
+        # too
+        most_stopped_looks = 10
+        if self._stopped >= most_stopped_looks or self._process.exitcode is not None:
             self.kill()
 
     def kill(self) -> None:

@@ -25,8 +25,6 @@ from avrare.rollout.request import Request, Rollouts
 _LOOK_SECONDS = 0.5
 """Time between two looks at the workers while the parent waits for an outcome."""
 _MOST_ATTEMPTS, _CHUNK_ATTEMPTS = 3, 2
-_SLOWEST = 3.0
-"""Time that a chunk may take beside the limit of a rollout, over that of the slowest chunk so far."""
 
 
 class WorkerLost(Exception):
@@ -198,4 +196,6 @@ class WorkerPool(Executor):
             return math.inf
         if isinstance(task, FunctionCall):
             return 100 * self._timeout  # a function call may take as long as 100 rollouts
-        return self._timeout + _SLOWEST * self._most_seconds * max(task.rows / self._most_rows, 1.0)
+        # time that a chunk may take beside the limit of a rollout, over that of the slowest chunk so far
+        factor = 3.0
+        return self._timeout + factor * self._most_seconds * max(task.rows / self._most_rows, 1.0)

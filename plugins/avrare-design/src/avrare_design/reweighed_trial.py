@@ -24,9 +24,6 @@ from avrare.rollout.weighted_problem import log_ratios
 
 HALVING = math.sqrt(math.log(2.0))
 """Standard deviation of normal log weights at which half of the effective failures are left."""
-_SMALL = 1e-3
-_MIN_EFFECTIVE_SHARE = 0.25
-"""and share of them that must be left effectively."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,8 @@ class Reweigher:
 
         The log weights of a nearby value are, to first order, the score times the distance.
         """
-        step, count = _SMALL * abs(self.value), len(failures.noise)
+        relative_step = 1e-3
+        step, count = relative_step * abs(self.value), len(failures.noise)
         if count < 8 or step == 0.0:  # too few failures to know a slope
             return None
         low, high = max(self.value - step, self.between[0]), min(self.value + step, self.between[1])
@@ -113,10 +111,11 @@ class Reweigher:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             weights = np.exp(ratios)
             effective = weights.sum(axis=0) ** 2 / (weights**2).sum(axis=0)
+        least_share = 0.25  # effective share of the failures that must be left
         return tuple(
             _estimate(float(value), column, result, level)
             for value, column, left in zip(values, weights.T, effective, strict=True)
-            if left >= _MIN_EFFECTIVE_SHARE * len(column)
+            if left >= least_share * len(column)
         )
 
     def _ratios(self, failures: Failures, values: Sequence[float]) -> Floats | None:

@@ -34,14 +34,7 @@ _SEARCH_RISK = 0.15
 """and their part of the risk."""
 _GRID_VALUES = 12
 """Values on each side that a run is reweighed for."""
-_MIN_REACH_HALF_WIDTHS = 1.5
-"""Least distance in log p that reweighing must reach, in half widths of the interval there."""
-_STEP_HALF_WIDTHS = 1.3
-"""Distance from the root at which the next value is taken, in half widths of the interval there."""
-_MIN_SLOPE = 1e-3
 _BEND = 0.3
-_INTERVAL_STANDARD_ERRORS = 6.0
-"""Standard errors in the width of an interval of the trials that search."""
 
 
 Evaluate = Callable[[float, float, int, float, Sequence[float]], Trial]
@@ -135,7 +128,9 @@ class _Search:
         shares = SHARES[_SEARCH_ESTIMATES:]
         expected = self.limit * self.trials[-1].result.rollouts * sum(shares) / SHARES[_SEARCH_ESTIMATES - 1]
         half = normal_factor(1.0 - risk) / math.sqrt(expected)
-        if line is not None and self._reach() * abs(line[1]) >= _MIN_REACH_HALF_WIDTHS * half:
+        # least distance in log p that reweighing must reach, in half widths of the interval there
+        least_half_widths = 1.5
+        if line is not None and self._reach() * abs(line[1]) >= least_half_widths * half:
             value = self._inside(line[0])
             self._run(value, sum(shares), 1.0 - risk, self._grid(value))
             return
@@ -216,7 +211,10 @@ class _Search:
         if number == _SEARCH_ESTIMATES:
             width *= normal_factor(level) / normal_factor(1.0 - self.alpha * _SEARCH_RISK / _SEARCH_ESTIMATES)
         side = (-1.0 if number % 2 or self._is_rare() else 1.0) * (1.0 if slope > 0 else -1.0)
-        point = root + side * _STEP_HALF_WIDTHS * width / max(abs(slope), _MIN_SLOPE)
+        # distance from the root at which the next value is taken, in half widths of the interval there
+        half_widths = 1.3
+        least_slope = 1e-3
+        point = root + side * half_widths * width / max(abs(slope), least_slope)
         inside = ends[0] < point < ends[1]
         return _to_value(point if inside else middle, self.scaled)
 
@@ -268,7 +266,9 @@ class _Search:
         slopes = [abs(f * trial.score.slope) for f, trial in zip(factors, rows, strict=True) if trial.score]
         for factor, trial, distance in zip(factors, rows, y.tolist(), strict=True):
             if trial.score is not None:
-                error = _INTERVAL_STANDARD_ERRORS * factor * trial.score.error
+                # standard errors in the width of an interval of the trials that search
+                standard_errors = 6.0
+                error = standard_errors * factor * trial.score.error
                 precision = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
                 matrix[1, 1] += precision
                 vector[1] += precision * factor * trial.score.slope

@@ -39,8 +39,6 @@ from avrare_design.sensitivity import (
 )
 
 _DEFAULT = "perception."
-_HALVINGS = 5
-"""Times that the step to a value which the scenario refuses is halved."""
 
 
 @dataclass
@@ -279,7 +277,8 @@ def _reach(
     scenario: ParametricScenario, parameter: str, value: float, far: float, name: str, reasons: list[str]
 ) -> _End:
     refused: tuple[float, ...] = ()
-    for halving in range(_HALVINGS + 1):
+    most_halvings = 5  # times that the step to a value which the scenario refuses is halved
+    for halving in range(most_halvings + 1):
         part = int(far / 2**halving) if isinstance(far, int) else far / 2**halving
         if not part:
             break

@@ -27,8 +27,6 @@ from avrare.rollout.weighted_problem import find_ratio_model, log_ratios
 
 Built = TypeVar("Built")
 
-_SMALL = 1e-3
-"""Relative step of the differences of log densities, which have no noise."""
 _BLOCK = 1000
 
 
@@ -194,7 +192,8 @@ def derive_by_score(
     if value == 0.0:
         text = f"{parameter} is 0: the density ratio of a nearby value is unknown"
         raise UsageError(text, "give it another value, or leave it out")
-    step, tapes = _SMALL * abs(value), sample.failures.noise
+    relative_step = 1e-3  # relative step of the differences of log densities, which have no noise
+    step, tapes = relative_step * abs(value), sample.failures.noise
 
     def score() -> Floats:
         (first, up), (second, down) = (_build_near(build, value, end) for end in (step, -step))

@@ -29,8 +29,6 @@ from avrare_design.scenario_parameters import ParametricScenario, read_failing_r
 from avrare_design.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 
 PROOF_ROLLOUTS = 10_000
-_SEED_OF_PROOF = 1_000_000
-"""Distance of the seeds of the proof from those of the descent."""
 _MAX_VALUES, _MAX_NAMES_LENGTH = 6, 60
 """Most numbers whose values stand in the table, and the longest list of their names."""
 
@@ -210,7 +208,8 @@ class _Estimates:
         self, before: LoadedScenario, after: LoadedScenario, p: float, rollouts: int | None, maximise: bool
     ) -> Proof:
         """Compare start and result on the same fresh tapes; where few would fail, by two estimates."""
-        seed, tapes = self.seed + _SEED_OF_PROOF, PROOF_ROLLOUTS if rollouts is None else rollouts
+        seed_distance = 1_000_000  # distance of the seeds of the proof from those of the descent
+        seed, tapes = self.seed + seed_distance, PROOF_ROLLOUTS if rollouts is None else rollouts
         if rollouts is not None or p * tapes >= ENOUGH:
             executor = build_executor(self.workers)
             return prove_by_pairs(before, after, self.specification, tapes, seed, executor, maximise)

@@ -43,10 +43,6 @@ from avrare_evidence.sources import read_rates
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
-_SEED_STRIDE = 1_000_003
-"""Distance of the seeds of a pack's runs."""
-_ZERO_SHARE = 0.135
-"""Half a failure, which stands for none on a logarithm, over the upper end of none at 95 %."""
 _Estimate = tuple[float, float, float, float]
 """Value, interval and its confidence."""
 
@@ -124,7 +120,8 @@ def confirm(
         hint = "install the versions of the pack, or accept changes: the sheet names them"
         raise UsageError("\n".join(f"{pack.folder}: {line}" for line in changes), hint)
     runs = {entry.name: entry for entry in pack.manifest.runs}
-    seeds = {name: seed + number * _SEED_STRIDE for number, name in enumerate(runs)}
+    stride = 1_000_003  # distance of the seeds of a pack's runs
+    seeds = {name: seed + number * stride for number, name in enumerate(runs)}
     if any(entry.seed == seeds[name] for name, entry in runs.items()):
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
     execution = Execution(partial(build_executor, workers), watch)
@@ -194,8 +191,10 @@ def _list_estimates(
 
 
 def _compare(before: _Estimate, after: _Estimate, level: float) -> dict[str, object]:
+    # half a failure, which takes the place of none on a logarithm, over the upper limit of none at 95 %
+    zero_share = 0.135
     (small, _, top, confidence), (large, bottom, *_) = sorted(
-        (value or high * _ZERO_SHARE, low, high, confidence)
+        (value or high * zero_share, low, high, confidence)
         for value, low, high, confidence in (before, after)
     )
     reach = math.hypot(math.log(top / small), math.log(large / bottom) if bottom > 0.0 else math.inf)

@@ -11,9 +11,6 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats, Signals, Simulator
 from avrare_example.config import TankConfig
 
-_GRAVITY = 9.81
-"""Gravitational acceleration [m/s^2]."""
-
 
 @dataclass(frozen=True)
 class TankWorld:
@@ -55,7 +52,8 @@ class Tank(Simulator):
         """Return the world one ``dt`` later; the action is ignored."""
         config = self.config
         surge = self._decay * world.surge + self._innovation * noise[:, 0]
-        outflow = config.valve * np.sqrt(2.0 * _GRAVITY * world.level)
+        gravity = 9.81  # gravitational acceleration [m/s^2]
+        outflow = config.valve * np.sqrt(2.0 * gravity * world.level)
         level = world.level + self.dt * (self._inflow(surge) - outflow) / config.area
         over = np.maximum(level - config.rim, 0.0)
         return TankWorld(np.clip(level, 0.0, config.rim), surge, over * config.area)

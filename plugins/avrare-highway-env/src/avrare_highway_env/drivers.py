@@ -19,9 +19,6 @@ _PARAMETERS = (
 )
 """Option, attribute of highway-env, and the sign that it has there."""
 
-_BEND_BRAKING = 2.0
-"""Deceleration at which a driver begins to brake for a bend [m/s^2]."""
-
 
 class MoodyDriver(IDMVehicle):  # type: ignore[misc]
     """Intelligent driver model and MOBIL lane changes, with an offset on the acceleration.
@@ -72,7 +69,8 @@ class IntersectionDriver(MoodyDriver):
             return
         excess = self.speed**2 - following.speed_limit**2
         way = max(lane.length - lane.local_coordinates(self.position)[0], 0.5)
-        if excess > 2.0 * _BEND_BRAKING * way:
+        bend_braking = 2.0  # deceleration at which a driver begins to brake for a bend [m/s^2]
+        if excess > 2.0 * bend_braking * way:
             braking = max(-0.5 * excess / way, -self.ACC_MAX)
             self.action["acceleration"] = min(self.action["acceleration"], braking)
 

@@ -62,8 +62,6 @@ class Path:
 
 _LENGTH, _WIDTH = 5.0, 2.0
 """Size of every vehicle of highway-env [m]; the length is also the wheelbase."""
-_MIN_GAP = 0.1
-"""Lower bound of the gap in the model [m]."""
 
 
 class PathFollower:
@@ -154,7 +152,8 @@ class PathFollower:
             cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
             length, width = 0.5 * (_LENGTH * cos + _WIDTH * sin), 0.5 * (_LENGTH * sin + _WIDTH * cos)
             on: Bools = (along > here[:, None]) & (off - width < 0.5 * self.config.corridor_width)
-            gap = np.maximum(along - here[:, None] - length - 0.5 * _LENGTH, _MIN_GAP)
+            least_gap = 0.1  # lower bound of the gap in the model [m]
+            gap = np.maximum(along - here[:, None] - length - 0.5 * _LENGTH, least_gap)
             gaps.append(np.where(on, gap, np.inf))
             speeds.append(others.speed * np.cos(turned))
         gap, speed = np.concatenate(gaps, axis=1), np.concatenate(speeds, axis=1)

@@ -23,8 +23,6 @@ _PARAMETERS = (
     "gain",
     "observer",
 )
-_SEED_OFFSET = 1_000_000
-"""Distance of the seeds of the final estimates from those of the descent."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -45,7 +43,8 @@ def execute(args: argparse.Namespace) -> int:
         print(f"no step was better than the start: the {args.parameter} is unchanged")
         written = "the scenario, unchanged"
     else:
-        _compare(problem, _change(problem, args.parameter, best), seed + _SEED_OFFSET, 2 * args.chains)
+        seed_offset = 1_000_000  # distance of the seeds of the final estimates from those of the descent
+        _compare(problem, _change(problem, args.parameter, best), seed + seed_offset, 2 * args.chains)
     if args.file is not None:
         _write(args.file, scenario.definition.resolved, args.parameter, best)
         print(f"{args.file}: {written}")

@@ -27,7 +27,6 @@ OBLIQUE = 10.0
 """Vehicles nearer than this to an axis of the ego may be affected by the artefact [degrees]."""
 HELD_OUT = 0.2
 MIN_ROWS = 200
-_ALIGNED = 1.0
 _MIN_GAP, _MIN_STANDARD_ERRORS = 0.05, 5.0  # loss of detections that counts as the artefact
 
 
@@ -156,7 +155,10 @@ def find_artefact(rows: DetectionTable) -> Artefact:
     gap = variance = total = aligned = 0.0
     for low, high in pairwise((0.0, 10.0, 20.0, 30.0, 40.0, 50.0)):
         band = (distance >= low) & (distance < high)
-        along, off = (rows.detected[band & where] for where in (angle < _ALIGNED, angle >= OBLIQUE))
+        largest_aligned_angle = 1.0  # degrees
+        along, off = (
+            rows.detected[band & where] for where in (angle < largest_aligned_angle, angle >= OBLIQUE)
+        )
         if min(len(along), len(off)) < 20:
             continue
         weight = float(len(along))

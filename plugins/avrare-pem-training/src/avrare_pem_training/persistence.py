@@ -28,7 +28,6 @@ NEARBY = 40.0
 """Vehicles farther than this do not count [m]."""
 _CERTAIN, _IMPOSSIBLE = 1e-9, 1e-12
 _LOG_SECONDS, _LOGIT_LASTING = (-4.0, 4.0), (-6.0, 4.0)  # where the fit may go
-_STRONGEST = 0.995
 
 
 @dataclass(frozen=True)
@@ -162,7 +161,8 @@ def _fit_correlation(loss: Callable[[Floats], float], seconds: Floats) -> Floats
         return np.array([np.exp(parameters[0]), expit(parameters[1])])
 
     def loss_of(parameters: Floats) -> float:
-        return loss(np.minimum(correlation_after(unpack(parameters), seconds), _STRONGEST))
+        largest_correlation = 0.995
+        return loss(np.minimum(correlation_after(unpack(parameters), seconds), largest_correlation))
 
     minimum = minimize(loss_of, [0.0, -1.5], method="L-BFGS-B", bounds=[_LOG_SECONDS, _LOGIT_LASTING])
     return unpack(minimum.x)

@@ -29,11 +29,9 @@ LANE_INFORMATION_GAP = 0.505
 
 _LOWEST_BRAKING, _HIGHEST_BRAKING, _OTHERS_BRAKING = 4.0, 6.0, 7.0
 _MARGIN = 2.0
-_LEAST_DISTANCE = 2.0
 _FSM_REACTION = 0.75
 _RSS_REACTION, _RSS_ACCELERATION, _RSS_LATERAL, _RSS_MARGIN = 0.75, 3.0, 1.0, 0.3
 _REG157_BRAKING, _REG157_REACTION, _REG157_GAP = 6.0, 0.35, 0.5
-_REG157_STEP = 0.1
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,8 @@ def demand_cc_lane(seen: Situation) -> Floats:
 
 def demand_reg157(seen: Situation) -> Floats:
     """Return the braking of the system that meets R157 5.2.5.2 and no more."""
-    limit = seen.closing / (2.0 * _REG157_BRAKING) + _REG157_REACTION + _REG157_STEP
+    step = 0.1
+    limit = seen.closing / (2.0 * _REG157_BRAKING) + _REG157_REACTION + step
     near = (seen.ahead >= 0.0) & ~(seen.side_gap > _REG157_GAP) & ~(seen.ttc > limit)
     return np.where(near, _REG157_BRAKING, 0.0)
 
@@ -165,7 +164,8 @@ def following_distance(speed: Floats) -> Floats:
     """Return the least distance of R157 5.2.3.3 [m]; its time rises from 1 s by 0.1 s for each 10 km/h."""
     kmh = 3.6 * speed
     time = np.interp(kmh, [7.2, 10.0], [1.0, 1.1]) + np.maximum(kmh - 10.0, 0.0) / 100.0
-    return np.maximum(speed * time, _LEAST_DISTANCE)
+    least_distance = 2.0
+    return np.maximum(speed * time, least_distance)
 
 
 def fsm_distance(speed: Floats, other_speed: Floats) -> Floats:

@@ -18,8 +18,6 @@ from avrare_single_track.file_config import HandedOverConfig, RecordedConfig, ch
 from avrare_single_track.recorded_files import read_scene
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
-_STEADY = 0.3
-"""Most that a border of a lane may move aside where drivers keep to it [m]."""
 _ALIGNED = 0.25 * np.pi
 """Largest angle between a driver that is handed over and its lane [rad]."""
 
@@ -116,7 +114,8 @@ def _moves(track: VehicleTrack) -> bool:
 
 def has_constant_lanes(road: Road) -> bool:
     """Return whether no lane moves aside by more than 0.3 m."""
-    return all(np.ptp(border) < _STEADY for lane in road.lanes for border in (lane.right, lane.left))
+    largest_shift = 0.3  # most that a border of a lane may move aside where drivers keep to it [m]
+    return all(np.ptp(border) < largest_shift for lane in road.lanes for border in (lane.right, lane.left))
 
 
 def continue_lanes(road: Road) -> Road:

@@ -32,7 +32,6 @@ from avrare_estimators.ess.config import NestedLevelsConfig
 from avrare_estimators.ess.state import EssState
 from avrare_estimators.ess.summary import summarise
 
-_STAGE_OF_SECOND_PASS = 2**31
 _NOMINAL = 1e-4
 """Probability that a run is taken to go down to, for budgets."""
 _PILOT_SHARE = 0.5
@@ -221,7 +220,8 @@ class NestedLevels(Estimator):
             chains = min(chains, max(5, math.ceil(config.pilot * chains)))
         samples = chains * config.length
         survivors = min(max(1, round(config.level_probability * samples)), samples - 1)
-        stage = _STAGE_OF_SECOND_PASS if second else 0
+        second_stage = 2**31
+        stage = second_stage if second else 0
         return PassShape(
             runs=runs,
             chains=chains,

@@ -27,12 +27,8 @@ from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Particles
 from avrare_estimators.smc.summary import Counted, summarise
 
-_ROLLOUTS_OF_RUN = 5
-"""Starts and copies of a run in multiples of its particles, for budgets."""
 _LEAST_PARTICLES = 20
 _SCALED_PILOT, _SCALED_STAGES = 0.25, 2
-_ROW = 250
-"""Bytes of a particle at the peak, except for its carry."""
 _CARRY = 4096
 """Bytes of a particle's carry where they are not known."""
 _FEATURES = 32
@@ -149,7 +145,8 @@ class SequentialMonteCarlo(Estimator):
 
     @property
     def _row(self) -> int:
-        return _ROW + 40 * self.config.times
+        particle_bytes = 250  # bytes of a particle at the peak, except for its carry
+        return particle_bytes + 40 * self.config.times
 
     def _together(self, particles: int) -> int:
         """Return the number of runs that may advance together: they take half of the memory."""
@@ -252,7 +249,8 @@ def _replay(problem: Problem, noise: Floats) -> Floats:
 def _cost(plan: Plan) -> int:
     """Return the cost of a particle in the unit of the budget."""
     assert plan.budget is not None
-    return max(plan.steps, 1) if plan.budget.kind == "steps" else _ROLLOUTS_OF_RUN
+    rollouts = 5  # starts and copies of a run in multiples of its particles, for budgets
+    return max(plan.steps, 1) if plan.budget.kind == "steps" else rollouts
 
 
 def _count_copies(tally: Info, before: Particles, after: Particles, rows: int) -> Info:

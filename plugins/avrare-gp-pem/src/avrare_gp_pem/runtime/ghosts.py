@@ -26,7 +26,6 @@ from avrare_gp_pem.runtime.persistence import check_ratio
 from avrare_gp_pem.runtime.variant import MeasuredGhosts
 
 NOISE_PER_GHOST = 5
-_ABSENT = 8.0  # rank above which a slot is emptied
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,8 @@ class GhostPem:
     @property
     def perfect_noise(self) -> tuple[float, ...]:
         """Noise without misses, errors and ghosts."""
-        return (*self.vehicles.perfect_noise, *((_ABSENT, 0.0, 0.0, 0.0, 0.0) * self.ghosts.slots))
+        absent = 8.0  # a normal number at which no ghost exists
+        return (*self.vehicles.perfect_noise, *((absent, 0.0, 0.0, 0.0, 0.0) * self.ghosts.slots))
 
     def start(self, noise: Floats) -> GhostMemory:
         """Return the memory at t = 0, in the stationary state, from noise (N, noise_size)."""

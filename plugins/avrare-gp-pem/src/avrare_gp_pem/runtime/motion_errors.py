@@ -23,7 +23,6 @@ from avrare_gp_pem.runtime.student_t import student
 from avrare_gp_pem.runtime.variant import YawErrors
 from avrare_gp_pem.runtime.visibility import relative
 
-_NO_FLIP = 8.0
 _SPEED, _HEADING = ("speed error across",), ("flip of heading", "heading error")
 
 
@@ -66,7 +65,8 @@ class MotionErrorPem:
     @property
     def perfect_noise(self) -> tuple[float, ...]:
         """Noise of an observation without misses and errors."""
-        motion_noise = tuple(_NO_FLIP if kind == _HEADING[0] else 0.0 for kind in self.kinds)
+        no_flip = 8.0  # a normal number at which no heading is flipped
+        motion_noise = tuple(no_flip if kind == _HEADING[0] else 0.0 for kind in self.kinds)
         return (*self.model.perfect_noise, *(motion_noise * len(self.scene.names)))
 
     def observe(self, world: World, noise: Floats) -> Observation:

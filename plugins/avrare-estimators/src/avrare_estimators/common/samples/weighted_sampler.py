@@ -21,8 +21,6 @@ from avrare_estimators.common.samples.sampling import PartialSample, Sample, wav
 from avrare_estimators.common.samples.scale_annealing import ScaleAnnealing
 from avrare_estimators.common.samples.sources import Source
 
-_ROW = 150
-"""Bytes of a row that is kept, at the peak."""
 _LEVELS = 2
 """Levels that the cross-check's chains climb at least where they are most."""
 
@@ -127,7 +125,8 @@ class WeightedSampler(Estimator):
         tape, room = plan.tape_bytes, allowance(self.config.memory)
         share = self.config.check / (1.0 - self.config.check) / _LEVELS
         climb = min(int(share * rows) * CLIMB_TAPES * tape, room) if self.config.check else 0
-        held = _ROW * rows * self.config.runs + max(wave_bytes(plan, self.config.memory), climb)
+        row_bytes = 150  # bytes of a row that is kept, at the peak
+        held = row_bytes * rows * self.config.runs + max(wave_bytes(plan, self.config.memory), climb)
         return Demand(held, self.config.memory, "rollouts")
 
     def _rows(self, plan: Plan) -> int:

@@ -13,9 +13,6 @@ from avrare_estimators.common import health
 from avrare_estimators.common.chains.kernel import Draw, Move, Points, StepOutcome
 from avrare_estimators.ess.kernels.elimination import Elimination, SlopeStatistics
 
-_ROUNDING = 1e-9
-"""Relative difference of two scores below which it is rounding."""
-
 
 class LipschitzKernel(Elimination):
     """Valid where ``slope`` bounds the score's slope per unit of Euclidean length of the tape.
@@ -42,7 +39,8 @@ class LipschitzKernel(Elimination):
         length = np.sqrt(_dot(apart, apart))
         comparable = (length > 0.0) & np.isfinite(points.score) & np.isfinite(state.score[rows])
         new, here = np.where(comparable, points.score, 0.0), np.where(comparable, state.score[rows], 0.0)
-        rise = np.maximum(np.abs(new - here) - _ROUNDING * (np.abs(new) + np.abs(here)), 0.0)
+        rounding = 1e-9  # relative difference of two scores below which it is rounding
+        rise = np.maximum(np.abs(new - here) - rounding * (np.abs(new) + np.abs(here)), 0.0)
         slope = rise / np.where(comparable, length, 1.0)
         pairs, steep, most = old.pairs.copy(), old.steep.copy(), old.most.copy()
         pairs[rows] += comparable

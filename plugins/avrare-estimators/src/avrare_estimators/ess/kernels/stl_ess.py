@@ -26,9 +26,6 @@ from avrare_estimators.ess.kernels.elimination import Elimination
 
 AcquisitionName = Literal["ucb", "ei", "poi"]
 _CIRCLE = 2.0 * np.pi
-_MOST_ROUNDS = 3
-_LENGTH = 1.0
-"""Length scale of the process, radians."""
 GRID = (np.arange(96) + 0.5) * (_CIRCLE / 96)
 """(G,) angles at which the process is looked at."""
 _erfc = np.vectorize(math.erfc, otypes=[np.float64])
@@ -145,7 +142,8 @@ class BayesianKernel(Kernel):
             posterior.most_promising(acquisition)
             for acquisition in (self.acquisition, self.acquisition.exploiting())
         )
-        last = ends & (valid | (rounds >= _MOST_ROUNDS))
+        most_rounds = 3
+        last = ends & (valid | (rounds >= most_rounds))
         uniforms = move.draw.uniforms(rows, move.turn)
         drawn = np.where(valid, _uniform_on_cells(active, uniforms), 0.0)  # no such angle: stay
         angle = np.where(last, drawn, np.where(rounds == 0, first, later))
@@ -213,7 +211,8 @@ class Posterior:
 
 
 def _matern_52(distance: Floats) -> Floats:
-    r = np.sqrt(5.0) * np.abs(distance) / _LENGTH
+    length_scale = 1.0  # length scale of the process, radians
+    r = np.sqrt(5.0) * np.abs(distance) / length_scale
     return np.asarray((1.0 + r + r**2 / 3.0) * np.exp(-r))
 
 
