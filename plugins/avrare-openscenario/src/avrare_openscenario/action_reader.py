@@ -244,7 +244,9 @@ class ActionReader:
         if target.tag == "AbsoluteTargetLane":
             return story.LaneChange(actor, transition, find_lane(self, target, "value"), offset)
         other = self.find_entity(target)
-        return story.LaneChange(actor, transition, self.parameters.whole(target, "value"), offset, other)
+        return story.LaneChange(
+            actor, transition, self.parameters.read_integer(target, "value"), offset, other
+        )
 
     def _read_lane_offset(self, action: Element, actor: int) -> story.LaneChange:
         self.parameters.boolean(action, "continuous")  # an offset is kept until another action in any case
@@ -270,7 +272,7 @@ class ActionReader:
         if timing is not None:
             domain = self.parameters.choose(timing, "domainAbsoluteRelative", ("absolute", "relative"))
             absolute = domain == "absolute"
-            scale, offset = (self.parameters.fixed(timing, name) for name in ("scale", "offset"))
+            scale, offset = (self.parameters.read_number(timing, name) for name in ("scale", "offset"))
         holder = action.find("TrajectoryRef") or action
         curve = self.read_curve(holder, actor, timing is not None, scale, offset)
         begin = self._limit(action, "initialDistanceOffset")
@@ -293,7 +295,7 @@ class ActionReader:
         names = ("startTime", "stopTime")
         if not timed or not all(form.get(name) for name in names):
             return self._read_clothoids(form, actor)
-        times = tuple(self.parameters.scaled(self._number(form, name), scale, offset) for name in names)
+        times = tuple(self.parameters.scale(self._number(form, name), scale, offset) for name in names)
         return replace(self._read_clothoids(form, actor), times=times)
 
     def _read_polyline(
@@ -307,19 +309,19 @@ class ActionReader:
         timed = timed and None not in written
         times = [self._number(vertex, "time") for vertex in vertices] if timed else []
         return story.Trajectory(
-            actor, places, tuple(self.parameters.scaled(time, scale, offset) for time in times)
+            actor, places, tuple(self.parameters.scale(time, scale, offset) for time in times)
         )
 
     def _read_clothoids(self, form: Element, actor: int) -> story.Trajectory:
-        fixed = self.parameters.fixed
+        read_number = self.parameters.read_number
         pieces: list[tuple[float, float, float]] = []
         if form.tag == "Clothoid":
             start: Element | None = form.child("Position")
-            length = fixed(form, "length")
+            length = read_number(form, "length")
             form.ignore("startTime", "stopTime")
-            bend = fixed(form, "curvature")
+            bend = read_number(form, "curvature")
             turn = "curvaturePrime" if form.get("curvaturePrime") is not None else "curvatureDot"
-            pieces.append((length, bend, bend + length * fixed(form, turn)))
+            pieces.append((length, bend, bend + length * read_number(form, turn)))
         else:
             form.get("timeEnd")
             segments = form.list("ClothoidSplineSegment")
@@ -332,8 +334,8 @@ class ActionReader:
                 segment.get("timeStart")
                 if segment is not segments[0] and segment.find("PositionStart") is not None:
                     raise segment.error("a later segment with a start of its own is not read")
-                bends = fixed(segment, "curvatureStart"), fixed(segment, "curvatureEnd")
-                pieces.append((fixed(segment, "length"), *bends))
+                bends = read_number(segment, "curvatureStart"), read_number(segment, "curvatureEnd")
+                pieces.append((read_number(segment, "length"), *bends))
         if any(length <= 0.0 for length, _, _ in pieces):
             raise form.error("a length should be above 0")
         shape = sample_clothoids(pieces)
@@ -350,9 +352,11 @@ class ActionReader:
         weights = []
         for point in points:
             point.get("time")
-            weights.append(1.0 if point.get("weight") is None else self.parameters.fixed(point, "weight"))
-        knots = [self.parameters.fixed(knot, "value") for knot in form.list("Knot")]
-        order = self.parameters.whole(form, "order")
+            weights.append(
+                1.0 if point.get("weight") is None else self.parameters.read_number(point, "weight")
+            )
+        knots = [self.parameters.read_number(knot, "value") for knot in form.list("Knot")]
+        order = self.parameters.read_integer(form, "order")
         if not 2 <= order <= len(points) or len(knots) != len(points) + order or np.any(np.diff(knots) < 0):
             raise form.error("should have at least `order` points, and as many ascending knots as both")
         return story.Trajectory(actor, places, shares=sample_nurbs(order, weights, knots))

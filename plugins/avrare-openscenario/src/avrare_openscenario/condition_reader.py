@@ -145,7 +145,7 @@ class ConditionReader:
         lanes = []
         for span in element.list("RelativeLaneRange"):
             low, high = (
-                limit if span.get(name) is None else self.parameters.whole(span, name)
+                limit if span.get(name) is None else self.parameters.read_integer(span, name)
                 for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
             )
             lanes.append((low, high))
@@ -182,7 +182,7 @@ class ConditionReader:
 
     def _read_steps(self, element: Element, name: str) -> int:
         # A time, as a number of steps.
-        seconds = self.parameters.fixed(element, name)
+        seconds = self.parameters.read_number(element, name)
         if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
             text = f"{name} should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
             raise element.error(text)

@@ -54,5 +54,5 @@ class OpenScenarioConfig(Options):
 
     @field_validator("ego")
     @classmethod
-    def _known_body(cls, ego: dict[str, float]) -> dict[str, float]:
+    def _check_body(cls, ego: dict[str, float]) -> dict[str, float]:
         return check_body(ego, "the file")

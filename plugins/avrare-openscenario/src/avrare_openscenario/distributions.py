@@ -73,7 +73,7 @@ def _read_value(element: Element) -> str:
     written = element.attribute("value")
     if not written.startswith("${"):
         return written
-    return f"{Parameters(None, {}, element.path).fixed(element, 'value'):.12g}"
+    return f"{Parameters(None, {}, element.path).read_number(element, 'value'):.12g}"
 
 
 def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]:

@@ -237,8 +237,8 @@ class Parameters:
             self._texts.append(written)
         return self.constant(_TEXTS + self._texts.index(written))
 
-    def scaled(self, number: Number, factor: float, by: float) -> Number:
-        """Return a number times a factor, and ``by`` more."""
+    def scale(self, number: Number, factor: float, by: float) -> Number:
+        """Return a number times a factor, plus ``by``."""
         tree = self._trees[number]
         if isinstance(tree, float):
             return self.constant(tree * factor + by)
@@ -246,19 +246,19 @@ class Parameters:
         self._trees.append(ast.BinOp(product, ast.Add(), ast.Constant(by)))
         return len(self._trees) - 1
 
-    def shifted(self, number: Number, by: float) -> Number:
-        """Return a number that is ``by`` more than another."""
-        return number if not by else self.scaled(number, 1.0, by)
+    def shift(self, number: Number, by: float) -> Number:
+        """Return a number plus ``by``."""
+        return number if not by else self.scale(number, 1.0, by)
 
-    def fixed(self, element: Element, name: str) -> float:
-        """Return an attribute as a number that decides what a file means."""
+    def read_number(self, element: Element, name: str) -> float:
+        """Read an attribute as a number that is known while the file is read."""
         tree = self._parse(element, name, element.attribute(name))
         self.decisive.update(REFERENCE.findall(element.attribute(name)))
         return self._compute(element, name, tree)
 
-    def whole(self, element: Element, name: str) -> int:
-        """Return an attribute that must be a whole number, and decides what a file means."""
-        value = self.fixed(element, name)
+    def read_integer(self, element: Element, name: str) -> int:
+        """Read an attribute as a whole number that is known while the file is read."""
+        value = self.read_number(element, name)
         if not value.is_integer():
             raise element.error(f"{name} should be a whole number, found {element.attribute(name)!r}")
         return int(value)

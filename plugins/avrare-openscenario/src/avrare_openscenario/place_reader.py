@@ -48,19 +48,19 @@ def _read_kind(reader: ActionReader, position: Element) -> Place:
             return Place("curve", number("s"), number("t", 0.0), heading, absolute=absolute, curve=curve)
         case "LanePosition":
             line, station = _read_station(reader, position)
-            lane, offset = parameters.whole(position, "laneId"), number("offset", 0.0)
+            lane, offset = parameters.read_integer(position, "laneId"), number("offset", 0.0)
             if lane in line.lanes:
                 index = line.lanes[lane]
                 return Place("lane", station, offset, heading, index, absolute=absolute, roads=line)
             if lane not in line.centres:
                 raise position.error(f"there is no lane {lane}", f"lanes of the road: {_list_lanes(line)}")
-            aside = parameters.shifted(offset, line.centres[lane])
+            aside = parameters.shift(offset, line.centres[lane])
             return Place("road", station, aside, heading, absolute=absolute, roads=line)
         case "RoadPosition":
             line, station = _read_station(reader, position)
             return Place("road", station, number("t"), heading, absolute=absolute, roads=line)
         case "RelativeLanePosition":
-            other, across = reader.find_entity(position), parameters.whole(position, "dLane")
+            other, across = reader.find_entity(position), parameters.read_integer(position, "dLane")
             by_lane = position.get("dsLane") is not None
             ahead, offset = number("dsLane" if by_lane else "ds", 0.0), number("offset", 0.0)
             return Place("beside", ahead, offset, heading, across, other, absolute, by_lane=by_lane)
@@ -74,7 +74,7 @@ def _read_kind(reader: ActionReader, position: Element) -> Place:
 
 def find_lane(reader: ActionReader, element: Element, name: str) -> int:
     """Return the id of a lane of position of the roads, which an attribute has."""
-    lane, lines = reader.parameters.whole(element, name), reader.roads.maps
+    lane, lines = reader.parameters.read_integer(element, name), reader.roads.maps
     if not any(lane in line.lanes for line in lines):
         driven = any(lane in line.centres for line in lines)
         text = f"nobody drives on lane {lane}" if driven else f"there is no lane {lane}"
@@ -93,7 +93,7 @@ def _read_station(reader: ActionReader, element: Element) -> tuple[RoadMap, Numb
     if line is None:
         names = ", ".join(name for line in reader.roads.maps for name in line.begins)
         raise element.error(f"there is no road {road!r}", f"there are: {names}")
-    return line, reader.parameters.shifted(reader.parameters.number(element, "s"), line.begins[road])
+    return line, reader.parameters.shift(reader.parameters.number(element, "s"), line.begins[road])
 
 
 def _read_orientation(position: Element, parameters: Parameters) -> tuple[Number, bool]:
@@ -131,16 +131,16 @@ def _read_route_place(reader: ActionReader, position: Element) -> Place:
     names = {index: lane for lane, index in roads.lanes.items()}
     line = follow_lane(reader.roads, roads, names[first.lane], [after for _, after in others])
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
-    station = reader.parameters.shifted(reader.parameters.number(where, "pathS"), float(pose[0][0]))
+    station = reader.parameters.shift(reader.parameters.number(where, "pathS"), float(pose[0][0]))
     heading, absolute = _read_orientation(position, reader.parameters)
     if where.tag in _BY_LANE:
-        lane = reader.parameters.whole(where, "laneId")
+        lane = reader.parameters.read_integer(where, "laneId")
         if lane not in line.lanes:
             raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")
         offset = reader.parameters.number(where, "laneOffset", 0.0)
         return Place("lane", station, offset, heading, line.lanes[lane], absolute=absolute, roads=line)
     middle = -abs(roads.centres[names[first.lane]])
-    across = reader.parameters.shifted(reader.parameters.number(where, "t"), -middle)
+    across = reader.parameters.shift(reader.parameters.number(where, "t"), -middle)
     return Place("road", station, across, heading, absolute=absolute, roads=line)
 
 

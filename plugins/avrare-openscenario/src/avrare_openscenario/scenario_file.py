@@ -267,7 +267,7 @@ def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> B
         trailer.pass_over("trailers are left out")
     kind.ignore(*kind.attributes)
 
-    read = parameters.fixed
+    read = parameters.read_number
     top_speed, rates, performance = None, (np.inf, np.inf), kind.find("Performance")
     if performance is not None:
         performance.skip()

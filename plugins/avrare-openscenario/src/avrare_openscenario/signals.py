@@ -87,13 +87,13 @@ class Signals:
         return self._controllers[name]
 
     def _read_controller(self, element: Element) -> _Controller:
-        text, fixed = self.parameters.text, self.parameters.fixed
-        delay = 0.0 if element.get("delay") is None else fixed(element, "delay")
+        text, read_number = self.parameters.text, self.parameters.read_number
+        delay = 0.0 if element.get("delay") is None else read_number(element, "delay")
         if (reference := element.get("reference")) in self._controllers:
             delay += self._controllers[reference].delay
         phases, begin = list[tuple[float, float, Mapping[str, str]]](), 0.0
         for phase in element.list("Phase"):
-            end, shown = begin + fixed(phase, "duration"), {"": text(phase, "name")}
+            end, shown = begin + read_number(phase, "duration"), {"": text(phase, "name")}
             phase.skip_children("TrafficSignalGroupState")
             for state in phase.list("TrafficSignalState"):
                 shown[text(state, "trafficSignalId")] = text(state, "state")

@@ -75,7 +75,7 @@ class StoryReader:
             self.events.append(Event("Init", 0, -1, (), tuple(range(len(self.actions))), False))
         for story in board.list("Story"):
             declarations = story.find("ParameterDeclarations")
-            with self.parameters.scope(declarations), self._named(story, "story"):
+            with self.parameters.scope(declarations), self._record_element(story, "story"):
                 for act in story.list("Act"):
                     self._read_act(act)
         for index, element in self._waiting:
@@ -94,7 +94,7 @@ class StoryReader:
         )
 
     @contextmanager
-    def _named(self, element: Element, kind: str, act: int = -1) -> Iterator[None]:
+    def _record_element(self, element: Element, kind: str, act: int = -1) -> Iterator[None]:
         # What is read within belongs to the element.
         first = len(self.events)
         self._path.append(element.get("name") or "")
@@ -110,9 +110,9 @@ class StoryReader:
         start, stop = act.find("StartTrigger"), act.find("StopTrigger")
         self.acts.append(() if start is None else self._read_trigger(start))
         self.stops.append(self._read_trigger(stop) if stop is not None and stop.children else None)
-        with self._named(act, "act", index):
+        with self._record_element(act, "act", index):
             for group in act.list("ManeuverGroup"):
-                with self._named(group, "maneuverGroup", index):
+                with self._record_element(group, "maneuverGroup", index):
                     self._read_group(group, index)
 
     def _read_group(self, group: Element, act: int) -> None:
@@ -125,7 +125,7 @@ class StoryReader:
         referred = [self.reading.catalogs.resolve(reference, ("Maneuver",)) for reference in references]
         for maneuver in [*referred, *group.list("Maneuver")]:
             declarations = None if maneuver in referred else maneuver.find("ParameterDeclarations")
-            with self.parameters.scope(declarations), self._named(maneuver, "maneuver", act):
+            with self.parameters.scope(declarations), self._record_element(maneuver, "maneuver", act):
                 self._read_maneuver(maneuver, act, chosen)
         if count > 1:
             self.groups.append(Group(count, tuple(range(first, len(self.events)))))
@@ -136,7 +136,7 @@ class StoryReader:
                 raise maneuver.error(*_EGO_DRIVEN)
             actors = [actor for actor in actors if actor != self.ego]
         for event in maneuver.list("Event"):
-            with self._named(event, "event"):
+            with self._record_element(event, "event"):
                 if self.selects:
                     for actor in self._find_triggering(event):
                         self._read_event(event, act, [actor])
@@ -172,7 +172,7 @@ class StoryReader:
         # How often an event or a maneuver group may begin.
         if event.get("maximumExecutionCount") in (None, "0"):
             return 1
-        count = self.parameters.whole(event, "maximumExecutionCount")
+        count = self.parameters.read_integer(event, "maximumExecutionCount")
         if not 1 <= count <= _COUNT_MAX:
             raise event.error("maximumExecutionCount should be at least 1")
         return count

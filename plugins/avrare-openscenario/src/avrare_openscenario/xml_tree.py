@@ -190,7 +190,7 @@ class _Builder:
         self.parser = parser = xml.parsers.expat.ParserCreate()
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
-        parser.StartDoctypeDeclHandler = self._declared
+        parser.StartDoctypeDeclHandler = self._refuse_doctype
 
     def parse(self, content: bytes) -> Element:
         try:
@@ -205,7 +205,7 @@ class _Builder:
     def _here(self) -> str:
         return f"{self.path}:{self.parser.CurrentLineNumber}:{self.parser.CurrentColumnNumber + 1}"
 
-    def _declared(self, *_: object) -> None:
+    def _refuse_doctype(self, *_: object) -> None:
         raise UsageError(f"{self._here()}: a document type is declared", "take out the line <!DOCTYPE ...>")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
