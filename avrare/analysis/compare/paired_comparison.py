@@ -167,40 +167,56 @@ def compare_versions(
     Raises:
         UsageError: They have no specification in common, or cannot share their noise.
     """
-    both, second_only = _split_settings(as_settings(overrides))
     names = require_path(first, "a scenario file"), require_path(second, "a scenario file")
-    driver = read_driver(names[1])
-    plugin, *options = (estimator or "mc").split(":")
-    both += [f"estimator.{option}" for option in options] + ([] if seed is None else [f"seed={seed}"])
     with safe_mode(safe):
-        definitions = (
-            load(first, both, estimator and plugin),
-            load(first if driver else second, [*both, *driver, *second_only], estimator and plugin),
-        )
+        definitions = _load_versions(names, as_settings(overrides), estimator, seed)
     scenarios = [LoadedScenario(definition) for definition in definitions]
-    problems = [scenario.problem(specification or scenario.definition.estimated) for scenario in scenarios]
-    common = find_common(*problems)
+    before, after = (
+        scenario.problem(specification or scenario.definition.estimated) for scenario in scenarios
+    )
+    common, seed = find_common(before, after), definitions[0].seed
 
     def begin(number: int) -> Progress:
         label = f"{names[number]}  {number + 1} of 2"
-        return watch(label, problems[number]) if watch is not None else lambda info: None
+        return watch(label, (before, after)[number]) if watch is not None else lambda info: None
 
     rollouts, changes = 0, list[VersionChange]()
     if estimator is None:
-        rollouts = _count_rollouts(budget, problems[0].steps)
-        changes += compare_pairs(
-            problems[0], problems[1], rollouts, definitions[0].seed, build_executor(workers), begin
-        )
+        rollouts = _count_rollouts(budget, before.steps)
+        changes += compare_pairs(before, after, rollouts, seed, build_executor(workers), begin)
     else:
-        paid = None if budget is None else parse_cost(budget)
-        results = []
-        for number, scenario in enumerate(scenarios):
-            display = nullcontext(begin(number))
-            execution = Execution(partial(build_executor, workers), lambda *_, display=display: display)
-            with _name_version(number):
-                results.append(estimate_scenario(scenario, common, paid, execution))
-        changes += map(EstimatedChange, common, zip(*results, strict=True))
-    return PairedComparison(names, definitions, tuple(changes), rollouts, definitions[0].seed)
+        cost = None if budget is None else parse_cost(budget)
+        changes += _compare_estimates(scenarios, common, cost, workers, begin)
+    return PairedComparison(names, definitions, tuple(changes), rollouts, seed)
+
+
+def _load_versions(
+    names: tuple[str, str], settings: Sequence[str], estimator: str | None, seed: int | None
+) -> tuple[Scenario, Scenario]:
+    both, second_only = _split_settings(settings)
+    driver = read_driver(names[1])
+    plugin, *options = (estimator or "mc").split(":")
+    both += [f"estimator.{option}" for option in options] + ([] if seed is None else [f"seed={seed}"])
+    return (
+        load(names[0], both, estimator and plugin),
+        load(names[0 if driver else 1], [*both, *driver, *second_only], estimator and plugin),
+    )
+
+
+def _compare_estimates(
+    scenarios: Sequence[LoadedScenario],
+    specifications: Sequence[str],
+    budget: Budget | None,
+    workers: int,
+    begin: PairedWatch,
+) -> Iterator[EstimatedChange]:
+    results = []
+    for number, scenario in enumerate(scenarios):
+        display = nullcontext(begin(number))
+        execution = Execution(partial(build_executor, workers), lambda *_, display=display: display)
+        with _name_version(number):
+            results.append(estimate_scenario(scenario, specifications, budget, execution))
+    return map(EstimatedChange, specifications, zip(*results, strict=True))
 
 
 def _split_settings(settings: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -92,6 +92,12 @@ class Iteration:
     refusal: str = ""
 
     @property
+    def estimate(self) -> Result:
+        """``measured``, which the start and whatever is best have."""
+        assert self.measured is not None
+        return self.measured
+
+    @property
     def slope(self) -> float:
         """Length of the gradient."""
         return 0.0 if self.gradient is None else float(np.linalg.norm(self.gradient))
@@ -173,8 +179,7 @@ def _longest_fall(gradient: Floats) -> float:
 def _with_gradient(
     now: Iteration, numbers: ScenarioNumbers, search: Search, runner: TapeRunner, number: int
 ) -> Iteration:
-    assert now.measured is not None
-    sample = FailureSample.of(now.measured)
+    sample = FailureSample.of(now.estimate)
     lines = _directions(len(now.values), search, number)
     derivatives = []
     for k, line in enumerate(lines):

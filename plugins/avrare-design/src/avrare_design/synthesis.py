@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -159,10 +159,7 @@ def synthesise(
     Raises:
         UsageError: A parameter has no numbers, or no failure was found at the start.
     """
-    chosen = as_settings(parameters)
-    if any("." not in parameter for parameter in chosen):
-        hint = "`avrare synthesise` takes it; numbers of any scenario have a path such as controller.gain"
-        raise UsageError(f"{', '.join(chosen)}: a parameter without a dot is that of a linear system", hint)
+    chosen = _require_dotted(parameters)
     settings = [f"estimator.plugin={estimator}"] if estimator else []
     scenario = ParametricScenario(path, (*as_settings(overrides), *settings))
     with safe_mode(safe):
@@ -171,21 +168,29 @@ def synthesise(
     first_seed = definition.seed if seed is None else seed
     search = Search(name, steps, step, directions, target, maximise, first_seed)
     estimates = _Estimates(name, first_seed, Budget.parse(budget), workers, run)
-    iterations: list[Iteration] = []
-    for iteration in descend(numbers, search, estimates.measure, runner or TapeRunner(workers)):
-        iterations.append(iteration)
-        for line in _describe_iteration(len(iterations) - 1, iteration, numbers):
-            if show is not None:
+    descent = descend(numbers, search, estimates.measure, runner or TapeRunner(workers))
+    iterations = tuple(_show_each(descent, numbers, show))
+    best = [iteration for iteration in iterations if iteration.best][-1]
+    proven = None if best is iterations[0] else estimates.prove(numbers, iterations[0], best, proof, maximise)
+    return Synthesis(name, numbers, iterations, search.is_reached(best.estimate.probability), proven)
+
+
+def _require_dotted(parameters: Sequence[str] | str) -> tuple[str, ...]:
+    paths = as_settings(parameters)
+    if any("." not in path for path in paths):
+        hint = "`avrare synthesise` takes it; numbers of any scenario have a path such as controller.gain"
+        raise UsageError(f"{', '.join(paths)}: a parameter without a dot is that of a linear system", hint)
+    return paths
+
+
+def _show_each(
+    descent: Iterator[Iteration], numbers: ScenarioNumbers, show: Callable[[str], None] | None
+) -> Iterator[Iteration]:
+    for number, iteration in enumerate(descent):
+        if show is not None:
+            for line in _describe_iteration(number, iteration, numbers):
                 show(line)
-    start, best = iterations[0], [iteration for iteration in iterations if iteration.best][-1]
-    assert start.measured is not None
-    assert best.measured is not None
-    synthesis = Synthesis(name, numbers, tuple(iterations), search.is_reached(best.measured.probability))
-    if best is start:
-        return synthesis
-    before, after = numbers.at(numbers.start), numbers.at(best.values)
-    proven = estimates.prove(before, after, start.measured.probability, proof, maximise)
-    return replace(synthesis, proof=proven)
+        yield iteration
 
 
 @dataclass(frozen=True)
@@ -205,12 +210,18 @@ class _Estimates:
         return self._estimate(scenario, self.seed + number, scenario.definition.confidence)
 
     def prove(
-        self, before: LoadedScenario, after: LoadedScenario, p: float, rollouts: int | None, maximise: bool
+        self,
+        numbers: ScenarioNumbers,
+        start: Iteration,
+        best: Iteration,
+        rollouts: int | None,
+        maximise: bool,
     ) -> Proof:
         """Compare start and result on the same fresh tapes; where few would fail, by two estimates."""
+        before, after = numbers.at(start.values), numbers.at(best.values)
         seed_distance = 1_000_000  # distance of the seeds of the proof from those of the descent
         seed, tapes = self.seed + seed_distance, PROOF_ROLLOUTS if rollouts is None else rollouts
-        if rollouts is not None or p * tapes >= ENOUGH:
+        if rollouts is not None or start.estimate.probability * tapes >= ENOUGH:
             executor = build_executor(self.workers)
             return prove_by_pairs(before, after, self.specification, tapes, seed, executor, maximise)
 
