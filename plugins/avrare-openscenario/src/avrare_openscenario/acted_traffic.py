@@ -24,12 +24,7 @@ _AT_REST = 1e-3
 
 
 class ActedTraffic:
-    """Vehicles of a file.
-
-    Args:
-        file: The file.
-        dt: Step [s].
-    """
+    """Vehicles of a file."""
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
         self.file, self.story, self.dt = file, file.story, dt

@@ -37,16 +37,7 @@ _ENDLESS = 1e9
 
 
 class ActionReader:
-    """Reader of the actions of one file.
-
-    Args:
-        parameters: Its parameters.
-        roads: Its roads.
-        names: Names of the entities.
-        kinds: What each of them is: ``Vehicle``, ``Pedestrian`` or ``MiscObject``.
-        catalogs: Catalogs of trajectories and environments.
-        lights: Its traffic lights, and its variables.
-    """
+    """Reader of the actions of one file."""
 
     def __init__(
         self,

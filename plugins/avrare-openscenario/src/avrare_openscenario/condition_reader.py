@@ -23,12 +23,7 @@ _SYSTEMS = ("entity", "lane", "road", "trajectory", "world")
 
 
 class ConditionReader:
-    """Reader of the conditions of one file.
-
-    Args:
-        actions: Reader of its actions, and of what they refer to.
-        dt: Step [s].
-    """
+    """Reader of the conditions of one file."""
 
     def __init__(self, actions: ActionReader, dt: float) -> None:
         self.actions, self.parameters, self.dt = actions, actions.parameters, dt

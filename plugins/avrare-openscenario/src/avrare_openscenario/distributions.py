@@ -79,9 +79,6 @@ def _read_value(element: Element) -> str:
 def read_distributions(top: Element) -> tuple[str, dict[str, dict[str, object]]]:
     """Return the scenario's file and the law of each parameter, as a scenario would write it.
 
-    Args:
-        top: The element ``OpenSCENARIO`` of a file with a ``ParameterValueDistribution``.
-
     Raises:
         UsageError: A distribution is not read, or values are given without probabilities.
     """

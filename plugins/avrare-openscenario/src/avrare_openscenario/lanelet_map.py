@@ -43,10 +43,6 @@ def is_lanelet_map(path: str) -> bool:
 def read_lanelet_map(path: str, named: Element) -> Network:
     """Read the road of a file.
 
-    Args:
-        path: The file.
-        named: The element that names it, for messages.
-
     Raises:
         UsageError: The lanes begin, end, or change their widths, or are no lanes of one road.
     """

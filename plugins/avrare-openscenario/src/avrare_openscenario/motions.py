@@ -9,25 +9,12 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
+from avrare_openscenario import story
 from avrare_openscenario.courses import Course, Integers, put, transition_span
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.speeds import close_aside, close_gap, follow_profile, place_gap, synchronize_speed
 from avrare_openscenario.starts import build_path, move_over, pick, place_point, resolve_speed
-from avrare_openscenario.story import (
-    FORMS,
-    Assignment,
-    Gap,
-    LaneChange,
-    Place,
-    Removal,
-    Route,
-    SpeedChange,
-    SpeedProfile,
-    Synchronize,
-    Teleport,
-    Trajectory,
-)
 from avrare_openscenario.trajectories import Path, Pose, list_places
 from avrare_openscenario.ways import Ways, aim_across
 
@@ -57,12 +44,7 @@ class Drive:
 
 
 class Motions:
-    """Motions of the vehicles of a file.
-
-    Args:
-        file: The file.
-        dt: Step [s].
-    """
+    """Motions of the vehicles of a file."""
 
     def __init__(self, file: ScenarioFile, dt: float) -> None:
         self.story, self.dt = file.story, dt
@@ -70,9 +52,9 @@ class Motions:
         self.ways: Ways | None = None
         self.bodies = file.bodies
         actions = list(enumerate(self.story.actions))
-        self.trajectories = [number for number, action in actions if isinstance(action, Trajectory)]
+        self.trajectories = [number for number, action in actions if isinstance(action, story.Trajectory)]
         # Offsets cost no way along the road.
-        changes = [(number, action) for number, action in actions if isinstance(action, LaneChange)]
+        changes = [(number, action) for number, action in actions if isinstance(action, story.LaneChange)]
         self.offsets = [number for number, action in changes if action.transition.dimension == "curvature"]
         others = file.maps[: len(file.bodies) - file.ego]
         self.free = np.array([not roads.lanes for roads in others], np.bool_)
@@ -82,32 +64,32 @@ class Motions:
     ) -> tuple[Drive, Vehicles]:
         """Begin an action in some rows; what is done after it, and all points of reference."""
         action = self.story.actions[number]
-        assert not isinstance(action, Assignment | Route)
+        assert not isinstance(action, story.Assignment | story.Route)
         actor = action.actor
         match action:
-            case SpeedChange():
-                start, form = every.speed[:, actor], FORMS.index(action.transition.form)
+            case story.SpeedChange():
+                start, form = every.speed[:, actor], story.FORMS.index(action.transition.form)
                 target, span = self._find_span(action, start, table, every)
                 speed = drive.speed.begin(number, actor, rows, start, target, span, form)
                 if action.transition.form == "step":
                     every = put(every, actor, rows, speed=speed.target[:, actor])
                 return replace(drive, speed=speed), every
-            case LaneChange():
+            case story.LaneChange():
                 across = self._begin_across(drive.across, number, action, rows, table, every)
                 return replace(drive, across=across), every
-            case Teleport():
+            case story.Teleport():
                 every = self.put(action, table, every, rows)
                 heading, stands = np.array(drive.heading), np.array(drive.stands)
                 heading[rows, actor], stands[rows, actor] = every.heading[rows, actor], True
                 across = drive.across.finish(actor, rows)
                 return replace(drive, heading=heading, across=across, stands=stands), every
-            case Removal():
+            case story.Removal():
                 speed, across = (course.finish(actor, rows) for course in (drive.speed, drive.across))
                 gone = put(every, actor, rows, x=GONE, speed=0.0)
                 return replace(drive, speed=speed, across=across), gone
-            case Gap(acceleration=None, continuous=False, across=False):
+            case story.Gap(acceleration=None, continuous=False, across=False):
                 return drive, self.put(action, table, every, rows)
-            case Trajectory():
+            case story.Trajectory():
                 anchors, poses = np.array(drive.anchors), np.stack([every.x, every.y, every.heading], axis=2)
                 anchors[rows, self.trajectories.index(number)] = poses[rows]
                 drive = replace(drive, anchors=anchors)
@@ -119,21 +101,21 @@ class Motions:
                 across = drive.across.begin(number, actor, rows, gear, turn, by_way=not action.times)
                 speed = drive.speed.finish(actor, rows) if action.times else drive.speed
                 return replace(drive, speed=speed, across=across), every
-            case Gap(across=True):
+            case story.Gap(across=True):
                 across = drive.across.begin(number, actor, rows, every.y[:, actor], every.y[:, actor])
                 return replace(drive, across=across), every
-            case Gap() | SpeedProfile() | Synchronize():
+            case story.Gap() | story.SpeedProfile() | story.Synchronize():
                 now, slope = every.speed[:, actor], every.acceleration[:, actor]
-                target = slope if isinstance(action, SpeedProfile) else now  # it begins with that slope
+                target = slope if isinstance(action, story.SpeedProfile) else now  # it begins with that slope
                 return replace(drive, speed=drive.speed.begin(number, actor, rows, now, target)), every
         raise AssertionError(action)
 
     def put(
-        self, action: Gap | Teleport, table: Floats, every: Vehicles, rows: Bools | bool = True
+        self, action: story.Gap | story.Teleport, table: Floats, every: Vehicles, rows: Bools | bool = True
     ) -> Vehicles:
         """Put a vehicle to its place, or to its distance with the other's speed, in some rows."""
         actor = action.actor
-        if isinstance(action, Gap):
+        if isinstance(action, story.Gap):
             place = place_gap(action, self.bodies, table, self._see(action, every))
             if action.across:
                 return put(every, actor, rows, y=place)
@@ -193,14 +175,14 @@ class Motions:
     def _aim(self, table: Floats, course: Course, every: Vehicles) -> Course:
         # Changes to speeds of others, who may change theirs.
         for number, action in enumerate(self.story.actions):
-            if isinstance(action, SpeedChange) and action.target.other >= 0:
+            if isinstance(action, story.SpeedChange) and action.target.other >= 0:
                 target, span = self._find_span(action, course.start[:, action.actor], table, every)
                 rows = course.action[:, action.actor] == number
                 course = put(course, action.actor, rows, target=target, span=span)
         return course
 
     def _find_span(
-        self, action: SpeedChange, now: Floats, table: Floats, every: Vehicles
+        self, action: story.SpeedChange, now: Floats, table: Floats, every: Vehicles
     ) -> tuple[Floats, Floats]:
         # The speed that is wanted, and the time that it takes.
         target = resolve_speed(action.target, table, every.speed)
@@ -217,7 +199,13 @@ class Motions:
         return target, span
 
     def _begin_across(
-        self, course: Course, number: int, action: LaneChange, rows: Bools, table: Floats, every: Vehicles
+        self,
+        course: Course,
+        number: int,
+        action: story.LaneChange,
+        rows: Bools,
+        table: Floats,
+        every: Vehicles,
     ) -> Course:
         actor, other, transition = action.actor, action.reference, action.transition
         now, offset = every.y[:, actor], table[:, action.offset]
@@ -228,7 +216,9 @@ class Motions:
             target = aim_across(action, roads, station, self.maps[other], pose) + offset
         span = transition_span(transition, target - now, table[:, transition.value])
         by_way = transition.dimension == "distance"
-        return course.begin(number, actor, rows, now, target, span, FORMS.index(transition.form), by_way)
+        return course.begin(
+            number, actor, rows, now, target, span, story.FORMS.index(transition.form), by_way
+        )
 
     def _steer(
         self, table: Floats, begun: Course, course: Course, drive: Drive, velocity: Floats, every: Vehicles
@@ -236,32 +226,32 @@ class Motions:
         # Speeds of actions that look at others, or at a table of times.
         velocity = np.array(velocity)
         for number, action in enumerate(self.story.actions):
-            if not isinstance(action, SpeedChange | SpeedProfile | Gap | Synchronize):
+            if not isinstance(action, story.SpeedChange | story.SpeedProfile | story.Gap | story.Synchronize):
                 continue
             actor = action.actor
             if actor >= velocity.shape[1]:
                 continue
             rows = begun.action[:, actor] == number
-            if (isinstance(action, SpeedChange) and not action.continuous) or not rows.any():
+            if (isinstance(action, story.SpeedChange) and not action.continuous) or not rows.any():
                 continue
             clock = begun.clock[:, actor] + self.dt
             over = np.zeros(len(rows), np.bool_)
             match action:
-                case SpeedChange():
+                case story.SpeedChange():
                     course, value = put(course, actor, rows, action=number), velocity[:, actor]
-                case SpeedProfile():
+                case story.SpeedProfile():
                     begin = begun.start[:, actor], begun.target[:, actor]
                     value, over = follow_profile(action, table, *begin, clock)
-                case Gap():
+                case story.Gap():
                     value, over = close_gap(action, self.bodies, table, self._see(action, every), self.dt)
-                case Synchronize():
+                case story.Synchronize():
                     value, over = self._synchronize(action, table, drive, every)
             velocity[:, actor] = np.where(rows, value, velocity[:, actor])
             course = course.finish(actor, rows & over)
         return course, velocity
 
     def _synchronize(
-        self, action: Synchronize, table: Floats, drive: Drive, every: Vehicles
+        self, action: story.Synchronize, table: Floats, drive: Drive, every: Vehicles
     ) -> tuple[Floats, Bools]:
         ways = [
             self._way_to(place, vehicle, table, drive, every)
@@ -276,7 +266,9 @@ class Motions:
         over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
         return np.where(over & (final is not None), now if final is None else final, value), over
 
-    def _way_to(self, place: Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles) -> Floats:
+    def _way_to(
+        self, place: story.Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles
+    ) -> Floats:
         roads = self.maps[vehicle]
         others = self._references(place, every)
         s, d, _ = place_point(place, roads, self.maps, table, others)
@@ -290,7 +282,7 @@ class Motions:
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
         way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
         for number, action in enumerate(self.story.actions):
-            if isinstance(action, Trajectory) and action.actor == vehicle < drive.heading.shape[1]:
+            if isinstance(action, story.Trajectory) and action.actor == vehicle < drive.heading.shape[1]:
                 rows = drive.across.action[:, vehicle] == number
                 if rows.any():
                     path = self._path(number, table, drive)
@@ -303,13 +295,13 @@ class Motions:
         # Vehicles on trajectories, or at a distance across.
         heading, across = np.array(drive.heading), drive.across
         for number, action in enumerate(self.story.actions):
-            if not isinstance(action, Trajectory | Gap) or action.actor >= points.x.shape[1]:
+            if not isinstance(action, story.Trajectory | story.Gap) or action.actor >= points.x.shape[1]:
                 continue
             rows = across.action[:, action.actor] == number
             if not rows.any():
                 continue
             actor = action.actor
-            if isinstance(action, Gap):
+            if isinstance(action, story.Gap):
                 rows = rows & (
                     across.clock[:, actor] > 1.5 * self.dt
                 )  # it begins a step later, as players do
@@ -340,7 +332,7 @@ class Motions:
         return replace(drive, across=across, heading=heading), points
 
     def _keep_aside(
-        self, gap: Gap, rows: Bools, clock: Floats, table: Floats, every: Vehicles, points: Vehicles
+        self, gap: story.Gap, rows: Bools, clock: Floats, table: Floats, every: Vehicles, points: Vehicles
     ) -> tuple[Vehicles, Bools]:
         # Vehicles that close a distance across the road, and whether they have it.
         actor = gap.actor
@@ -355,7 +347,7 @@ class Motions:
         heading = now.heading[:, 0] + np.sign(np.cos(now.heading[:, 0])) * angle
         return put(points, actor, rows, x=x, y=before.y[:, 0] + aside * self.dt, heading=heading), over
 
-    def _see(self, gap: Gap, every: Vehicles) -> Vehicles:
+    def _see(self, gap: story.Gap, every: Vehicles) -> Vehicles:
         # All vehicles, the one that a distance is to along the road of the one that keeps it.
         there = move_over(pick(every, gap.other), self.maps[gap.other], self.maps[gap.actor])
         found = np.isfinite(there.x)
@@ -363,12 +355,12 @@ class Motions:
 
     def _path(self, number: int, table: Floats, drive: Drive) -> Path:
         action = self.story.actions[number]
-        assert isinstance(action, Trajectory)
+        assert isinstance(action, story.Trajectory)
         anchors = drive.anchors[:, self.trajectories.index(number)]
         poses = {k: (anchors[:, k, 0], anchors[:, k, 1], anchors[:, k, 2]) for k in range(len(self.maps))}
         return build_path(action, self.maps[action.actor], self.maps, table, poses)
 
-    def _references(self, place: Place | Trajectory, every: Vehicles) -> dict[int, Pose]:
+    def _references(self, place: story.Place | story.Trajectory, every: Vehicles) -> dict[int, Pose]:
         return {other: _pose(every, other) for other in list_places(place)}
 
 

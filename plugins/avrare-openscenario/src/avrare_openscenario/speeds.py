@@ -29,13 +29,6 @@ def follow_profile(
 
     Each speed is approached linearly, in its time or as fast as is allowed. Around each change of the
     acceleration the jerk is constant; the first one begins at the start, so that the line comes later.
-
-    Args:
-        profile: The action.
-        table: (N, K) numbers of the file.
-        start: (N,) speed at the begin [m/s].
-        slope: (N,) acceleration there [m/s^2].
-        clock: (N,) time since then [s].
     """
     change = np.diff(np.column_stack([start, table[:, list(profile.speeds)]]), axis=1)
     limits, sign = table[:, list(profile.limits)], np.where(change >= 0.0, 1.0, -1.0)
@@ -100,16 +93,7 @@ def close_gap(
 def close_aside(
     gap: Gap, table: Floats, lag: Floats, slip: Floats, speed: Floats, dt: float
 ) -> tuple[Floats, Bools]:
-    """Return the speed (N,) across the road of the next step, and whether its distance is reached.
-
-    Args:
-        gap: The action.
-        table: (N, K) numbers of the file.
-        lag: (N,) way to the place that is wanted [m].
-        slip: (N,) speed across now [m/s].
-        speed: (N,) speed in all [m/s].
-        dt: Step [s].
-    """
+    """Return the speed (N,) across the road of the next step, and whether its distance is reached."""
     aside, over = lag / dt, np.abs(lag) < _NEAR_ASIDE
     most = np.abs(speed)
     if gap.acceleration is not None:
@@ -138,17 +122,7 @@ def synchronize_speed(
     steady: Floats,
     dt: float,
 ) -> Floats:
-    """Return the speed (N,) of the next step.
-
-    Args:
-        now: Own speed [m/s].
-        pace: Speed of the other [m/s].
-        way: Own way left [m].
-        master_way: The other's way left [m].
-        final: Own speed at the target; None: any.
-        steady: Way before the target on which that speed is held [m].
-        dt: Step [s].
-    """
+    """Return the speed (N,) of the next step, for both ways left [m] and the pace of the other [m/s]."""
     with np.errstate(divide="ignore", invalid="ignore"):
         left = master_way / pace
         if final is None:

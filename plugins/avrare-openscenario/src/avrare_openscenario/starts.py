@@ -61,11 +61,6 @@ class Starts:
 def place_all(story: Storyboard, maps: Sequence[RoadMap], table: Floats) -> Pose:
     """Return stations, offsets and headings (N, V + 1) of all points of reference at the start.
 
-    Args:
-        story: Places of the vehicles.
-        maps: The road of each vehicle.
-        table: (N, K) numbers of the file.
-
     Raises:
         UsageError: Places are relative to each other in a circle.
     """
@@ -149,15 +144,7 @@ def move_over(vehicles: Vehicles, old: RoadMap, new: RoadMap) -> Vehicles:
 def place_point(
     place: Place, roads: RoadMap, maps: Sequence[RoadMap], table: Floats, others: dict[int, Pose]
 ) -> Pose:
-    """Return station, offset and heading (N,) of one place along a road.
-
-    Args:
-        place: The place.
-        roads: The road.
-        maps: The road of each vehicle.
-        table: (N, K) numbers of the file.
-        others: Poses of vehicles that the place is relative to, each along its own road.
-    """
+    """Return station, offset and heading (N,) of one place along a road."""
     base = maps[place.other] if place.other >= 0 else place.roads or roads
     s, d, heading = _place_on(place, base, maps, table, others)
     if base is roads:

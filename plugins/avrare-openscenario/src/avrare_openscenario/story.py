@@ -84,45 +84,47 @@ class TargetSpeed:
 
 
 @dataclass(frozen=True)
-class SpeedChange:
+class VehicleAction:
+    """Action of a vehicle, whose index is ``actor``."""
+
+    actor: int
+
+
+@dataclass(frozen=True)
+class SpeedChange(VehicleAction):
     """Action: a vehicle takes another speed.
 
     Attributes:
-        actor: Index of the vehicle.
         transition: How.
         target: The speed.
         continuous: Whether it goes on to keep the speed that another vehicle's calls for.
     """
 
-    actor: int
     transition: Transition
     target: TargetSpeed
     continuous: bool = False
 
 
 @dataclass(frozen=True)
-class SpeedProfile:
+class SpeedProfile(VehicleAction):
     """Action: a vehicle takes speeds one after another, each linearly.
 
     Attributes:
-        actor: Index of the vehicle.
         durations: Least time for each [s].
         speeds: The speeds [m/s].
         limits: Highest acceleration and deceleration [m/s^2], and highest rates of both [m/s^3].
     """
 
-    actor: int
     durations: tuple[Number, ...]
     speeds: tuple[Number, ...]
     limits: tuple[Number, ...]
 
 
 @dataclass(frozen=True)
-class LaneChange:
+class LaneChange(VehicleAction):
     """Action: a vehicle takes another place across the road.
 
     Attributes:
-        actor: Index of the vehicle.
         transition: How.
         lane: Id of the lane, or number of lanes to the left of the other's.
         offset: Offset from the lane's centre [m].
@@ -130,7 +132,6 @@ class LaneChange:
         exact: Whether the offset is from the other's own place across, not from its lane's centre.
     """
 
-    actor: int
     transition: Transition
     lane: int
     offset: Number
@@ -144,11 +145,10 @@ class LaneChange:
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(VehicleAction):
     """Action: a vehicle keeps a distance to another one.
 
     Attributes:
-        actor: Index of the vehicle.
         other: Index of the other.
         value: The distance [m], or the time at the other's speed that it takes [s].
         timed: Whether it is a time.
@@ -160,7 +160,6 @@ class Gap:
         speed: Highest speed; None: any [m/s].
     """
 
-    actor: int
     other: int
     value: Number
     timed: bool
@@ -173,11 +172,10 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(VehicleAction):
     """Action: a vehicle follows a line in the plane.
 
     Attributes:
-        actor: Index of the vehicle.
         vertices: Points of the line.
         times: Time of each, empty: the vehicle keeps its own speed [s].
         shape: (M, 3) points x, y and heading from the first vertex on; None: a polyline of the vertices.
@@ -186,7 +184,6 @@ class Trajectory:
         absolute: Whether times are those of the simulation, or count from the start of the action.
     """
 
-    actor: int
     vertices: tuple[Place, ...]
     times: tuple[Number, ...] = ()
     shape: tuple[tuple[float, float, float], ...] | None = None
@@ -202,26 +199,22 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Teleport:
+class Teleport(VehicleAction):
     """Action: a vehicle is put to another place."""
 
-    actor: int
     place: Place
 
 
 @dataclass(frozen=True)
-class Removal:
+class Removal(VehicleAction):
     """Action: a vehicle is taken out of the scene: it stands far away."""
-
-    actor: int
 
 
 @dataclass(frozen=True)
-class Synchronize:
+class Synchronize(VehicleAction):
     """Action: a vehicle reaches its target when another one reaches its own.
 
     Attributes:
-        actor: Index of the vehicle.
         master: Index of the other.
         target: Where the vehicle is to be.
         master_target: Where the other is then.
@@ -232,7 +225,6 @@ class Synchronize:
         master_tolerance: The same of the other [m].
     """
 
-    actor: int
     master: int
     target: Place
     master_target: Place
@@ -259,25 +251,13 @@ class Assignment:
 
 
 @dataclass(frozen=True)
-class Route:
+class Route(VehicleAction):
     """Action: a vehicle is to drive over some roads; only where no stack drives."""
 
-    actor: int
     roads: tuple[RoadMap, ...]
 
 
-Action: TypeAlias = (
-    SpeedChange
-    | SpeedProfile
-    | LaneChange
-    | Gap
-    | Trajectory
-    | Teleport
-    | Removal
-    | Synchronize
-    | Assignment
-    | Route
-)
+Action: TypeAlias = VehicleAction | Assignment
 
 
 @dataclass(frozen=True)

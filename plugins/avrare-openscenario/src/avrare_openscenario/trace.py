@@ -20,13 +20,7 @@ _MARGIN = 20.0
 
 
 def act_out(file: ScenarioFile, dt: float, until: float) -> tuple[Floats, Floats]:
-    """Return times (T,) and states (T, V, 4): x, y, heading and speed of each point of reference.
-
-    Args:
-        file: The scene, all of whose entities obey the storyboard.
-        dt: Step [s].
-        until: End [s].
-    """
+    """Return times (T,) and states (T, V, 4): x, y, heading and speed of each point of reference."""
     traffic = ActedTraffic(file, dt)
     _, memory = traffic.start(1, {})
     states = [_compute_plane_states(traffic.maps, memory.points)]

@@ -156,15 +156,7 @@ class Ways:
 
 
 def aim_across(action: LaneChange, roads: RoadMap, s: Floats, other: RoadMap, pose: Pose) -> Floats:
-    """Return y (N,) at which a lane change ends, its own offset aside.
-
-    Args:
-        action: The lane change.
-        roads: Road of its vehicle.
-        s: Station of that.
-        other: Road of the vehicle whose lane counts.
-        pose: Pose of that along its road.
-    """
+    """Return y (N,) at which a lane change ends, its own offset aside."""
     their_s, their_d, heading = pose
     if action.exact:
         return their_d
