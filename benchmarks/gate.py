@@ -184,7 +184,7 @@ def runs_of(
     """Draw two runs for each eighth of the budget, with the warnings that they would have."""
     chosen = rng.integers(0, len(pools[factor][0]), 2 * share)
     values, roots = (one[chosen] for one in pools[factor])
-    warnings = health.check_runs(values.tolist(), int((values == 0.0).sum()), roots.astype(int).tolist())
+    warnings = health.check_runs(values.tolist(), roots.astype(int).tolist())
     at = interval_of_runs(values, particles=250)  # which matters only where all runs are equal
     return replace(
         _TEMPLATE, probability=float(values.mean()), run_probabilities=values, interval_at=at,

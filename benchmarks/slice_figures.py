@@ -83,9 +83,9 @@ def surrogate(path: Path) -> None:
     """Draw Fig. 3: what a few rollouts tell the Gaussian process of the score along the ellipse."""
     angle = np.array([[0.0, _CIRCLE]])
     for _ in range(_POINTS):
-        found = Posterior.of(angle, score(on_ellipse(angle)))
+        found = Posterior.fit(angle, score(on_ellipse(angle)))
         angle = np.concatenate([angle, found.most_promising(Acquisition())[:, None]], axis=1)
-    found = Posterior.of(angle, score(on_ellipse(angle)))
+    found = Posterior.fit(angle, score(on_ellipse(angle)))
     mean, spread = (found.middle + found.scale * found.mean[0]), found.scale * found.spread[0]
     figure, (ax,) = make_axes(7.2, 4.4)
     ax.plot(_ANGLES, score(on_ellipse(_ANGLES)), color="black", lw=1.2, label="score, unknown")

@@ -19,7 +19,7 @@ from sklearn.metrics import silhouette_score
 
 import avrare
 from avrare.base import batch
-from avrare_highway_env.render import frames, roll, save_gif
+from avrare_highway_env.render import frames, roll
 from avrare_highway_env.sensing import Sensors
 
 Floats = NDArray[np.float64]
@@ -139,8 +139,6 @@ def draw(scenario: Path, run: Path, folder: Path) -> None:
         inner = ((points[members] - points[members].mean(axis=0)) ** 2).sum(axis=1)
         middle = int(members[inner.argmin()])
         _top_views(folder / f"cluster_{kind + 1}.png", loop, noise[middle], int(slowest(runs)[middle]))
-    worlds = roll(loop, noise[int(np.flatnonzero(labels == 0)[0])])
-    save_gif(folder / "failing.gif", frames(loop.simulator, worlds)[::3], 3 * loop.simulator.dt)
 
 
 def _describe(kind: int, members: Any, runs: Runs, usual: Runs) -> None:
