@@ -116,9 +116,10 @@ class Kinds(Answer, Sequence[Kind]):
 
     def lines(self) -> list[str]:
         """Describe the kinds."""
-        count = len(self.kinds)
+        count, kept, failures = len(self.kinds), len(self.labels), self.result.failures.count
         total = format_estimate(self.result.probability, self.result.interval)
         head = f"{self.result.specification}: {count} kind{'s' * (count > 1)} of failure, together {total}"
+        head += f", by the {kept:,} of {failures:,} failures that are kept" if kept < failures else ""
         return [
             head,
             *(line for number, kind in enumerate(self.kinds, 1) for line in _list_lines(number, kind)),

@@ -82,6 +82,14 @@ def test_the_table_and_the_text_name_every_kind(result):
     kinds = find_kinds(result)
     assert [row["kind"] for row in kinds.table()] == [1, 2]
     assert repr(kinds).splitlines()[0].startswith("specification: 2 kinds of failure, together 0.02")
+    assert repr(kinds).splitlines()[0].endswith(")")
+
+
+def test_the_text_says_how_many_failures_are_kept():
+    problem = avrare.Problem(Static(1), avrare.stl("always (u0 < 1)"), steps=0)
+    result = avrare.estimate(problem, rollouts=1000, seed=0)
+    end = f", by the 100 of {result.failures.count:,} failures that are kept"
+    assert repr(find_kinds(result)).splitlines()[0].endswith(end)
 
 
 @pytest.mark.parametrize("estimator", ["ams", "ess", "is"])
