@@ -39,8 +39,9 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     Monte Carlo adds up its counts; splitting puts its runs together; single weighted runs are averaged by
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
     together, stands alone. The warnings of all batches count, and so do the intervals that they opened: a
-    later batch that has none may just have missed the tail. So does a cross-check that disagrees. Errors are
-    counted over all batches. Other notes are the newest batch's, except for that on its goal.
+    later batch that has none may just have missed the tail. So does a cross-check that disagrees. Only a batch
+    whose sole warning is that it is unchecked gives way to a newest one that is not. Errors are counted over
+    all batches. Other notes are the newest batch's, except for that on its goal.
     """
     newest = batches[-1]
     if len(batches) == 1:
@@ -59,6 +60,8 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["notes"] = (*notes, *checks)
     changes["worst"] = min(worst, key=lambda interval: interval.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
+    if "unchecked" not in newest.health:
+        batches = [batch for batch in batches if batch.health.keys() != {"unchecked"}]
     plain = [undo_opening(batch) for batch in batches]
     runs = _pool_runs(plain)
     pooled = _pool_counts(plain) or runs or _pool_by_planned_shares(plain)

@@ -1,5 +1,6 @@
 """Pooled batches: the estimate equals that of one large batch."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -86,6 +87,22 @@ def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
     well = estimate(Binomial(1, 100), errors=0)
     assert set(pool([ill, well], 0.01).health) == {"few_roots"}
     assert set(pool([well, ill, well], 0.005).health) == {"few_roots", "errors"}
+
+
+def test_an_unchecked_batch_gives_way_to_a_newest_one_that_is_checked(estimate):
+    unchecked, checked = (
+        estimate(LogNormal(mean, 0.01, 20), health=health, unopened_at=opened)
+        for mean, health, opened in (
+            (1e-3, {"unchecked": "x"}, lambda _: (9e-4, 1.1e-3)),
+            (2e-3, {}, None),
+        )
+    )
+    whole = pool([unchecked, checked], 0.01)
+    assert (derive_distribution(whole), whole.health) == (LogNormal(2e-3, 0.01, 20), {})
+    assert whole.rollouts == 2000
+    assert set(pool([checked, unchecked], 0.01).health) == {"unchecked"}
+    doubted = replace(unchecked, health={"unchecked": "x", "contradicted": "y"})
+    assert set(pool([doubted, checked], 0.01).health) == {"unchecked", "contradicted"}
 
 
 @pytest.mark.parametrize(
