@@ -200,17 +200,17 @@ def test_a_bound_out_of_reach_tells_what_it_would_take():
 
 
 @pytest.mark.parametrize(
-    ("rollouts", "runs", "falls"), [(20_000, 1, False), (60_000, 3, False), (60_000, 3, True)]
+    ("rollouts", "runs", "falls"), [(40_000, 1, False), (120_000, 3, False), (120_000, 3, True)]
 )
 def test_a_rare_bound_is_left_to_few_large_runs(rollouts, runs, falls):
-    """Take an estimator that sees nothing below 1e-3 in less than 16,000 rollouts."""
+    """Take an estimator that sees nothing below 1e-3 in less than 32,000 rollouts."""
     alphas = []
 
     def evaluate(value, share, number, level, nearby):
         count, x = round(rollouts * share), -value if falls else value
         p, alpha = 1e-6 * math.exp(10.0 * x), 1.0 - level
         alphas.append(alpha)
-        if count < 16_000:
+        if count < 32_000:
             return make_trial(value, 0.0, (0.0, -math.log(alpha / 2.0) / count), count)
         return make_trial(value, p, (p / 1.5, p * 1.5), count)
 
@@ -222,6 +222,16 @@ def test_a_rare_bound_is_left_to_few_large_runs(rollouts, runs, falls):
     assert (found.kept > root) if falls else (found.kept < root)
     if runs > 1:
         assert abs(found.kept - root) < 0.1
+
+
+def test_a_bound_that_only_warnings_leave_open_asks_for_twice_the_budget():
+    def evaluate(value, share, number, level, nearby):
+        trial = make_trial(value, 0.0 if number < 2 else 3e-6, (0.0, 1e-3), round(20_000 * share))
+        return replace(trial, result=replace(trial.result, health={"unchecked": "x"} if number == 2 else {}))
+
+    found = find_requirement(evaluate, "gain", "rare", 1e-5, (0.7, 1.1))
+    assert found.kept is None
+    assert found.warnings[-1].endswith("; twice the budget may answer the warnings")
 
 
 PLANE = pushed_point(1.0, steps=10, variance=0.04)

@@ -32,6 +32,8 @@ _SEARCH_ESTIMATES = 6
 """Estimates that only look for the root,"""
 _SEARCH_RISK = 0.15
 """and their part of the risk."""
+_LARGE_ROLLOUTS = 32_000
+"""Rollouts that find failures of 1e-6 and check what they have found."""
 _GRID_VALUES = 12
 """Values on each side that a run is reweighed for."""
 _BEND = 0.3
@@ -121,8 +123,7 @@ class _Search:
         risk, line = self.alpha * (1.0 - _SEARCH_RISK), self._fit()
         if self._is_rare():
             left = sum(SHARES[2:])
-            # 16,000 rollouts find rare failures.
-            runs = min(max(left * self.trials[0].result.rollouts // 16_000, 1), 4)
+            runs = min(max(left * self.trials[0].result.rollouts // _LARGE_ROLLOUTS, 1), 4)
             self._run_all([left / runs] * runs, risk)
             return
         shares = SHARES[_SEARCH_ESTIMATES:]
@@ -304,14 +305,17 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
             )
             break
         best = max(best, trial.interval[0])
-    if any(trial.result.health for trial in trials):
+    ill = [trial for trial in trials if trial.result.health]
+    if ill:
         doubts.append("some estimates have health warnings; the answer can be as wrong as they are")
     least = min(trials, key=lambda trial: trial.interval[1])
     if keeping is None and least.interval[0] < limit:
-        times = math.ceil(least.interval[1] / limit)
+        need = f"by counting, {limit:g} takes some {math.ceil(least.interval[1] / limit):,} times as many"
+        if any(0.0 < trial.result.probability < limit for trial in ill):
+            need = "twice the budget may answer the warnings"
         doubts.append(
             f"the least that is shown is p < {least.interval[1]:.2g}, at {least.value:.4g}, with "
-            f"{least.result.rollouts:,} rollouts; by counting, {limit:g} takes some {times:,} times as many"
+            f"{least.result.rollouts:,} rollouts; {need}"
         )
     return tuple(doubts)
 
