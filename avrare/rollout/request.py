@@ -47,20 +47,6 @@ class TapeProposal(Protocol):
         """Return log p/q (M,) of the steps over which the sums (M, A) were taken; p is standard normal."""
 
 
-@dataclass(frozen=True)
-class TapeLaw:
-    """Law that the tapes of a request are drawn from (``Request.tape_law``).
-
-    Attributes:
-        proposal: The proposal.
-        from_target: Draw from the target instead (or use given tapes), and weigh against the proposal all
-            the same.
-    """
-
-    proposal: TapeProposal
-    from_target: bool = False
-
-
 Integers = NDArray[np.int64]
 
 FROM_START = -1
@@ -129,7 +115,7 @@ class Request:
         most_bytes: Limit on a row's carries; k is doubled where they would take more. 0: no limit.
         stop_early: End a row as soon as all its verdicts are final.
         law: Distribution to draw from instead of the system's own, passed to ``under``; or None.
-        tape_law: Law of the noise tapes; None: standard normal.
+        tape_law: Law of the noise tapes; given ones are weighed against it. None: standard normal.
         evidence: (M, A) sums of the law's density over the steps up to ``start``; for rows that start later
             than at the beginning under a law.
         lineage: (M, S) rollouts that the rows continue, for checkpoints: rows of one address that continue
@@ -152,7 +138,7 @@ class Request:
     most_bytes: int = 0
     stop_early: bool = False
     law: Any = None
-    tape_law: TapeLaw | None = None
+    tape_law: TapeProposal | None = None
     evidence: Floats | None = None
     lineage: NDArray[np.int32] | None = None
     past: Past | None = None

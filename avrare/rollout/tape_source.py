@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avrare.protocols import Floats
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, TapeLaw
+from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, TapeProposal
 
 
 class TapeDrawer:
@@ -24,7 +24,7 @@ class TapeDrawer:
         self._block_start = 0
         self._block: Floats = np.zeros((0, 0, 0))
         law = request.tape_law
-        self.sums = np.zeros((law.proposal.terms if law is not None else 0, request.rows))
+        self.sums = np.zeros((law.terms if law is not None else 0, request.rows))
         self._chosen: NDArray[Any] | None = None
         if law is None:
             return
@@ -32,15 +32,15 @@ class TapeDrawer:
             self.sums = request.evidence.T.copy(order="C")  # it grows; the request must not
         elif (request.start != FROM_START).any():
             raise ValueError("rows that start later than at the beginning need the evidence of their steps")
-        if not law.from_target and request.tape is None:
+        if request.tape is None:
             uniform = noise.choices(request.run, request.stage, request.particle, CHOICES)
-            self._chosen = law.proposal.choose(uniform, request.evidence)
+            self._chosen = law.choose(uniform, request.evidence)
 
     def __call__(self, rows: Integers, t: int) -> Floats:
         """Return noise (len(rows), noise_size) of step ``t``, which never decreases between calls."""
         noise = self._numbers(rows, t)
         if self.request.tape_law is not None:
-            terms, values = self.request.tape_law.proposal.evidence(noise, t)
+            terms, values = self.request.tape_law.evidence(noise, t)
             if len(rows) == self.request.rows:
                 self.sums[terms] += values
             else:
@@ -50,7 +50,7 @@ class TapeDrawer:
     def log_ratio(self) -> Floats:
         """Return log p/q (M,) of each row's steps."""
         law = self.request.tape_law
-        return law.proposal.log_ratio(self.sums.T) if law is not None else np.zeros(self.request.rows)
+        return law.log_ratio(self.sums.T) if law is not None else np.zeros(self.request.rows)
 
     def _numbers(self, rows: Integers, t: int) -> Floats:
         if self.request.tape is not None:
@@ -68,12 +68,12 @@ class TapeDrawer:
         self._block_start = t
         self._block = self.noise.normals(run, stage, particle, np.arange(t, t + count))
         if self._chosen is not None and request.tape_law is not None:
-            request.tape_law.proposal.transform(self._block, self._chosen, t)
+            request.tape_law.transform(self._block, self._chosen, t)
 
 
 def draw_lineage(
     noise: NoiseSource,
-    law: TapeLaw | None,
+    law: TapeProposal | None,
     run: Integers,
     stage: NDArray[np.integer],
     particle: NDArray[np.integer],
@@ -88,21 +88,21 @@ def draw_lineage(
         particle: (P, K) address of each step.
     """
     tapes = noise.normals(run, stage, particle, np.arange(stage.shape[1]))
-    if law is None or law.from_target:
+    if law is None:
         return tapes
-    sums = np.zeros((len(tapes), law.proposal.terms))
+    sums = np.zeros((len(tapes), law.terms))
     chosen: NDArray[Any] | None = None
     for t in range(stage.shape[1]):
         begun = np.flatnonzero(stage[:, t] != stage[:, t - 1]) if t else np.arange(len(tapes))
         if len(begun):
             uniform = noise.choices(run[begun, 0], stage[begun, t], particle[begun, t], CHOICES)
-            fresh = law.proposal.choose(uniform, sums[begun] if t else None)
+            fresh = law.choose(uniform, sums[begun] if t else None)
             chosen = np.zeros((len(tapes), *fresh.shape[1:]), fresh.dtype) if chosen is None else chosen
             chosen[begun] = fresh
         assert chosen is not None
         block = tapes[:, t : t + 1].copy()
-        law.proposal.transform(block, chosen, t)
+        law.transform(block, chosen, t)
         tapes[:, t] = block[:, 0]
-        terms, values = law.proposal.evidence(block[:, 0], t)
+        terms, values = law.evidence(block[:, 0], t)
         sums[:, terms] += values.T
     return tapes

@@ -270,8 +270,8 @@ def digest(chunk: Request) -> str:
     if chunk.lineage is not None:
         hashed.update(f"{chunk.lineage.shape}".encode())
         hashed.update(np.ascontiguousarray(chunk.lineage, dtype=np.int64).tobytes())
-    if (law := chunk.tape_law) is not None:
-        hashed.update(f"{law.proposal.digest} {law.from_target}".encode())
+    if chunk.tape_law is not None:
+        hashed.update(chunk.tape_law.digest.encode())
     return hashed.hexdigest()
 
 

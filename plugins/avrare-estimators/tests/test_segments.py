@@ -8,7 +8,7 @@ import pytest
 
 import avrare
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import Past, Request, Rollouts, TapeLaw
+from avrare.rollout.request import Past, Request, Rollouts
 from avrare.rollout.tape_source import draw_lineage
 from avrare.testing.problems import reference_problem
 from avrare_estimators.common.tapes.tape_mixture import NONE, TapeMixture
@@ -19,7 +19,7 @@ NOISE = NoiseSource(3, 1)
 SHIFT = {(0, 5, 30, 1.0, 0.0, 3.0, 1.0): 0.5, (0, 5, 30, 1.0, 0.2, -3.0, 1.5): 0.5}
 OUTLIER = {(0, t, t, 1.0, 0.0, 0.0, 2.5): 0.25 for t in (3, 10, 20, 30)}
 MIXTURE = TapeMixture.freeze([(0.6, [SHIFT]), (0.4, [OUTLIER])], (STEPS + 1, 1))
-LAW = TapeLaw(DefendedMixture(MIXTURE, 0.25))
+LAW = DefendedMixture(MIXTURE, 0.25)
 
 
 def walk():
@@ -90,7 +90,7 @@ def test_a_lineage_is_drawn_again():
     rest = problem.simulate(NOISE, request)
     run, stage, particle = addresses(200)
     tapes = draw_lineage(NOISE, LAW, run, stage, particle)[alive]
-    again = problem.simulate(NOISE, replace(Request.replay(tapes), tape_law=replace(LAW, from_target=True)))
+    again = problem.simulate(NOISE, replace(Request.replay(tapes), tape_law=LAW))
     going = ~rest.violated[:, 0]
     assert 10 < going.sum() < len(alive) - 10
     assert np.array_equal(again.robustness[going], rest.robustness[going])

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 import avrare
 from avrare.base.errors import UsageError
 from avrare.rollout.noise import NoiseSource
-from avrare.rollout.request import CHOICES, Request, TapeLaw
+from avrare.rollout.request import CHOICES, Request
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture, blend
 from avrare_estimators.importance.proposal_file import ProposalFile, to_entry
 
@@ -55,7 +55,7 @@ def drawn(mixture, rows, seed=0, chunk=None):
     """Return tapes of the mixture and log p/q, as the engine makes and weighs them."""
     noise = NoiseSource(seed, 3)
     index = np.arange(rows)
-    request = Request(0 * index, 0 * index, index, 0 * index - 1, tape_law=TapeLaw(mixture))
+    request = Request(0 * index, 0 * index, index, 0 * index - 1, tape_law=mixture)
     problem = outliers("always (first < 4)")
     size = chunk or rows
     parts = [problem.simulate(noise, request.slice(k, k + size)) for k in range(0, rows, size)]

@@ -104,7 +104,7 @@ def test_annealing_vouches_for_a_mode_that_no_score_shows():
 
 def begin(run=0):
     plan = SimpleNamespace(steps=5, noise=NoiseSource(3, 1))
-    source = SimpleNamespace(target_request=lambda tapes: tapes)
+    source = SimpleNamespace(replay=lambda tapes: tapes)
     target = Stratum(plan, run, 0, 10, from_target=True)
     return ScaleAnnealing.begin(
         [SimpleNamespace(strata=(target,), violated=np.array([True]), source=source)], 12_000

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from avrare.estimation.plan.plan import Plan
-from avrare.rollout.request import Integers, Request, Rollouts, TapeLaw
+from avrare.rollout.request import Integers, Request, Rollouts
 from avrare_estimators.common.learning.pooled_samples import PooledSamples
 from avrare_estimators.common.samples.sampling import PartialSample, Sample
 from avrare_estimators.common.samples.sources import TapeSource
@@ -149,11 +149,11 @@ class Learning:
         return replace(state, task=task, spent=self.spent + rows)
 
     @property
-    def law(self) -> TapeLaw | None:
+    def law(self) -> DefendedMixture | None:
         """Law of the tapes of particles; None: the target's."""
         if self.mixture is None:
             return None
-        return TapeLaw(DefendedMixture(self.mixture, self.config.defensive))
+        return DefendedMixture(self.mixture, self.config.defensive)
 
 
 def join_stages(paths: tuple[Paths, ...], sample: Sample, pool: PooledSamples) -> tuple[Paths, ...]:

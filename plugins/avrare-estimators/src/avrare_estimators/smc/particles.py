@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from avrare.base import batch
 from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Bools, Floats
-from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, TapeLaw, widen
+from avrare.rollout.request import FROM_START, Carry, Integers, Past, Request, Rollouts, TapeProposal, widen
 from avrare.rollout.tape_source import draw_lineage
 from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.potentials import Paths, Potentials
@@ -80,7 +80,7 @@ class Course:
 
     plan: Plan
     particles: int
-    law: TapeLaw | None
+    law: TapeProposal | None
     schedule: Integers
     potentials: Potentials | None
     stage: int

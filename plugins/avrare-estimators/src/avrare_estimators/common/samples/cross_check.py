@@ -116,7 +116,7 @@ class CrossCheck:
         proposal = self.climb.proposal
         if proposal is None or len(proposal) > self.budget:
             return self
-        request = self.source.target_request(proposal)
+        request = self.source.replay(proposal)
         return replace(self, pending=request, budget=self.budget - len(proposal))
 
     def result(self) -> CrossCheckResult:

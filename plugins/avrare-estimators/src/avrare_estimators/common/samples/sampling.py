@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from avrare.estimation.plan.plan import Plan
 from avrare.estimation.result.fresh_rows import FreshRows
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Carry, Integers, Request, Rollouts
-from avrare_estimators.common.samples.sources import BLOCK, Source, Stratum
+from avrare_estimators.common.samples.sources import BLOCK, PerceptionSource, Source, Stratum
 from avrare_estimators.common.weights import mixture_log_weights, stratified_variance
 
 _TAPES = 3
@@ -42,10 +43,9 @@ class PartialSample:
     Attributes:
         source: The proposal.
         strata: The target's rows and the proposal's.
+        wave: Rows of a wave.
         outcomes: Rollouts of the waves so far.
         ratios: Their log p/q.
-        wave: Rows of a wave.
-        pending: The present wave; None when all rows are in.
     """
 
     source: Source
@@ -53,7 +53,6 @@ class PartialSample:
     wave: int
     outcomes: tuple[Rollouts, ...] = ()
     ratios: tuple[Floats, ...] = ()
-    pending: Request | None = None
 
     @staticmethod
     def begin(
@@ -63,26 +62,33 @@ class PartialSample:
         target_rows = round(share * rows)
         target = Stratum(plan, run, stage, target_rows, from_target=True)
         proposal = Stratum(plan, run, stage, rows - target_rows, from_target=False, first=target_rows)
-        return PartialSample(source, (target, proposal), _wave_rows(plan, memory))._next_wave()
+        return PartialSample(source, (target, proposal), _wave_rows(plan, memory))
 
     def tell(self, rollouts: Rollouts) -> PartialSample:
-        """Store a wave and ask for the next."""
+        """Store the present wave."""
         assert self.pending is not None
         ratio = self.source.log_ratio(self.pending, rollouts)
         rollouts = replace(rollouts, features=rollouts.features.astype(np.float32))
-        stored = replace(
-            self, outcomes=(*self.outcomes, rollouts), ratios=(*self.ratios, ratio), pending=None
-        )
-        return stored._next_wave()
+        return replace(self, outcomes=(*self.outcomes, rollouts), ratios=(*self.ratios, ratio))
 
-    def _next_wave(self) -> PartialSample:
+    @cached_property
+    def pending(self) -> Request | None:
+        """The present wave; None when all rows are in."""
         done = sum(map(len, self.ratios))
-        for stratum in self.strata:
-            if done < stratum.rows:
-                index = np.arange(done, min(done + self.wave, stratum.rows))
-                return replace(self, pending=self.source.request(stratum, index))
-            done -= stratum.rows
-        return self
+        if isinstance(self.source, PerceptionSource):
+            for stratum in self.strata:
+                if done < stratum.rows:
+                    index = np.arange(done, min(done + self.wave, stratum.rows))
+                    return self.source.request(stratum, index)
+                done -= stratum.rows
+            return None
+        index = np.arange(done, min(done + self.wave, self.rows))
+        return self.source.replay(draw_tapes(self.source, self.strata, index)) if len(index) else None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return sum(stratum.rows for stratum in self.strata)
 
     def sample(self) -> Sample:
         """Return the sample, once all rows are in."""
@@ -150,17 +156,22 @@ class Sample:
 
     def tapes(self, index: Integers) -> Floats:
         """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` again."""
-        tapes = np.empty((len(index), self.strata[0].plan.steps + 1, self.strata[0].plan.noise.noise_size))
-        begin = 0
-        for stratum in self.strata:
-            here = (index >= begin) & (index < begin + stratum.rows)
-            tapes[here] = self.source.tapes(stratum, index[here] - begin)
-            begin += stratum.rows
-        return tapes
+        return draw_tapes(self.source, self.strata, index)
 
     def without_carries(self) -> Sample:
         """Return the sample without the carries, which only the fit of a proposal needs."""
         return replace(self, carries=())
+
+
+def draw_tapes(source: Source, strata: Sequence[Stratum], index: Integers) -> Floats:
+    """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` of successive strata."""
+    plan = strata[0].plan
+    tapes, begin = np.empty((len(index), plan.steps + 1, plan.noise.noise_size)), 0
+    for stratum in strata:
+        here = (index >= begin) & (index < begin + stratum.rows)
+        tapes[here] = source.tapes(stratum, index[here] - begin)
+        begin += stratum.rows
+    return tapes
 
 
 def failing_weights(sample: Sample) -> Floats:

@@ -115,7 +115,7 @@ class ScaleAnnealing:
     def _ask(self, tapes: Floats) -> ScaleAnnealing:
         if len(tapes) > self.budget:
             return self
-        request = self.sample.source.target_request(tapes)
+        request = self.sample.source.replay(tapes)
         return replace(self, pending=request, budget=self.budget - len(tapes))
 
     def _inflate(self) -> ScaleAnnealing:

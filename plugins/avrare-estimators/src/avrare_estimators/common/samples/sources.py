@@ -17,7 +17,7 @@ import numpy as np
 from avrare.base.errors import UsageError
 from avrare.estimation.plan.plan import Plan
 from avrare.protocols import Floats
-from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, Rollouts, TapeLaw
+from avrare.rollout.request import CHOICES, FROM_START, Integers, Request, Rollouts
 from avrare.stack.closed_loop import SamplingLaw
 from avrare_estimators.common.tapes.gaussian_mixture import NoiseProposal
 from avrare_estimators.common.tapes.tape_mixture import TapeMixture
@@ -64,11 +64,8 @@ class Source(Protocol):
     def tapes(self, stratum: Stratum, index: Integers) -> Floats:
         """Draw the tapes (len(index), steps + 1, noise_size) of rows ``index`` again."""
 
-    def request(self, stratum: Stratum, index: Integers) -> Request:
-        """Return the request for rollouts of rows ``index``."""
-
-    def target_request(self, tapes: Floats) -> Request:
-        """Return the request for rollouts of given tapes of the target."""
+    def replay(self, tapes: Floats) -> Request:
+        """Return the request for rollouts of given tapes; where not ``replayable``, of the target."""
 
     def log_ratio(self, request: Request, rollouts: Rollouts) -> Floats:
         """Return log p/q (M,) of the rollouts of a request."""
@@ -105,10 +102,7 @@ class LatentSource:
             )
         return drawn
 
-    def request(self, stratum: Stratum, index: Integers) -> Request:
-        return Request.replay(self.tapes(stratum, index))
-
-    def target_request(self, tapes: Floats) -> Request:
+    def replay(self, tapes: Floats) -> Request:
         return Request.replay(tapes)
 
     def log_ratio(self, request: Request, rollouts: Rollouts) -> Floats:
@@ -128,7 +122,7 @@ class LatentSource:
 class TapeSource:
     """Rows whose tapes come from a mixture on the noise tape; None stands for the target.
 
-    The request carries the mixture: tapes are made where the rollouts run, and weighed there.
+    Rollouts are weighed where they run.
 
     Attributes:
         mixture: The mixture.
@@ -147,25 +141,11 @@ class TapeSource:
             self.mixture.transform(tapes, self.mixture.choose(uniform), 0)
         return tapes
 
-    def request(self, stratum: Stratum, index: Integers) -> Request:
-        ones = np.ones_like(index)
-        return Request(
-            stratum.run * ones,
-            stratum.stage * ones,
-            stratum.first + index,
-            FROM_START * ones,
-            tape_law=self._law(stratum.from_target),
-            observe=self.observe,
-        )
-
-    def target_request(self, tapes: Floats) -> Request:
-        return replace(Request.replay(tapes), tape_law=self._law(from_target=True))
+    def replay(self, tapes: Floats) -> Request:
+        return replace(Request.replay(tapes), tape_law=self.mixture, observe=self.observe)
 
     def log_ratio(self, request: Request, rollouts: Rollouts) -> Floats:
         return rollouts.log_weight
-
-    def _law(self, from_target: bool) -> TapeLaw | None:
-        return TapeLaw(self.mixture, from_target) if self.mixture is not None else None
 
 
 @dataclass(frozen=True)
@@ -187,6 +167,7 @@ class PerceptionSource:
         return stratum.normals(index)
 
     def request(self, stratum: Stratum, index: Integers) -> Request:
+        """Return the request for rollouts of rows ``index``."""
         ones = np.ones_like(index)
         law = SamplingLaw(self.proposal, stratum.from_target)
         return Request(
@@ -199,7 +180,7 @@ class PerceptionSource:
             law=law,
         )
 
-    def target_request(self, tapes: Floats) -> Request:
+    def replay(self, tapes: Floats) -> Request:
         zeros = np.zeros(len(tapes), dtype=np.int64)
         law = SamplingLaw(self.proposal, from_target=True)
         return Request(zeros, zeros, zeros, zeros + FROM_START, tape=tapes, law=law)
