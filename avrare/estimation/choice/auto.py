@@ -29,7 +29,7 @@ from avrare.estimation.choice.auto_rules import (
 from avrare.estimation.combine.witnesses import in_doubt, reconcile
 from avrare.estimation.monte_carlo.config import McConfig
 from avrare.estimation.monte_carlo.counts import monte_carlo_cost
-from avrare.estimation.monte_carlo.monte_carlo import AtFailures, MonteCarlo, Stopping
+from avrare.estimation.monte_carlo.monte_carlo import FIRST_STAGE, AtFailures, MonteCarlo, Stopping
 from avrare.estimation.plan.budget import Budget
 from avrare.estimation.plan.plan import Estimator, Execute, GaveUp, Plan, Refused, Settings
 from avrare.estimation.result.confidence_distributions import (
@@ -104,11 +104,14 @@ class _Pilot(MonteCarlo):
     """Monte Carlo until each specification has some failures, or up to a number of rollouts."""
 
     def __init__(self, aim: Aim, memory: float | None) -> None:
-        super().__init__(McConfig(rollouts=aim.pilot, relative_error=0.5, memory=memory))
+        super().__init__(McConfig(rollouts=aim.pilot, relative_error=0.5, early_stop=True, memory=memory))
         self.failures = aim.failures
 
     def _stopping(self, plan: Plan) -> Stopping:
         return AtFailures(self.failures)
+
+    def _stage_rows(self, done: int) -> int:
+        return max(FIRST_STAGE, done)  # few requests, of which at most the half is in vain
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ Stopping = AtFailures | AtThreshold
 
 _STAGE = 2**15
 """Largest number of rollouts of a stage."""
-_FIRST_STAGE = 64
+FIRST_STAGE = 64
 """Rollouts before the first look at the clock; later stages double, so that each look is in time."""
 _UNLIMITED = 2**40
 """Rollouts of a run that a budget of seconds ends."""
@@ -170,13 +170,16 @@ class MonteCarlo(Estimator):
         if done >= state.total or self._has_stopped(state):
             return None
         if self.config.sequential:  # few rollouts are wasted, and few looks read all of them
-            # a stopping rule overshoots by 1 / 16 at most; each look reads all rollouts
-            size = max(_FIRST_STAGE, done // 16)
+            size = self._stage_rows(done)
         elif state.info.goal is None:
-            size = min(size, max(_FIRST_STAGE, done))
+            size = min(size, max(FIRST_STAGE, done))
         index = np.arange(done, min(done + size, state.total))
         request = Request.from_start(index // state.per_run, index % state.per_run)
         return replace(request, stop_early=self.config.early_stop)
+
+    def _stage_rows(self, done: int) -> int:
+        """Return the rollouts up to the next look of a stopping rule, which overshoots by 1 / 16 at most."""
+        return max(FIRST_STAGE, done // 16)
 
     def tell(self, state: McState, rollouts: Rollouts) -> tuple[McState, Info]:
         """Append the outcome of a stage."""
