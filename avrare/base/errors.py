@@ -89,15 +89,16 @@ class ScenarioError(AvrareError):
 
     def lines(self) -> list[str]:
         """Return every problem, each followed by its hint; missing packages share one."""
-        missing = [(text, hint) for text, hint in self.problems if hint and hint.startswith(_INSTALL)]
+        install = "pip install "
+        missing = [(text, hint) for text, hint in self.problems if hint and hint.startswith(install)]
         lines = [
             line
             for problem in self.problems
             if problem not in missing
             for line in AvrareError(*problem).lines()
         ]
-        packages = dict.fromkeys(word for _, hint in missing for word in hint.removeprefix(_INSTALL).split())
-        hint = _INSTALL + " ".join(packages) if packages else None
+        packages = dict.fromkeys(word for _, hint in missing for word in hint.removeprefix(install).split())
+        hint = install + " ".join(packages) if packages else None
         return lines + (AvrareError("\n".join(_join_places(missing)), hint).lines() if missing else [])
 
 

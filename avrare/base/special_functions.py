@@ -10,8 +10,6 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-_TINY = 1e-300
-
 
 def beta_cdf(x: float, a: float, b: float) -> float:
     """Return the regularised incomplete beta function I_x(a, b), by Lentz' continued fraction (NR 6.4)."""
@@ -29,20 +27,21 @@ def _continued_fraction(x: float, a: float, b: float) -> float:
     # A plain loop: a gate of four criteria takes 100,000 of these fractions
     total, c = a + b, 1.0
     d = 1.0 - total * x / (a + 1.0)
-    result = d = 1.0 / (d if abs(d) > _TINY else _TINY)
+    tiny = 1e-300
+    result = d = 1.0 / (d if abs(d) > tiny else tiny)
     for m in range(1, 100_000):
         place = a + 2 * m
         even = m * (b - m) * x / ((place - 1) * place)
         d = 1.0 + even * d
-        d = 1.0 / (d if abs(d) > _TINY else _TINY)
+        d = 1.0 / (d if abs(d) > tiny else tiny)
         c = 1.0 + even / c
-        c = c if abs(c) > _TINY else _TINY
+        c = c if abs(c) > tiny else tiny
         result *= c * d
         odd = -(a + m) * (total + m) * x / (place * (place + 1))
         d = 1.0 + odd * d
-        d = 1.0 / (d if abs(d) > _TINY else _TINY)
+        d = 1.0 / (d if abs(d) > tiny else tiny)
         c = 1.0 + odd / c
-        c = c if abs(c) > _TINY else _TINY
+        c = c if abs(c) > tiny else tiny
         factor = c * d
         result *= factor
         if abs(factor - 1.0) < 1e-15:

@@ -32,8 +32,6 @@ CHECKSUM = "checksum"
 """Key of the checksum of a JSON object."""
 MOST_BYTES = 2**32
 """Bytes of any other file."""
-_MAX_DEPTH = 64
-"""Levels of lists and objects: what is deeper cannot be copied or written again."""
 _MAX_EXPANDED_BYTES = 2**30
 """Bytes to which a small npz file may expand."""
 
@@ -109,7 +107,8 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ValueError("this is not a JSON object")
     level: list[Any] = [data]
-    for _ in range(_MAX_DEPTH):
+    most_depth = 64  # levels of lists and objects: what is deeper cannot be copied or written again
+    for _ in range(most_depth):
         level = [
             child
             for container in level
@@ -117,7 +116,7 @@ def parse_json(content: bytes | str) -> dict[str, Any]:
             for child in (container.values() if isinstance(container, dict) else container)
         ]
     if level:
-        raise ValueError(f"it is nested more than {_MAX_DEPTH} levels deep")
+        raise ValueError(f"it is nested more than {most_depth} levels deep")
     if "\\u" in text:  # half of a surrogate pair cannot be written again
         json.dumps(data, ensure_ascii=False).encode()
     return data

@@ -72,7 +72,6 @@ examples:
 }
 """Command -> what follows its options: explanations, examples, exit codes."""
 
-MIN_ROLLOUTS = 2
 Options: TypeAlias = dict[str, "str | tuple[str, dict[str, Any]] | Options"]
 """Usage -> help, or (help, settings of ``add_argument``); a title, or ``|`` for alternatives -> group."""
 
@@ -98,10 +97,9 @@ def read_rollouts(text: str) -> int:
         budget = Budget.parse(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(f"must be rollouts=N, not {text!r}: {error.message}") from None
-    if budget is None or budget.kind != "rollouts" or budget.amount < MIN_ROLLOUTS:
-        raise argparse.ArgumentTypeError(
-            f"must be rollouts=N with N of at least {MIN_ROLLOUTS}, not {text!r}"
-        )
+    fewest = 2
+    if budget is None or budget.kind != "rollouts" or budget.amount < fewest:
+        raise argparse.ArgumentTypeError(f"must be rollouts=N with N of at least {fewest}, not {text!r}")
     return int(budget.amount)
 
 

@@ -39,9 +39,6 @@ No predicate about distances, neighbours or closing speeds holds for it, so no r
 or infinity it gives every predicate a number.
 """
 
-_RESERVED = {"ego": "the ego", "others": "all vehicles but the ego"}
-"""Names with a meaning in formulas, which no other vehicle may have."""
-
 
 @dataclass(frozen=True)
 class Recording:
@@ -120,10 +117,12 @@ def assemble_recording(
 
     Without a road there are signals but no scene, and rules cannot be monitored.
     """
-    for name in (other.name for other in others if other.name in _RESERVED):
+    # names with a meaning in formulas, which no other vehicle may have
+    reserved = {"ego": "the ego", "others": "all vehicles but the ego"}
+    for name in (other.name for other in others if other.name in reserved):
         raise UsageError(
             f"{source}: a vehicle other than the ego is called {name!r}",
-            f"in formulas that means {_RESERVED[name]}: rename the vehicle",
+            f"in formulas that means {reserved[name]}: rename the vehicle",
         )
     signals = {f"ego_{field}": x for field, x in ego.fill_gaps(dt).items()}
     filled = [other.fill_gaps(dt) for other in others]

@@ -16,7 +16,6 @@ from avrare.stack.part_checks import find_noise_names, find_perfect_noise
 
 _SMALL_SHARE = 0.25
 """Share of the greatest error or sum of a channel, and of a tape's norm, below which others are left out."""
-_WINDOWS = 8
 _MIN_STANDARD_ERRORS = 4.0
 """Standard errors from which on the size of noise in a window is set apart from chance."""
 
@@ -238,12 +237,13 @@ class _Words:
 
     def find_wide_windows(self, channel: int, squares: Floats, effective: float) -> Iterator[Disturbance]:
         """Yield the time windows in which the mean squares (T,) of a channel are larger than chance."""
-        edges = np.unique(np.linspace(1, len(squares), _WINDOWS + 1).astype(np.int64))
+        windows = 8
+        edges = np.unique(np.linspace(1, len(squares), windows + 1).astype(np.int64))
         wide = np.zeros(len(squares), dtype=bool)
         for first, end in zip([0, *edges[:-1]], edges, strict=True):
             excess = float(squares[first:end].mean()) - 1.0
             wide[first:end] = excess * math.sqrt(effective * (end - first) / 2.0) >= _MIN_STANDARD_ERRORS
-        for first, last in _find_stretches(wide, len(squares) // _WINDOWS):
+        for first, last in _find_stretches(wide, len(squares) // windows):
             square = float(squares[first : last + 1].mean())
             span = format_span(first, last, self._dt)
             text = f"{math.sqrt(square):.2g} times as large as usual to both sides {span}"

@@ -28,8 +28,6 @@ from avrare.stack.builder import build_block
 from avrare.stack.burn_in import BurnIn
 from avrare.stack.closed_loop import ClosedLoop, WeightedLoop
 
-_KIND = "perception"
-
 
 class WeightedProblem(Problem):
     """Problem whose closed loop can be drawn from other perception error models.
@@ -101,10 +99,11 @@ def _check_memoryless(perception: PerceptionErrorModel) -> None:
 def check_proposal(options: Mapping[str, object]) -> Block:
     """Check a perception block ``{"plugin": name, ...}`` without building anything."""
     name = str(options.get("plugin"))
-    component = default_registry().require(_KIND, name)
+    kind = "perception"
+    component = default_registry().require(kind, name)
     settings = {key: value for key, value in options.items() if key != "plugin"}
-    config = check_options(component.load_config(), name, settings, _KIND)
-    row = default_registry().find(_KIND, name)
+    config = check_options(component.load_config(), name, settings, kind)
+    row = default_registry().find(kind, name)
     return Block(name, component, config, row.distribution, row.version)
 
 

@@ -15,8 +15,6 @@ from avrare.stack.closed_loop import ClosedLoop
 from avrare.stack.emergency_braking import EmergencyBraking
 from avrare.stack.timed_controller import TimedController
 
-_SEES = "sees the truth"
-
 
 class _Seeing(Controller):
     """Controller whose predictions are of the true vehicles."""
@@ -54,13 +52,14 @@ def list_alternatives(loop: ClosedLoop) -> dict[str, ClosedLoop]:
 
 def _list_controllers(controller: Controller, scene: Scene | None) -> dict[str, Controller]:
     """Return other controllers; ``scene`` is at the controller's step, None where it has no tracker."""
+    sees = "sees the truth"
     if isinstance(controller, TimedController):
         paced = controller.pace(scene)
         inner = _list_controllers(controller.controller, paced)
         if (
             scene is not None and paced is not None and paced.dt != scene.dt
         ):  # the truth is extrapolated at the simulator's step
-            inner.pop(_SEES, None)
+            inner.pop(sees, None)
         controllers: dict[str, Controller] = {name: controller.around(each) for name, each in inner.items()}
         informed = controller.compensating()
         return controllers if informed is None else {**controllers, "knows the delays": informed}
@@ -68,5 +67,5 @@ def _list_controllers(controller: Controller, scene: Scene | None) -> dict[str, 
     if scene is not None and not isinstance(controller, EmergencyBraking):
         controllers["has emergency braking"] = EmergencyBraking(controller, Aeb(), scene)
     if scene is not None and not controller.sees_truth:
-        controllers[_SEES] = _Seeing(controller)
+        controllers[sees] = _Seeing(controller)
     return controllers

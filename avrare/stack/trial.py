@@ -22,9 +22,6 @@ from avrare.stack.builder import Stack, locate_errors
 from avrare.stack.closed_loop import ClosedLoop, LoopState
 from avrare.stack.part_checks import check_signals
 
-_STARTS = 32
-"""Starts drawn with noise where the noise-free one violates a specification."""
-
 
 def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
     """Raise a ``ScenarioError`` for specifications that every start violates: their probability is 1."""
@@ -51,9 +48,10 @@ def refuse_violated_starts(scenario: Scenario, stack: Stack) -> None:
 
 def _fails_from_drawn_starts(scenario: Scenario, stack: Stack, spec: Specification) -> bool:
     """Return whether a few starts that are drawn with noise all violate a specification."""
-    noise = np.random.default_rng(0).standard_normal((_STARTS, stack.loop.noise_size))
+    starts = 32  # starts drawn with noise where the noise-free one violates a specification
+    noise = np.random.default_rng(0).standard_normal((starts, stack.loop.noise_size))
     signals = _signals_at_start(scenario, stack, noise)
-    return bool(spec.update(spec.start(_STARTS), signals)[1].violated.all())
+    return bool(spec.update(spec.start(starts), signals)[1].violated.all())
 
 
 def _signals_at_start(scenario: Scenario, stack: Stack, noise: Floats) -> Signals:

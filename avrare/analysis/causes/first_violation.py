@@ -26,21 +26,19 @@ class FirstViolation:
     severity: Severity | None = None
 
 
-UNKNOWN = FirstViolation(-1, "")
-
-
 def find_first_violation(problem: Problem, rollout: ReplayedRollout) -> FirstViolation:
     """Find the first violation of the first specification of ``problem`` in a replayed rollout."""
     scene, dt = problem.scene, problem.dt or 1.0
     names = () if scene is None else scene.names
     recording = Recording("a failure", dt, 0.0, rollout.signals, scene, names)
+    unknown = FirstViolation(-1, "")
     try:
         monitoring = monitor_recording(problem.names[0], problem.monitors[0], recording)
     except AvrareError:  # a specification that cannot be explained: its failures are one cause
-        return UNKNOWN
+        return unknown
     decisive = monitoring.first or monitoring.worst
     if decisive is None:
-        return UNKNOWN
+        return unknown
     vehicles = tuple(decisive.vehicles.values())
     text = decisive.formula or problem.names[0]
     severity = measure_severity(monitoring)

@@ -32,8 +32,6 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.replay import ReplayedRollout, replay_tapes, tabulate_signals
 
 METHODS = ("kmeans", "hdbscan")
-_PRINCIPAL_COMPONENTS = 5
-"""Principal components of the features in which k-means makes clusters."""
 
 
 @dataclass(frozen=True)
@@ -207,8 +205,9 @@ class _Failing:
 def _compute_components(features: Floats) -> Floats:
     # (F, _PRINCIPAL_COMPONENTS) coordinates along the largest components; zeros where there are fewer.
     left, sizes, _ = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
-    components = (left * sizes)[:, :_PRINCIPAL_COMPONENTS]
-    return np.pad(components, ((0, 0), (0, _PRINCIPAL_COMPONENTS - components.shape[1])))
+    most_components = 5  # principal components of the features in which k-means makes clusters
+    components = (left * sizes)[:, :most_components]
+    return np.pad(components, ((0, 0), (0, most_components - components.shape[1])))
 
 
 def _sort(

@@ -13,7 +13,6 @@ from avrare.estimation.loop.checkpoint import FOLDER, Checkpoint, FileJournal, r
 from avrare.results.run import Run
 from avrare.results.run_folder import refuse_links
 
-_RESUME = "--resume (in Python: resume=True)"
 OpenJournal = Callable[[str], FileJournal | None]
 """Gives the journal of one of the runners of tapes by its name; None where nothing is kept."""
 
@@ -40,15 +39,16 @@ def keep_outcomes(
         return
     folder = out / f"{command}-{FOLDER}"
     refuse_links([folder, *folder.rglob("*")])
+    resume_hint = "--resume (in Python: resume=True)"
     if not resume and read_index(folder) is not None and Checkpoint(folder, {}).chunks:
         text = f"{folder}: an interrupted command has left its rollouts there"
-        raise UsageError(text, f"resume with the same command and {_RESUME}; else remove that folder")
+        raise UsageError(text, f"resume with the same command and {resume_hint}; else remove that folder")
     with Checkpoint.open(folder, task).hold() as checkpoint:
         try:
             yield checkpoint.journal
         except KeyboardInterrupt as error:
             text = f"interrupted; finished rollouts are saved in {folder}"
-            raise Interrupted(text, f"resume with the same command and {_RESUME}") from error
+            raise Interrupted(text, f"resume with the same command and {resume_hint}") from error
         checkpoint.remove()
 
 

@@ -31,7 +31,6 @@ from avrare.scenario.fingerprint import digests, fingerprint
 from avrare.scenario.schema import Scenario
 
 SCHEMA = 1
-_HINT = "restore the file, or remove it to use the previous baseline"
 SHARED_KEYS = ("steps", "simulator", "perception")
 """Keys of a resolved scenario that belong to the problem of every specification."""
 
@@ -95,11 +94,12 @@ def read_newest(folder: Path) -> Baseline | None:
 
 def read(path: Path) -> Baseline:
     """Read one baseline; UsageError if it cannot be read."""
-    content = read_json(path, _HINT)
+    hint = "restore the file, or remove it to use the previous baseline"
+    content = read_json(path, hint)
     if content.get("schema", SCHEMA) != SCHEMA:
         text = f"{path}: has schema {content['schema']!r}, this avrare reads schema {SCHEMA}"
-        raise UsageError(text, _HINT)
-    stored = check_model(_StoredBaseline, content, path, _HINT)
+        raise UsageError(text, hint)
+    stored = check_model(_StoredBaseline, content, path, hint)
     try:
         entries = {estimate.specification: estimate.entry() for estimate in stored.estimates}
         firsts = {
@@ -108,8 +108,8 @@ def read(path: Path) -> Baseline:
             if estimate.first is not None
         }
     except UsageError as error:
-        raise UsageError(f"{path}: {error.message}", _HINT) from None
-    check_seal(path, content, _HINT)
+        raise UsageError(f"{path}: {error.message}", hint) from None
+    check_seal(path, content, hint)
     return Baseline(path, stored.resolved, stored.versions, stored.commit, entries, stored.files, firsts)
 
 

@@ -23,8 +23,6 @@ from avrare.estimation.result.result import Result
 from avrare.scenario.schema import Regression, Threshold
 
 POWER = 0.9
-PRECISION = 0.2
-"""Half width of the relative interval that is priced for every specification."""
 BASELINE_SHARE = 0.25
 """Share of the variance of a comparison that the baseline should have: it is paid once, checks often."""
 LEAST_SHARE = 0.1
@@ -132,7 +130,8 @@ def count_settling_rollouts(threshold: Threshold, probability: float) -> int | N
 def _need_for_precision(entry: Result, confidence: float) -> _Need:
     if not _has_variance(entry):
         return None, _explain_missing_failures(entry)
-    return _work(entry) * (_quantile(1.0 - (1.0 - confidence) / 2.0) / math.log1p(PRECISION)) ** 2, ""
+    precision = 0.2  # half width of the relative interval that is priced for every specification
+    return _work(entry) * (_quantile(1.0 - (1.0 - confidence) / 2.0) / math.log1p(precision)) ** 2, ""
 
 
 def _need_for_criterion(criterion: Criterion, entry: Result, criteria: int) -> _Need:

@@ -10,8 +10,6 @@ from avrare.protocols import Bools, Floats
 from avrare.scenario.schema import Scenario
 from avrare.stack.builder import Stack, build_stack
 
-_OPTION = "substeps"
-"""Option by which a simulator integrates in parts of its step, while noise and all other parts keep it."""
 _MOST_TAPES, _MOST_STEPS = 8, 2000
 """Most tapes that are compared, and most steps of all of them together, except for a single one."""
 
@@ -28,10 +26,12 @@ class Drives:
 def compare_substeps(scenario: Scenario, stack: Stack) -> list[str]:
     """List the changes where the simulator integrates in half the step."""
     config = scenario.simulator.config
-    if _OPTION not in type(config).model_fields:
-        return [f"integration: the simulator has no `{_OPTION}`: whether its dt is small enough is not known"]
-    substeps = dict(config)[_OPTION]
-    finer = config.model_copy(update={_OPTION: 2 * substeps})
+    # option by which a simulator integrates in parts of its step, while noise and all other parts keep it
+    option = "substeps"
+    if option not in type(config).model_fields:
+        return [f"integration: the simulator has no `{option}`: whether its dt is small enough is not known"]
+    substeps = dict(config)[option]
+    finer = config.model_copy(update={option: 2 * substeps})
     count = max(min(_MOST_TAPES, _MOST_STEPS // (scenario.steps + 1)), 1)
     tapes = np.random.default_rng(0).standard_normal((scenario.steps + 1, count, stack.loop.noise_size))
     try:
@@ -44,7 +44,7 @@ def compare_substeps(scenario: Scenario, stack: Stack) -> list[str]:
     changes = [f"{name} {_greatest(now.signals[name], then.signals[name]):.2g}" for name in names]
     tried = f"{count} tape{'s' * (count > 1)}"
     lines = [
-        f"integration: {_OPTION} {2 * substeps} in place of {substeps}, {tried}, greatest changes:",
+        f"integration: {option} {2 * substeps} in place of {substeps}, {tried}, greatest changes:",
         f"  {', '.join(changes)}",
     ]
     for name, robustness in now.robustness.items():

@@ -26,7 +26,6 @@ from avrare.scenario.schema import Scenario
 
 _STEPS = 3
 """Steps of the stack that are run."""
-_PURPOSE = "the first steps of the stack"
 
 Line = tuple[str, str | None]
 """A message and its hint."""
@@ -154,15 +153,16 @@ def _try_stack(scenario: Scenario, warnings: list[Line]) -> list[str]:
 
     built = LoadedScenario(scenario)
     stack = built.stack
+    purpose = "the first steps of the stack"
     with first_steps(scenario):
-        warnings += run_guarded(_PURPOSE, stack.loop, partial(try_stack, scenario, stack, steps=_STEPS))
+        warnings += run_guarded(purpose, stack.loop, partial(try_stack, scenario, stack, steps=_STEPS))
     clearances = check_scenario(built)
     messages = {name: text for clearance in clearances for name, text in clearance.warnings.items()}
     warnings += [(f"{scenario.path}: {name}: {text}", None) for name, text in messages.items()]
     memory = max((clearance.memory for clearance in clearances), key=lambda forecast: forecast.total)
     with first_steps(scenario):
-        draws = run_guarded(_PURPOSE, stack.loop, partial(try_draws, scenario, stack))
-        changes = run_guarded(_PURPOSE, stack.loop, partial(compare_substeps, scenario, stack))
+        draws = run_guarded(purpose, stack.loop, partial(try_draws, scenario, stack))
+        changes = run_guarded(purpose, stack.loop, partial(compare_substeps, scenario, stack))
     return [*draws, memory.describe(), *changes]
 
 

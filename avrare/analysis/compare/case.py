@@ -19,7 +19,6 @@ from avrare.scenario.safe_mode import safe_mode
 from avrare.scenario.schema import Block, Scenario
 from avrare.testing.problems import reference_problem
 
-REFERENCE_PREFIX = "problem:"
 ENOUGH_FAILURES = 100
 """Failures that make a Monte Carlo estimate precise enough to compare with: a relative error of 10 %."""
 POOLED = "pooled monte carlo"
@@ -94,7 +93,8 @@ def open_case(
         problem = open_problem(subject, specification, overrides)
         return ComparisonCase(type(problem.system).__name__, problem.names[0], problem, truth_result)
     path = require_path(subject, "a scenario file or a Problem")
-    if not path.startswith(REFERENCE_PREFIX):
+    prefix = "problem:"
+    if not path.startswith(prefix):
         with safe_mode(safe):
             case = scenario_case(path, specification, overrides)
         return replace(case, truth=truth_result)
@@ -108,7 +108,7 @@ def open_case(
                 f"{option} cannot be used with {path}",
                 "a reference problem has one formula and a known probability",
             )
-    return reference_case(path.removeprefix(REFERENCE_PREFIX))
+    return reference_case(path.removeprefix(prefix))
 
 
 def reference_case(id: str) -> ComparisonCase:

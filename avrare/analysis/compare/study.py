@@ -36,8 +36,6 @@ from avrare.rollout.problem import Problem
 from avrare.rollout.request import Request
 from avrare.scenario.overrides import as_settings
 
-_TIMED = 8
-"""Rollouts that are timed before a study."""
 StudyWatch = Callable[[str, Problem], Progress]
 """Called with a label and the problem as each estimate begins; gives its progress display."""
 
@@ -159,10 +157,13 @@ def _forecast(case: ComparisonCase, design: StudyDesign, arms: int) -> str:
         problem.simulate(noise, Request.from_start(np.zeros(rows, np.int64), np.arange(rows)), scored=False)
         return time.perf_counter() - began
 
-    purpose, sizes = "the rollouts that tell how long the comparison takes", (1, 1, _TIMED)
+    timed_rollouts = 8  # rollouts that are timed before a study
+    purpose, sizes = "the rollouts that tell how long the comparison takes", (1, 1, timed_rollouts)
     _, call, more = run_guarded(purpose, problem.system, lambda: [time_rollouts(rows) for rows in sizes])
     rollouts = budget.amount / (max(problem.steps, 1) if budget.kind == "steps" else 1)
-    each = math.ceil(rollouts / problem.chunk) * call + rollouts * max(more - call, 0.0) / (_TIMED - 1)
+    each = math.ceil(rollouts / problem.chunk) * call + rollouts * max(more - call, 0.0) / (
+        timed_rollouts - 1
+    )
     estimates = design.repeat * arms
     duration = format_duration(each * estimates / design.workers)
     return f"{estimates} estimates of {rollouts:,.0f} rollouts: {duration} or more"

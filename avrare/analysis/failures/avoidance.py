@@ -13,8 +13,6 @@ from avrare.protocols import Bools, Floats
 
 FULL_BRAKING = 6.0
 """Deceleration of an emergency braking [m/s^2]."""
-_FAR = 1e3
-"""Length of the straight that continues the ego's path [m]."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +65,9 @@ class Approach:
     def _at_way(self, place: Floats, way: Floats) -> tuple[Floats, ...]:
         ego, heading = self.ego, np.unwrap(self.ego.heading)
         course = float(heading[-1])
-        ends = _FAR * np.cos(course), _FAR * np.sin(course), 0.0
-        path = np.append(way, way[-1] + _FAR)
+        far = 1e3  # length of the straight that continues the ego's path [m]
+        ends = far * np.cos(course), far * np.sin(course), 0.0
+        path = np.append(way, way[-1] + far)
         series = zip((ego.x, ego.y, heading), ends, strict=True)
         return tuple(np.interp(place, path, np.append(values, values[-1] + end)) for values, end in series)
 

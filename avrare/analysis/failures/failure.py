@@ -23,8 +23,6 @@ from avrare.rollout.replay import ReplayedRollout, replay_tape, tabulate_signals
 from avrare.scenario.fingerprint import comparable, digests
 from avrare.scenario.schema import Scenario
 
-_PARTS = ("simulator", "perception", "tracker", "controller")
-
 _NO_CHECKSUMS = np.zeros(0, dtype=np.uint32)
 _NO_VALUES = np.zeros((0, 0), dtype=np.float32)
 
@@ -65,10 +63,11 @@ class Failure:
 def compute_fingerprints(scenario: Scenario, specification: str) -> dict[str, str]:
     """Return 8 hexadecimal digits for each part that a rollout of one specification depends on."""
     resolved, files = comparable(scenario), digests(scenario)
-    plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in _PARTS}}
+    parts = ("simulator", "perception", "tracker", "controller")
+    plain = {"steps": resolved["steps"], **{part: resolved.get(part) for part in parts}}
     plain |= {name: resolved[name] for name in ("timing", "actuators") if name in resolved}
     plain["specification"] = resolved["specifications"][specification]
-    for name in (*_PARTS, "specification"):
+    for name in (*parts, "specification"):
         path = f"specifications.{specification}" if name == "specification" else name
         contents = {key: content for key, content in files.items() if key.startswith(f"{path}.")}
         if contents:  # the content of files named by options counts too

@@ -24,9 +24,6 @@ from avrare.driving.values import to_plane
 from avrare.protocols import Floats
 from avrare.results.recordings import FIELDS
 
-_SMALL_REACH = 0.3
-"""Reach into a lane below which the ego only touches it [m]."""
-
 
 @dataclass(frozen=True)
 class Impact:
@@ -115,8 +112,9 @@ def describe_severities(severities: Sequence[Severity]) -> str:
     reaches = [severity.reach for severity in severities if severity.reach > 0.0]
     if not reaches:
         return text
-    small = sum(reach < _SMALL_REACH for reach in reaches) / len(reaches)
-    touching = f"{_percent(small)} by less than {_SMALL_REACH:g} m, " if small else ""
+    small_reach = 0.3  # reach into a lane below which the ego only touches it [m]
+    small = sum(reach < small_reach for reach in reaches) / len(reaches)
+    touching = f"{_percent(small)} by less than {small_reach:g} m, " if small else ""
     return f"ego reaches into the lane, {touching}median {_median(reaches):.1f} m; {text}"
 
 

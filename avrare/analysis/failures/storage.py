@@ -29,7 +29,6 @@ PREFIX = "avrare1."
 _DTYPES = {"noise": "<f8", "checksums": "<u4", "values": "<f4"}
 _AXES = {"noise": 2, "checksums": 1, "values": 2}
 _ID = re.compile(r"[0-9a-f]{1,8}")
-_HINT = "copy all of it, or write it to a file and give --blob @FILE"
 
 
 def encode(failure: Failure) -> str:
@@ -44,13 +43,14 @@ def encode(failure: Failure) -> str:
 def decode(text: str) -> Failure:
     """Return the failure of a blob; UsageError if it is damaged. Whitespace in it is ignored."""
     word = re.sub(r"\s", "", text)
+    hint = "copy all of it, or write it to a file and give --blob @FILE"
     if not word.startswith(PREFIX):
         start = f"it starts with {word[:12]!r}" if word else "it is empty"
-        raise UsageError(f"not a failure blob: {start}, not with {PREFIX!r}", _HINT)
+        raise UsageError(f"not a failure blob: {start}, not with {PREFIX!r}", hint)
     try:
         return _decode(word.removeprefix(PREFIX))
     except _CorruptFailureError as error:
-        raise UsageError(f"the blob is damaged: {error}", _HINT) from None
+        raise UsageError(f"the blob is damaged: {error}", hint) from None
 
 
 class FailureDatabase:

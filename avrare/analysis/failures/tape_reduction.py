@@ -29,9 +29,6 @@ Block = tuple[slice, slice]
 
 
 _FIRST_TURN, _MIN_TURN = 0.3, 0.01
-_LENGTHS = (0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
-_MEMORY = 400
-"""Number of the newest rollouts in the gradient estimate."""
 
 
 def order_by_norm(seed: int) -> BlockOrder:
@@ -170,19 +167,20 @@ class _Descent:
 
     def run(self) -> Floats:
         """Search until nothing more is gained, or the budget or the rounds are used up."""
+        lengths = (0.999, 0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
         for number in range(60):
             if not self.evaluate.remaining or self.turn < _MIN_TURN:
                 break
             before = self.norm
             # 1. Turn in random directions at a slightly smaller norm.
-            self._move([(_LENGTHS[1] * self.norm, turned) for turned in self._draw_directions(number)])
+            self._move([(lengths[1] * self.norm, turned) for turned in self._draw_directions(number)])
             # 2. Search along the estimated gradient.
             descent = self._estimate_descent()
             if descent is not None:
                 ahead = [
                     _normalise((1.0 - w) * self.direction + w * descent) for w in (0.1, 0.25, 0.5, 0.75, 1.0)
                 ]
-                self._move([(length * self.norm, direction) for direction in ahead for length in _LENGTHS])
+                self._move([(length * self.norm, direction) for direction in ahead for length in lengths])
             # 3. Without progress, turn less.
             largest_ratio = 0.999  # smaller progress does not count
             if self.norm > largest_ratio * before:
@@ -196,8 +194,9 @@ class _Descent:
             return
         outcome = self.evaluate(tapes)
         finite = np.isfinite(outcome.robustness)
-        self.tapes = np.concatenate([self.tapes, np.stack(tapes)[finite]])[-_MEMORY:]
-        self.robustness = np.concatenate([self.robustness, outcome.robustness[finite]])[-_MEMORY:]
+        most_tapes = 400  # number of the newest rollouts in the gradient estimate
+        self.tapes = np.concatenate([self.tapes, np.stack(tapes)[finite]])[-most_tapes:]
+        self.robustness = np.concatenate([self.robustness, outcome.robustness[finite]])[-most_tapes:]
         failing = [candidate for candidate, fails in zip(candidates, outcome.fails, strict=False) if fails]
         if failing:
             current = (self.norm, self.direction)

@@ -12,7 +12,6 @@ from avrare.base.errors import FormulaError, did_you_mean
 from avrare.logic.semantics.window_operators import Array
 
 _FLOAT = np.dtype(np.float64)
-_SHAPE_HINT = "give arrays (N, T), or (T,) for one trace"
 
 
 @dataclass(frozen=True)
@@ -52,14 +51,15 @@ class Trace:
 def read_trace(signals: Mapping[str, object], names: Sequence[str]) -> Trace:
     """Check the signals ``names`` of complete traces, (N, T, ...) each or (T,) each; NaN is refused."""
     arrays = _select(signals, names)
+    shape_hint = "give arrays (N, T), or (T,) for one trace"
     for name, array in arrays.items():
         if array.ndim == 0:
-            raise FormulaError(f"signal {name!r} is a single number, not samples over time", _SHAPE_HINT)
+            raise FormulaError(f"signal {name!r} is a single number, not samples over time", shape_hint)
     single = any(array.ndim == 1 for array in arrays.values())
     shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
     if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):
         sizes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-        raise FormulaError(f"signals of different shapes: {sizes}", _SHAPE_HINT)
+        raise FormulaError(f"signals of different shapes: {sizes}", shape_hint)
     for name, array in arrays.items():
         _reject_nan(name, array)
     if single:

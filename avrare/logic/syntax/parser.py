@@ -23,7 +23,6 @@ MAX_DEPTH = 100
 
 
 _NAME = r"[^\W\d][\w.]*"
-_STARTS = r"(?<![^\n;])([ \t]*)"
 
 
 def parse(text: str, dt: float | Fraction = 1.0) -> nodes.Node:
@@ -111,8 +110,9 @@ def _blank_declarations(text: str) -> str:
         rf"(?:{types})[ \t]+{other}",
     )
     end = r"(?=[ \t]*(?:;|\r?\n|#|//|/\*|\Z))"
-    text = re.sub(rf"{_STARTS}(?:{'|'.join(declarations)}){end}", _blanks, text)
-    return re.sub(rf"{_STARTS}const[ \t]+{_NAME}(?=[ \t]+{_NAME}[ \t]*=(?!=))", _blanks, text)
+    start = r"(?<![^\n;])([ \t]*)"
+    text = re.sub(rf"{start}(?:{'|'.join(declarations)}){end}", _blanks, text)
+    return re.sub(rf"{start}const[ \t]+{_NAME}(?=[ \t]+{_NAME}[ \t]*=(?!=))", _blanks, text)
 
 
 def _blanks(match: re.Match[str]) -> str:

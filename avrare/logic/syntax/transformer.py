@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 MAX_SAMPLES = 10**14
 """Largest bound in samples: more must be a mistake and cannot index an array."""
-MAX_PARTS = 100_000
-"""Larger formulas, which only nested definitions can make, are refused."""
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
 _MISSPELT, _SIMILAR = 0.8, 0.7
@@ -62,8 +60,9 @@ class FormulaTransformer:
     def _element(self, tree: Tree[Token]) -> nodes.Node | nodes.Term:
         self.parts += 1
         tree = _strip_groups(tree)
-        if self.parts > MAX_PARTS:
-            message = f"the formula has more than {MAX_PARTS} parts once its definitions are expanded"
+        most_parts = 100_000  # larger formulas, which only nested definitions can make, are refused
+        if self.parts > most_parts:
+            message = f"the formula has more than {most_parts} parts once its definitions are expanded"
             hint = "compute parts of the formula as signals of the system"
             raise make_error(self.text, tree.meta, message, hint)
         element: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)

@@ -8,22 +8,22 @@ from avrare.driving import Road, Scene, Vehicles
 from avrare.driving.values import World
 from avrare.protocols import Floats, Signals
 
-_NAMES = ("ahead", "left", "behind")
 _DT = 0.2
 """Time step [s]."""
 
 
 def scene() -> Scene:
     """Return a scene of three lanes and three cars."""
+    names = ("ahead", "left", "behind")
     return Scene(
         dt=_DT,
         road=Road(lane_centres=(-1.75, 1.75, 5.25), lane_width=3.5),
         ego_length=4.5,
         ego_width=1.8,
-        names=_NAMES,
-        lengths=np.full(len(_NAMES), 4.5),
-        widths=np.full(len(_NAMES), 1.8),
-        moving=np.ones(len(_NAMES), dtype=bool),
+        names=names,
+        lengths=np.full(len(names), 4.5),
+        widths=np.full(len(names), 1.8),
+        moving=np.ones(len(names), dtype=bool),
     )
 
 

@@ -17,8 +17,6 @@ from avrare.plugin.registry import Registry, Row, default_registry, list_missing
 from avrare.scenario.validation import check_options
 from avrare.testing.conformance.sample_traffic import scene
 
-ROAD_KINDS = ("perception", "tracker", "controller", "specification")
-"""Kinds whose parts are built for the ``Scene`` of a simulator, where it has one."""
 Status = Literal["passed", "failed", "skipped"]
 
 
@@ -69,7 +67,9 @@ class Subject:
     @property
     def scene(self) -> Scene | None:
         """Sample scene, for parts that may need one."""
-        return scene() if self.kind in ROAD_KINDS else None
+        # kinds whose parts are built for the ``Scene`` of a simulator, where it has one
+        road_kinds = ("perception", "tracker", "controller", "specification")
+        return scene() if self.kind in road_kinds else None
 
     @cached_property
     def config(self) -> Any:

@@ -34,9 +34,6 @@ _SEARCH_RISK = 0.15
 """and their part of the risk."""
 _LARGE_ROLLOUTS = 32_000
 """Rollouts that find failures of 1e-6 and check what they have found."""
-_GRID_VALUES = 12
-"""Values on each side that a run is reweighed for."""
-_BEND = 0.3
 
 
 Evaluate = Callable[[float, float, int, float, Sequence[float]], Trial]
@@ -242,15 +239,16 @@ class _Search:
         centre, reach = _to_axis(value, self.scaled), self._reach()
         if not reach:
             return []
-        steps, (low, high) = np.arange(-_GRID_VALUES, _GRID_VALUES + 1) / _GRID_VALUES, self.between
+        count = 12  # values on each side that a run is reweighed for
+        steps, (low, high) = np.arange(-count, count + 1) / count, self.between
         values = (_to_value(centre + reach * step, self.scaled) for step in steps.tolist())
         return [point for point in values if low <= point <= high]  # others may not be valid
 
     def _fit(self) -> tuple[float, float] | None:
         """Return root and slope of a line through log p, which slopes of the trials help to find.
 
-        log p bends: a share ``_BEND`` of the slope for each unit of log p, which makes trials far from the
-        bound tell less.
+        log p bends: its slope may change by ``largest_bend`` of itself for each unit of log p, so that trials
+        far from the bound tell less.
         """
         rows = [trial for trial in self.trials if 0.0 < trial.result.probability < 1.0]
         if len(rows) < 2:
@@ -260,7 +258,8 @@ class _Search:
         spread = [
             math.log(trial.interval[1] / max(trial.interval[0], trial.interval[1] * 1e-4)) for trial in rows
         ]
-        weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 + (0.5 * _BEND * y * y) ** 2)
+        largest_bend = 0.3
+        weight = 1.0 / (np.maximum(spread, 1e-3) ** 2 + (0.5 * largest_bend * y * y) ** 2)
         matrix = np.array([[weight.sum(), weight @ x], [weight @ x, weight @ (x * x)]])
         vector = np.array([weight @ y, weight @ (x * y)])
         factors = [trial.value if self.scaled else 1.0 for trial in rows]
@@ -270,7 +269,7 @@ class _Search:
                 # standard errors in the width of an interval of the trials that search
                 standard_errors = 6.0
                 error = standard_errors * factor * trial.score.error
-                precision = 1.0 / max(error**2 + (_BEND * max(slopes) * distance) ** 2, 1e-12)
+                precision = 1.0 / max(error**2 + (largest_bend * max(slopes) * distance) ** 2, 1e-12)
                 matrix[1, 1] += precision
                 vector[1] += precision * factor * trial.score.slope
         if np.linalg.det(matrix) <= 1e-12 * matrix[0, 0] * max(matrix[1, 1], 1e-300):

@@ -13,8 +13,6 @@ from avrare.protocols import Bools, Floats
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare_design.scenario_parameters import ParametricScenario, look_up
 
-_ARRAYS = "controller.arrays."
-
 
 @dataclass(frozen=True)
 class ScenarioNumbers:
@@ -91,11 +89,12 @@ def _find(scenario: ParametricScenario, path: str) -> Floats:
 
 def _network_array(scenario: ParametricScenario, path: str) -> object:
     controller = scenario.scenario.stack.loop.controller
-    if controller is not None and controller.arrays and path.startswith(_ARRAYS):
-        name = path.removeprefix(_ARRAYS)
+    prefix = "controller.arrays."
+    if controller is not None and controller.arrays and path.startswith(prefix):
+        name = path.removeprefix(prefix)
         if name in controller.arrays:
             return controller.arrays[name]
-        names = ", ".join(f"{_ARRAYS}{array}" for array in controller.arrays)
+        names = ", ".join(f"{prefix}{array}" for array in controller.arrays)
         raise UsageError(f"{scenario.path}: the controller has no array {name!r}", f"it has {names}")
     return float(scenario.value(path))  # says what is wrong
 

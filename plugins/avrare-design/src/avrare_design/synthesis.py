@@ -28,7 +28,6 @@ from avrare_design.scenario_numbers import ScenarioNumbers
 from avrare_design.scenario_parameters import ParametricScenario, read_failing_result
 from avrare_design.synthesis_proof import ENOUGH, Proof, Side, prove_by_estimates, prove_by_pairs
 
-PROOF_ROLLOUTS = 10_000
 _MAX_VALUES, _MAX_NAMES_LENGTH = 6, 60
 """Most numbers whose values stand in the table, and the longest list of their names."""
 
@@ -220,7 +219,8 @@ class _Estimates:
         """Compare start and result on the same fresh tapes; where few would fail, by two estimates."""
         before, after = numbers.at(start.values), numbers.at(best.values)
         seed_distance = 1_000_000  # distance of the seeds of the proof from those of the descent
-        seed, tapes = self.seed + seed_distance, PROOF_ROLLOUTS if rollouts is None else rollouts
+        proof_rollouts = 10_000
+        seed, tapes = self.seed + seed_distance, proof_rollouts if rollouts is None else rollouts
         if rollouts is not None or start.estimate.probability * tapes >= ENOUGH:
             executor = build_executor(self.workers)
             return prove_by_pairs(before, after, self.specification, tapes, seed, executor, maximise)

@@ -9,9 +9,6 @@ from avrare_glider.aircraft import DT, NAMES, advance
 from avrare_glider.config import FeedbackConfig
 from avrare_glider.nominal import Flight
 
-_SMALL = 1e-20
-"""Imaginary step: derivatives without cancellation, exact except for one or two bits."""
-
 
 def linearise(flight: Flight) -> tuple[Floats, Floats]:
     """Linearise the step along a flight, by complex steps.
@@ -21,11 +18,13 @@ def linearise(flight: Flight) -> tuple[Floats, Floats]:
     """
     size, k = len(NAMES), len(flight.inputs)
     turned = np.repeat(flight.states[:-1, None].astype(complex), size + 1, axis=1)  # (K, direction, column)
-    turned[:, np.arange(size), np.arange(size)] += 1j * _SMALL
+    # imaginary step: derivatives without cancellation, exact except for one or two bits
+    imaginary_step = 1e-20
+    turned[:, np.arange(size), np.arange(size)] += 1j * imaginary_step
     inputs = np.repeat(flight.inputs[:, None].astype(complex), size + 1, axis=1)
-    inputs[:, size] += 1j * _SMALL
+    inputs[:, size] += 1j * imaginary_step
     after = advance(tuple(turned.reshape(-1, size).T), inputs.reshape(-1))
-    slopes = np.stack(after, axis=-1).imag.reshape(k, size + 1, size) / _SMALL
+    slopes = np.stack(after, axis=-1).imag.reshape(k, size + 1, size) / imaginary_step
     return slopes[:, :size].swapaxes(1, 2), slopes[:, size]
 
 

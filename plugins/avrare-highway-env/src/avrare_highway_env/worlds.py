@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from highway_env.vehicle.kinematics import Vehicle
     from highway_env.vehicle.objects import RoadObject
 
-_SHARED = frozenset({"road", "lane", "history", "log"})
-"""Attributes that refer to the road, or serve only rendering."""
-
 
 @dataclass(frozen=True)
 class Snapshot:
@@ -63,10 +60,12 @@ def restore(environment: AbstractEnv, snapshot: Snapshot) -> None:
 
 
 def _copy(attributes: dict[str, object]) -> dict[str, object]:
+    # attributes that refer to the road, or serve only rendering
+    shared = frozenset({"road", "lane", "history", "log"})
     return {
         name: value.copy() if isinstance(value, (np.ndarray, dict, list)) else value
         for name, value in attributes.items()
-        if name not in _SHARED
+        if name not in shared
     }
 
 

@@ -18,8 +18,6 @@ from avrare.base.errors import UsageError
 from avrare.protocols import Floats, System
 from avrare_linear.gaussian import TrajectoryGaussian
 
-_STEP = 1e-30
-
 
 @dataclass(frozen=True)
 class Gradient:
@@ -110,13 +108,14 @@ def compute_sensitivity(
         names: Names of the signals.
     """
     distributions = []
+    imaginary_step = 1e-30
     for k in range(len(parameter)):
         moved = parameter.astype(np.complex128)
-        moved[k] += 1j * _STEP
+        moved[k] += 1j * imaginary_step
         distributions.append(TrajectoryGaussian.from_affine(build(moved), steps, names))
     return Sensitivity(
-        np.stack([distribution.mean.imag / _STEP for distribution in distributions]),
-        np.stack([distribution.map.imag / _STEP for distribution in distributions]),
+        np.stack([distribution.mean.imag / imaginary_step for distribution in distributions]),
+        np.stack([distribution.map.imag / imaginary_step for distribution in distributions]),
     )
 
 

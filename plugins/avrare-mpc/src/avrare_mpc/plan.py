@@ -19,8 +19,6 @@ STATES = 5
 """Number of states of a stage: x, y, speed, heading, turn rate of the previous step."""
 STAGE = 8
 """Number of variables of a stage: the states, acceleration, turn rate, lateral slack."""
-TIE = 1e-6
-"""Plans whose costs differ by less, relatively, are the same minimum: the first one counts."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +183,9 @@ def cheapest(cost: Floats) -> Integers:
     best = np.full(len(cost), np.inf)
     chosen = np.full(len(cost), -1, dtype=np.int64)
     for index, candidate in enumerate(cost.T):
-        margin = np.where(chosen >= 0, TIE * np.abs(np.where(chosen >= 0, best, 0.0)), 0.0)
+        # plans whose costs differ by less, relatively, are the same minimum: the first one counts
+        tie = 1e-6
+        margin = np.where(chosen >= 0, tie * np.abs(np.where(chosen >= 0, best, 0.0)), 0.0)
         better = candidate < best - margin
         best = np.where(better, candidate, best)
         chosen = np.where(better, index, chosen)

@@ -30,7 +30,6 @@ _IDLE = {
 }
 """Actions that are passed over, with their notes."""
 _GLOBAL = ("EntityAction", "InfrastructureAction", "ParameterAction", "VariableAction")
-_DOMAINS = ("LongitudinalAction", "LateralAction", "RoutingAction")
 _TYPES = {"vehicle": "Vehicle", "pedestrian": "Pedestrian", "miscellaneous": "MiscObject"}
 _ENDLESS = 1e9
 """Limit that is not given."""
@@ -79,7 +78,8 @@ class ActionReader:
 
     def read_private(self, private: Element, actor: int) -> story.Action | None:
         """Read a ``PrivateAction`` of a vehicle; None: it changes nothing."""
-        action = private.choice(*_DOMAINS, "TeleportAction", "SynchronizeAction", *_IDLE)
+        domains = ("LongitudinalAction", "LateralAction", "RoutingAction")
+        action = private.choice(*domains, "TeleportAction", "SynchronizeAction", *_IDLE)
         if action.tag in _IDLE:
             action.pass_over(_IDLE[action.tag])
             return None
@@ -96,7 +96,7 @@ class ActionReader:
             "AcquirePositionAction": partial(read_route, self),
             "FollowTrajectoryAction": self._read_trajectory,
         }
-        if action.tag in _DOMAINS:
+        if action.tag in domains:
             action = action.choice(*readers)
         return readers[action.tag](action, actor)
 

@@ -11,9 +11,6 @@ from avrare.base.errors import did_you_mean
 from avrare_openscenario.parameters import REFERENCE, Parameters
 from avrare_openscenario.xml_tree import Element, read_xml
 
-_SUFFIX = ".xosc"
-_MOST = 100_000
-"""Most elements that entries put into a scenario."""
 _KINDS = ("Vehicle", "Pedestrian", "MiscObject", "Maneuver", "Trajectory", "Route")
 """Catalogs whose locations are looked into."""
 
@@ -126,13 +123,15 @@ class Catalogs:
             if self.allowed is not None:
                 self.allowed(folder, "CatalogLocations")
             files = sorted(glob.glob(os.path.join(glob.escape(folder), "*")))
-            paths += [file for file in files if file.lower().endswith(_SUFFIX)]
+            suffix = ".xosc"
+            paths += [file for file in files if file.lower().endswith(suffix)]
         return paths
 
     def _copy(self, element: Element, values: Mapping[str, str]) -> Element:
         self._copied += 1
-        if self._copied > _MOST:
-            raise element.error(f"more than {_MOST:,} elements of catalogs are used")
+        most = 100_000  # most elements that entries put into a scenario
+        if self._copied > most:
+            raise element.error(f"more than {most:,} elements of catalogs are used")
         return replace(
             element,
             attributes={name: _put_in(element, text, values) for name, text in element.attributes.items()},

@@ -9,16 +9,12 @@ from avrare_openscenario.parameters import Number
 from avrare_openscenario.story import EDGES, RULES, Condition, Direction, Place, Rule
 from avrare_openscenario.xml_tree import Element
 
-_LONGEST_DELAY = 100_000
-"""Longest delay of a condition [steps]."""
-_MANY_LANES = 1_000
 _DIRECTIONS: tuple[Direction, ...] = ("longitudinal", "lateral")
 _MEASURES = {
     "SpeedCondition": ("speed", _DIRECTIONS[:1]),
     "RelativeSpeedCondition": ("relative_speed", _DIRECTIONS),
     "AccelerationCondition": ("acceleration", _DIRECTIONS[:1]),
 }
-_DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
 _SYSTEMS = ("entity", "lane", "road", "trajectory", "world")
 
 
@@ -138,10 +134,11 @@ class ConditionReader:
         if self.parameters.boolean(element, "oppositeLanes"):
             element.note("vehicles in opposing lanes count where the lanes do")
         lanes = []
+        many_lanes = 1_000
         for span in element.list("RelativeLaneRange"):
             low, high = (
                 limit if span.get(name) is None else self.parameters.read_integer(span, name)
-                for name, limit in (("from", -_MANY_LANES), ("to", _MANY_LANES))
+                for name, limit in (("from", -many_lanes), ("to", many_lanes))
             )
             lanes.append((low, high))
         return replace(
@@ -167,7 +164,8 @@ class ConditionReader:
         rule, value = self._read_comparison(element)
         along = self.parameters.boolean(element, "alongRoute") or kind == "collision_time"
         default = "longitudinal" if along else "euclidianDistance"
-        way = self.parameters.choose(element, "relativeDistanceType", _DISTANCES, default)
+        kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
+        way = self.parameters.choose(element, "relativeDistanceType", kinds, default)
         self.parameters.choose(element, "coordinateSystem", _SYSTEMS, "entity")
         element.get("routingAlgorithm")
         element.attribute("freespace")
@@ -178,7 +176,8 @@ class ConditionReader:
     def _read_steps(self, element: Element, name: str) -> int:
         # A time, as a number of steps.
         seconds = self.parameters.read_number(element, name)
-        if not 0.0 <= seconds <= _LONGEST_DELAY * self.dt:
-            text = f"{name} should be a time from 0 to {_LONGEST_DELAY} steps, found {seconds:g}"
+        most_steps = 100_000  # longest delay of a condition [steps]
+        if not 0.0 <= seconds <= most_steps * self.dt:
+            text = f"{name} should be a time from 0 to {most_steps} steps, found {seconds:g}"
             raise element.error(text)
         return round(seconds / self.dt)

@@ -14,8 +14,6 @@ from avrare.protocols import Bools, Floats
 from avrare_openscenario.story import Transition
 
 Integers = NDArray[np.int64]
-_PEAKS = {"step": 0.0, "linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * np.pi}
-"""Highest rate of a transition over its mean rate."""
 _BENDS = {"step": 0.0, "linear": 0.0, "cubic": 6.0, "sinusoidal": 0.5 * np.pi**2}
 """Highest second derivative of a transition over change and square of the time."""
 Record = TypeVar("Record", Vehicles, "Course")
@@ -113,7 +111,9 @@ def transition_span(transition: Transition, change: Floats, value: Floats) -> Fl
         return np.zeros_like(change)
     with np.errstate(divide="ignore", invalid="ignore"):
         if transition.dimension == "rate":
-            return np.where(change == 0.0, 0.0, _PEAKS[transition.form] * np.abs(change / value))
+            # highest rate of a transition over its mean rate
+            peaks = {"step": 0.0, "linear": 1.0, "cubic": 1.5, "sinusoidal": 0.5 * np.pi}
+            return np.where(change == 0.0, 0.0, peaks[transition.form] * np.abs(change / value))
         if transition.dimension == "curvature":
             return np.where(change == 0.0, 0.0, np.sqrt(_BENDS[transition.form] * np.abs(change) / value))
     return value

@@ -9,10 +9,6 @@ import numpy as np
 from avrare.driving.reference_line import CurvedLine, Piece
 from avrare.protocols import Floats
 
-_STEP = 0.25
-"""Distance of points [m]."""
-_LEAST_AHEAD = 0.25
-"""Way from the end of a piece to the next point [m]."""
 _POINTS = 400
 """Points of a spline."""
 
@@ -20,7 +16,8 @@ _POINTS = 400
 def sample_clothoids(pieces: Sequence[tuple[float, float, float]]) -> tuple[tuple[float, float, float], ...]:
     """Return x, y and heading of points of pieces (length, curvature at the begin and at the end)."""
     line = CurvedLine(tuple(Piece(*piece) for piece in pieces))
-    stations = np.linspace(0.0, line.length, max(2, 1 + round(line.length / _STEP)))
+    step = 0.25  # distance of points [m]
+    stations = np.linspace(0.0, line.length, max(2, 1 + round(line.length / step)))
     x, y, heading, _ = line.frame(stations)
     return tuple(zip(x.tolist(), y.tolist(), heading.tolist(), strict=True))
 
@@ -59,5 +56,6 @@ def go_on(pieces: Sequence[Floats], points: Floats, most: int = 6, apart: float 
         return points
     last = np.concatenate(pieces[-2:])[-2:]
     along = (last[1] - last[0]) / np.hypot(*(last[1] - last[0]))
-    ahead = (points - last[1]) @ along > _LEAST_AHEAD + 20.0 * apart
+    least_ahead = 0.25  # way from the end of a piece to the next point [m]
+    ahead = (points - last[1]) @ along > least_ahead + 20.0 * apart
     return points[int(ahead.argmax()) if ahead[:most].any() else 0 :]

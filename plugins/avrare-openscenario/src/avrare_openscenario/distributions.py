@@ -20,7 +20,6 @@ _LAWS = (
     "ProbabilityDistributionSet",
 )
 _Axis = tuple[dict[str, str], ...]
-_PLACE = "parameters."
 
 
 def list_scenes(path: str, ego: str | None) -> list[FoundScene]:
@@ -52,13 +51,14 @@ def _find_template(block: Element) -> str:
 
 def _read_axis(element: Element) -> _Axis:
     choices = element.choice("DistributionSet", "DistributionRange", "ValueSetDistribution")
+    prefix = "parameters."
     if choices.tag == "ValueSetDistribution":
         sets = (block.list("ParameterAssignment") for block in choices.list("ParameterValueSet"))
         return tuple(
-            {_PLACE + value.attribute("parameterRef"): _read_value(value) for value in values}
+            {prefix + value.attribute("parameterRef"): _read_value(value) for value in values}
             for values in sets
         )
-    name = _PLACE + element.attribute("parameterName")
+    name = prefix + element.attribute("parameterName")
     if choices.tag == "DistributionSet":
         return tuple({name: _read_value(choice)} for choice in choices.list("Element"))
     step, bounds = choices.number("stepWidth"), _range(choices.child("Range"))

@@ -23,10 +23,8 @@ from avrare_single_track.recorded import has_constant_lanes
 if TYPE_CHECKING:
     from commonroad.scenario.lanelet import Lanelet
 
-_ROAD = "0"
 _REACH = 1.0
 """What a lane may lack at either end of the road [m]."""
-_HEAD = 4096
 
 
 def is_lanelet_map(path: str) -> bool:
@@ -35,7 +33,8 @@ def is_lanelet_map(path: str) -> bool:
         return True
     try:
         with open(path, "rb") as file:
-            return b"<commonRoad" in file.read(_HEAD)
+            head_bytes = 4096
+            return b"<commonRoad" in file.read(head_bytes)
     except (OSError, ValueError):
         return False  # the reader of the other format says what is wrong
 
@@ -59,7 +58,8 @@ def read_lanelet_map(path: str, named: Element) -> Network:
     places = ((int(lanelet.lanelet_id), _lane_of(road, lanelet)) for lanelet in lanelets)
     indices = {name: lane for name, lane in places if lane is not None}
     centres = {name: road.lane_centres[lane] for name, lane in indices.items()}
-    return Network((RoadMap(road, line, {_ROAD: 0.0}, indices, centres),))
+    road_id = "0"
+    return Network((RoadMap(road, line, {road_id: 0.0}, indices, centres),))
 
 
 def _middles(lanelets: Sequence[Lanelet]) -> tuple[Floats, Floats]:

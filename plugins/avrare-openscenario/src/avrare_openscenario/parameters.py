@@ -22,8 +22,6 @@ Number: TypeAlias = int
 """Number of a file, as its column in the table of all of them."""
 REFERENCE = re.compile(r"\$([A-Za-z_]\w*)")
 """Parameter in a text."""
-_LONGEST = 2000
-"""Longest expression [characters]."""
 _OPERATORS: dict[type, np.ufunc] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -302,7 +300,8 @@ class Parameters:
         inner = written.strip()
         inner = inner[2:-1].strip() if inner.startswith("${") and inner.endswith("}") else inner
         try:
-            if len(inner) > _LONGEST or "__" in inner:
+            longest = 2000  # longest expression [characters]
+            if len(inner) > longest or "__" in inner:
                 raise ValueError
             names = {name: self._names.get(name, name) for name in REFERENCE.findall(inner)}
             tree = ast.parse(REFERENCE.sub(lambda match: names[match[1]], inner), mode="eval").body

@@ -19,8 +19,6 @@ _POSITIONS = (
     *("WorldPosition", "LanePosition", "RoadPosition", "TrajectoryPosition", "RoutePosition"),
     *("RelativeLanePosition", "RelativeRoadPosition", "RelativeObjectPosition", "RelativeWorldPosition"),
 )
-_BY_LANE = ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
-_BY_ROAD = ("FromRoadCoordinates", "PositionInRoadCoordinates")
 
 
 def read_place(reader: ActionReader, position: Element) -> Place:
@@ -125,7 +123,9 @@ def _read_waypoint(reader: ActionReader, point: Element) -> tuple[Place, RoadMap
 def _read_route_place(reader: ActionReader, position: Element) -> Place:
     # A ``RoutePosition``: a way along the lane of the first waypoint.
     (first, roads), *others = _read_waypoints(reader, position.child("RouteRef"))
-    where = position.child("InRoutePosition").choice(*_BY_LANE, *_BY_ROAD)
+    by_lane = ("FromLaneCoordinates", "PositionInLaneCoordinates")  # 1.0 calls it so
+    by_road = ("FromRoadCoordinates", "PositionInRoadCoordinates")
+    where = position.child("InRoutePosition").choice(*by_lane, *by_road)
     if first.lane is None:
         raise position.error("the first waypoint of the route is in no lane", "give a LanePosition")
     names = {index: lane for lane, index in roads.lanes.items()}
@@ -133,7 +133,7 @@ def _read_route_place(reader: ActionReader, position: Element) -> Place:
     pose = place_point(first, line, (line,), reader.parameters.table({}, 1), {})
     station = reader.parameters.shift(reader.parameters.number(where, "pathS"), float(pose[0][0]))
     heading, absolute = _read_orientation(position, reader.parameters)
-    if where.tag in _BY_LANE:
+    if where.tag in by_lane:
         lane = reader.parameters.read_integer(where, "laneId")
         if lane not in line.lanes:
             raise where.error(f"there is no lane {lane}", "choose one of the first waypoint's road")

@@ -16,12 +16,8 @@ from avrare_openscenario.curves import go_on
 from avrare_openscenario.network import Connection, Leg, Network, RoadMap
 from avrare_recordings.roads.ways import Way, find_crossing
 
-_LONGEST = 3000.0
-"""Way after which a line ends [m]."""
 _STEP = 0.5
 """Distance of its points, and of those of a border [m]."""
-_TURN = 0.25 * np.pi
-"""Least turn of a way that is not straight on [rad]."""
 
 
 def follow_lane(
@@ -45,7 +41,8 @@ def follow_lane(
         points.append(go_on(points, _sample(legs[-1])))
         begin = float(np.hypot(*np.diff(np.concatenate(points), axis=0).T).sum())
         goals = goals[1:] if goals and legs[-1].roads is goals[0] else goals
-        after = _find_next(network, legs[-1], goals) if begin < _LONGEST else None
+        longest = 3000.0  # way after which a line ends [m]
+        after = _find_next(network, legs[-1], goals) if begin < longest else None
         if after is None:
             break
         legs.append(replace(after, begin=begin))
@@ -159,6 +156,7 @@ def _build(way: Connection, lane: int) -> Way:
         left, right = right[::-1], left[::-1]
     begin, end = roads.line.heading(np.array(way.span))[:: way.direction]
     turned = float(end - begin)
-    turn = "straight" if abs(turned) < _TURN else "left" if turned > 0.0 else "right"
+    least_turn = 0.25 * np.pi  # least turn of a way that is not straight on [rad]
+    turn = "straight" if abs(turned) < least_turn else "left" if turned > 0.0 else "right"
     heading = float(begin) + (np.pi if way.direction < 0 else 0.0)
     return Way(hash((id(roads), lane)), left, right, way.rank, heading, turn, way.lights)

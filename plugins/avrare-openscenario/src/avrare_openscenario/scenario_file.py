@@ -34,8 +34,6 @@ from avrare_openscenario.story import (
 from avrare_openscenario.story_reader import StoryReader
 from avrare_openscenario.xml_tree import Element, read_xml
 
-_BODIES = ("Vehicle", "Pedestrian", "MiscObject")
-
 
 @dataclass(frozen=True)
 class Body:
@@ -254,9 +252,10 @@ def _read_bodies(
 
 def _read_body(entity: Element, parameters: Parameters, catalogs: Catalogs) -> Body:
     entity.skip_children("ObjectController")
-    kind = entity.choice(*_BODIES, "CatalogReference")
+    tags = ("Vehicle", "Pedestrian", "MiscObject")
+    kind = entity.choice(*tags, "CatalogReference")
     if kind.tag == "CatalogReference":
-        kind = catalogs.resolve(kind, _BODIES)
+        kind = catalogs.resolve(kind, tags)
     if kind.path == entity.path:
         parameters.declare(kind.find("ParameterDeclarations"))
     box = kind.child("BoundingBox")

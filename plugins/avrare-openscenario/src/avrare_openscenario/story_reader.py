@@ -14,9 +14,7 @@ from avrare_openscenario.starts import Starts
 from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
 from avrare_openscenario.xml_tree import Element
 
-_COUNT_MAX = 1_000_000_000
 _STATES = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
-_PRIORITIES = ("override", "overwrite", "parallel", "skip")
 _EGO_DRIVEN = (
     "the ego is driven by the controller under test, not by the storyboard",
     "take it out, or set `ignore_ego_events: true`",
@@ -145,7 +143,8 @@ class StoryReader:
         self.maneuvers += 1
 
     def _read_event(self, event: Element, act: int, actors: list[int]) -> None:
-        priority = self.parameters.choose(event, "priority", _PRIORITIES, "parallel")
+        priorities = ("override", "overwrite", "parallel", "skip")
+        priority = self.parameters.choose(event, "priority", priorities, "parallel")
         first, number = len(self.actions), len(self.events)
         elements = event.list("Action")
         for element in elements:
@@ -173,7 +172,8 @@ class StoryReader:
         if event.get("maximumExecutionCount") in (None, "0"):
             return 1
         count = self.parameters.read_integer(event, "maximumExecutionCount")
-        if not 1 <= count <= _COUNT_MAX:
+        most = 1_000_000_000
+        if not 1 <= count <= most:
             raise event.error("maximumExecutionCount should be at least 1")
         return count
 

@@ -17,8 +17,6 @@ from avrare.base.errors import UsageError
 
 MOST_BYTES = 16 * 1024 * 1024
 """Largest file that is read."""
-_DEEPEST = 64
-"""Elements within each other."""
 
 
 @dataclass
@@ -209,8 +207,9 @@ class _Builder:
         raise UsageError(f"{self._here()}: a document type is declared", "take out the line <!DOCTYPE ...>")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if len(self.open) >= _DEEPEST:
-            raise UsageError(f"{self._here()}: more than {_DEEPEST} elements within each other")
+        deepest = 64  # elements within each other
+        if len(self.open) >= deepest:
+            raise UsageError(f"{self._here()}: more than {deepest} elements within each other")
         written = {name: text for name, text in attributes.items() if ":" not in name and name != "xmlns"}
         place = self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
         element = Element(tag.rpartition(":")[2], self.path, *place, written)

@@ -28,7 +28,6 @@ from avrare_gp_pem.runtime.variant import Variant
 MIN_DOF, MAX_DOF = 1.05, 30.0  # range of the tables of ``student_t``
 _PRIOR = 5.0  # weight of the prior that nothing needs to change [rows]
 _TINY = 1e-12
-_MAX_LOG_POWER = 1.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,8 @@ def _with_error(variant: Variant, axis: int, parameters: Floats) -> Variant:
     # clipped, because errors that are all zero would shrink the scale to nothing
     stretch[axis] = np.exp(np.clip(log_stretch, -most_log, most_log))
     dof[axis] = min(MIN_DOF + np.exp(freedom), MAX_DOF)
-    tail[axis] = np.clip(log_powers, -_MAX_LOG_POWER, _MAX_LOG_POWER)
+    most_log_power = 1.0
+    tail[axis] = np.clip(log_powers, -most_log_power, most_log_power)
     return replace(variant, stretch=stretch, dof=dof, tail=tail)
 
 

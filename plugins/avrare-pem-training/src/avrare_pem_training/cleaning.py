@@ -25,8 +25,6 @@ from avrare_pem_training.table import BOX, DetectionTable
 
 OBLIQUE = 10.0
 """Vehicles nearer than this to an axis of the ego may be affected by the artefact [degrees]."""
-HELD_OUT = 0.2
-MIN_ROWS = 200
 _MIN_GAP, _MIN_STANDARD_ERRORS = 0.05, 5.0  # loss of detections that counts as the artefact
 
 
@@ -121,7 +119,8 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     Raises:
         UsageError: Too few rows, or too few detections or misses, to fit or to score.
     """
-    split = int((1 - HELD_OUT) * len(rows))
+    held_out_share = 0.2
+    split = int((1 - held_out_share) * len(rows))
     boxes = np.stack([getattr(rows, name) for name in BOX], axis=1)
     _, first, box = np.unique(boxes, axis=0, return_index=True, return_inverse=True)
     box = box.reshape(-1)
@@ -130,8 +129,9 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     held_out[box[split:]] = True
     training = (index == first[box]) & ~held_out[box] & (index < split)
     train, test = rows.take(training), rows.take(slice(split, None))
-    _Needs(MIN_ROWS, 50, 5).check(train, "training rows, the first four fifths without duplicates,")
-    _Needs(MIN_ROWS // 5, 10, 1).check(test, "held-out rows, the last fifth,")
+    fewest = 200
+    _Needs(fewest, 50, 5).check(train, "training rows, the first four fifths without duplicates,")
+    _Needs(fewest // 5, 10, 1).check(test, "held-out rows, the last fifth,")
     artefact_test = find_artefact(train)
     present = artefact_test.present if artefact is None else artefact
     oblique = [off_axis(part.yaw) >= (OBLIQUE if present else 0.0) for part in (train, test)]
@@ -140,12 +140,12 @@ def clean(rows: DetectionTable, artefact: bool | None = None, ghosts: GhostLog |
     test_oblique = oblique[1] & first_test
     if present:
         hint = "--artefact no fits one model to all rows"
-        _Needs(MIN_ROWS // 2, 50, 1).check(
+        _Needs(fewest // 2, 50, 1).check(
             train.take(oblique[0]), "training rows off the axes of the ego", hint
         )
         _Needs(20, 10, 0).check(test.take(test_oblique), "held-out rows off the axes of the ego", hint)
     dropped = split - int(training.sum())
-    false = (None, None) if ghosts is None else ghosts.split(1 - HELD_OUT)
+    false = (None, None) if ghosts is None else ghosts.split(1 - held_out_share)
     return CleanedData(train, oblique[0], test, test_oblique, artefact_test, present, dropped, *false)
 
 

@@ -28,7 +28,6 @@ from avrare.protocols import Floats
 from avrare_pem_training.table import BOX, ERRORS, DetectionTable, check_values, make_table
 
 _INPUTS = ("loc_x", "loc_y", "rot", "dim_l", "dim_w", "dim_h", "visibility")
-_FLAT_INPUTS = ("loc_x", "loc_z", "rot", "dim_l", "dim_w", "occlusion")
 _COLUMNS = {
     **{name: name for name in (*BOX, "detected", *ERRORS)},
     "loc_x": "right",
@@ -92,8 +91,9 @@ def _columns(path: Path, default: Sequence[str]) -> tuple[dict[str, Floats], Seq
     if not rows:
         raise UsageError(f"{path}: no rows")
     names = _header(lines[0]) or list(default)
-    if names == list(_INPUTS) and len(rows[0][1]) == len(_FLAT_INPUTS):
-        names = list(_FLAT_INPUTS)
+    flat_inputs = ("loc_x", "loc_z", "rot", "dim_l", "dim_w", "occlusion")
+    if names == list(_INPUTS) and len(rows[0][1]) == len(flat_inputs):
+        names = list(flat_inputs)
     for line, row in rows:
         if len(row) != len(names):
             raise UsageError(f"{path}:{line}: {len(row)} numbers, expected {len(names)}: {' '.join(names)}")

@@ -77,9 +77,6 @@ class OnnxPolicy:
             ) from None
 
 
-_TYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
-
-
 def _read_input(path: Path, session: InferenceSession) -> tuple[str, Any, int, bool]:
     inputs = session.get_inputs()
     if len(inputs) != 1:
@@ -88,12 +85,13 @@ def _read_input(path: Path, session: InferenceSession) -> tuple[str, Any, int, b
             f"{path}: the model has {len(inputs)} inputs ({names}), a policy has one: the observation"
         )
     (entry,) = inputs
-    if entry.type not in _TYPES or len(entry.shape) != 2 or not isinstance(entry.shape[1], int):
+    types = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+    if entry.type not in types or len(entry.shape) != 2 or not isinstance(entry.shape[1], int):
         raise UsageError(
             f"{path}: the input {entry.name} is {entry.type} {entry.shape}, not floats (rows, numbers)",
             "export the model with an input of shape (batch, D) and a dynamic batch axis",
         )
-    return entry.name, _TYPES[entry.type], entry.shape[1], isinstance(entry.shape[0], int)
+    return entry.name, types[entry.type], entry.shape[1], isinstance(entry.shape[0], int)
 
 
 def _first_line(error: Exception) -> str:

@@ -24,8 +24,6 @@ RELEASE_BRAKING = 0.4
 """Deceleration with the foot off the pedal [m/s^2]."""
 CRITICAL_TTC = 2.0
 """Time to collision below which the careful driver brakes [s]."""
-LANE_INFORMATION_GAP = 0.505
-"""Free gap across at which who knows the lanes sees a cut-in, of cars 1.9 m wide in lanes of 3.5 m [m]."""
 
 _LOWEST_BRAKING, _HIGHEST_BRAKING, _OTHERS_BRAKING = 4.0, 6.0, 7.0
 _MARGIN = 2.0
@@ -132,7 +130,9 @@ def demand_cc(seen: Situation) -> Floats:
 
 def demand_cc_lane(seen: Situation) -> Floats:
     """Return the braking of the same driver, who knows where the lanes are."""
-    return _demand_careful(seen, LANE_INFORMATION_GAP)
+    # free gap across at which who knows the lanes sees a cut-in, of cars 1.9 m wide in lanes of 3.5 m [m]
+    gap = 0.505
+    return _demand_careful(seen, gap)
 
 
 def demand_reg157(seen: Situation) -> Floats:

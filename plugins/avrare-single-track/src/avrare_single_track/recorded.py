@@ -18,9 +18,6 @@ from avrare_single_track.file_config import HandedOverConfig, RecordedConfig, ch
 from avrare_single_track.recorded_files import read_scene
 from avrare_single_track.simulator import ScriptedTraffic, SingleTrack, TrackWorld
 
-_ALIGNED = 0.25 * np.pi
-"""Largest angle between a driver that is handed over and its lane [rad]."""
-
 
 def build(config: RecordedConfig, scene: Scene | None = None) -> RecordedScene:
     """Build the simulator of a scenario.
@@ -132,7 +129,8 @@ def continue_lanes(road: Road) -> Road:
 
 def _is_along_a_lane(road: Road, x: float, y: float, heading: float) -> bool:
     place = np.array(x), np.array(y), np.array(0.0), np.array(0.0)
-    return abs(np.cos(heading)) > np.cos(_ALIGNED) and bool((lane_overlap(road, *place) > 0.0).any())
+    largest_angle = 0.25 * np.pi  # largest angle between a driver that is handed over and its lane [rad]
+    return abs(np.cos(heading)) > np.cos(largest_angle) and bool((lane_overlap(road, *place) > 0.0).any())
 
 
 class ReplayedTraffic(ScriptedTraffic):

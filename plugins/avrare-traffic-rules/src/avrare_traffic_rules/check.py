@@ -17,9 +17,6 @@ from avrare_traffic_rules.definitions import DEFINITIONS
 from avrare_traffic_rules.rulebook import Rulebook, fill, invalid_options, option_positions
 from avrare_traffic_rules.vocabulary import Definitions
 
-_ANY_STEP = Fraction(1, 10**9)
-"""Step [s] that divides every decimal time bound."""
-
 
 @dataclass(frozen=True)
 class FormulaText:
@@ -81,7 +78,8 @@ def parse_rule(config: TrafficRuleConfig, dt: float | None) -> tuple[Formula | N
         return None, findings
     text = formula_text(config)
     try:
-        formula = stl(text.text, dt=_ANY_STEP if dt is None else dt, warn=False)
+        any_step = Fraction(1, 10**9)  # step [s] that divides every decimal time bound
+        formula = stl(text.text, dt=any_step if dt is None else dt, warn=False)
     except FormulaError as error:
         return None, [Finding(*text.relocate(error.message, error.hint))]
     formula, warnings = _relocate_warnings(formula, text)

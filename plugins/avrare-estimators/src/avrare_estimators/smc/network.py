@@ -15,7 +15,6 @@ import numpy as np
 from avrare.protocols import Bools, Floats
 from avrare.rollout.request import Integers
 
-_WIDTH = 32
 _BATCH, _RATE, _DECAY = 256, 4e-3, 1e-4
 _LEAST_STEPS, _MOST_STEPS, _EPOCHS = 300, 1500, 20
 _LIMIT = 6.0
@@ -118,7 +117,8 @@ def _start_network(examples: Examples, offset: Floats, rng: np.random.Generator)
     # What hardly varies at a step must not be blown up there.
     spread = np.maximum(spread, 0.05 * spread.max(axis=0) + 1e-9)
     inputs = size + _times(steps).shape[1]
-    sizes = ((inputs, _WIDTH), (_WIDTH, _WIDTH), (_WIDTH, len(offset)))
+    width = 32
+    sizes = ((inputs, width), (width, width), (width, len(offset)))
     layers = [part for a, b in sizes for part in (rng.normal(0.0, a**-0.5, (a, b)), np.zeros(b))]
     layers[4] *= 0.1
     rounded = (np.round(part, 9) for part in (centre, spread, offset))

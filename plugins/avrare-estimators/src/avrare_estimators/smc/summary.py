@@ -27,8 +27,6 @@ from avrare_estimators.common.weights import effective_size, resample
 from avrare_estimators.smc.learning import Learning
 from avrare_estimators.smc.particles import Course, Ends, Particles, draw_tapes
 
-_KEPT = 40
-"""Failures of each run that are kept."""
 _PLAIN = Note(
     "learning",
     "Nothing was learnt that separates failures from other rollouts: the particles are independent "
@@ -103,12 +101,13 @@ class Counted:
 def _some_failures(ends: Ends, runs: int) -> Ends:
     """Return a limited number of failures of each run, so that batches give the same."""
     chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
+    most_kept = 40  # failures of each run that are kept
     for run in range(runs):
         rows = np.flatnonzero(ends.violated & (ends.rows.run == run))
         weight = ends.rows.weight[rows]
-        if len(rows) > _KEPT:
-            drawn, copies = np.unique(resample(weight, _KEPT, 0.5), return_counts=True)
-            rows, weight = rows[drawn], copies * weight.sum() / _KEPT
+        if len(rows) > most_kept:
+            drawn, copies = np.unique(resample(weight, most_kept, 0.5), return_counts=True)
+            rows, weight = rows[drawn], copies * weight.sum() / most_kept
         chosen.append(rows)
         weights.append(weight)
     failures = batch.take(ends, np.concatenate(chosen))

@@ -17,8 +17,6 @@ from avrare_gp_pem.runtime.blocks import evaluate_in_blocks
 
 Singles = NDArray[np.float32]
 
-_TILE = 16
-
 
 @dataclass(frozen=True)
 class Networks:
@@ -80,7 +78,8 @@ def networks(weights: tuple[Floats, ...], biases: tuple[Floats, ...]) -> Network
 
 
 def _pad(weight: Floats, bias: Floats, *, first: bool) -> tuple[Singles, Singles]:
-    columns = -weight.shape[2] % _TILE
-    rows = 0 if first else -weight.shape[1] % _TILE
+    tile = 16
+    columns = -weight.shape[2] % tile
+    rows = 0 if first else -weight.shape[1] % tile
     padded = np.pad(weight.astype(np.float32), ((0, 0), (0, rows), (0, columns)))
     return padded, np.pad(bias.astype(np.float32), ((0, 0), (0, columns)))[:, None, :]

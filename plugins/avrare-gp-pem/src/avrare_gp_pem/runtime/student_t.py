@@ -20,7 +20,6 @@ import numpy as np
 from avrare.protocols import Floats
 from avrare_gp_pem.runtime import normal
 
-_ARCSINH_END = 8.0  # the tables reach |t| = sinh(8), about 1490; a larger bound acts like this one
 _CELLS = 4000
 
 
@@ -134,13 +133,14 @@ def student(dof: float) -> StudentT | Normal:
 @functools.lru_cache(maxsize=16)
 def tabulated_student(dof: float) -> StudentT:
     """Return the Student-t distribution with finitely many degrees of freedom, its tables built once."""
-    x = np.linspace(0.0, _ARCSINH_END, _CELLS + 1)
+    end = 8.0  # the tables reach |t| = sinh(8), about 1490; a larger bound acts like this one
+    x = np.linspace(0.0, end, _CELLS + 1)
     step = x[1]
     nodes, weights = np.polynomial.legendre.leggauss(8)
     inside = x[:-1, None] + step * (nodes + 1) / 2
     cells = (_density_of_arcsinh(inside, dof) * weights).sum(axis=1) * step / 2
     s, laguerre = np.polynomial.laguerre.laggauss(16)  # beyond the end the density is near exp(-dof x)
-    beyond = (_density_of_arcsinh(_ARCSINH_END + s / dof, dof) * np.exp(s) * laguerre).sum() / dof
+    beyond = (_density_of_arcsinh(end + s / dof, dof) * np.exp(s) * laguerre).sum() / dof
     upper = np.append(np.cumsum(cells[::-1])[::-1], 0.0) + beyond
     tail = HermiteTable(0.0, step, -np.log(upper), _density_of_arcsinh(x, dof) / upper)
     return StudentT(dof, tail, _inverse(tail))

@@ -19,7 +19,6 @@ from avrare_gp_pem.runtime.student_t import student
 MAX_EXPONENT = 700.0  # exp of this is still finite
 NEAR = 20.0
 """Range below which the calibration may differ, by the share 1 - range / NEAR [m]."""
-_LOGISTIC = np.pi / 8  # the logistic function is close to Phi(sqrt(pi / 8) x)
 
 
 class Latents(Protocol):
@@ -123,7 +122,8 @@ class Variant:
         if self.link == "probit":
             argument = (slope * mean + offset) / np.sqrt(1 + spread)
             return normal.cdf(argument), normal.cdf(-argument)
-        argument = (slope * mean + offset) / np.sqrt(1 + _LOGISTIC * spread)
+        logistic = np.pi / 8  # the logistic function is close to Phi(sqrt(pi / 8) x)
+        argument = (slope * mean + offset) / np.sqrt(1 + logistic * spread)
         argument = np.clip(argument, -MAX_EXPONENT, MAX_EXPONENT)
         return 1 / (1 + np.exp(-argument)), 1 / (1 + np.exp(argument))
 

@@ -22,17 +22,9 @@ QUICK = Tuning(start=3e-2, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 PATIENT = Tuning(start=1.0, end=1e-9, reduce=0.3, step=1e-6, iterations=800)
 NEAR = Tuning(start=1e-4, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
 """Second, rough search: its small barrier stays nearer to the guess, where a better minimum may be."""
-FROM_INITIAL = Tuning(start=3e-2, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
-"""Rough search from an initial guess, far from the minimum."""
 FROM_NEAR = Tuning(start=1e-4, end=1e-9, reduce=0.1, step=1e-6, iterations=200)
 BETTER = 1e-3
 """Relative gain from which a rough search is completed."""
-TOLERANCE = 1e-6
-"""Allowed violation of the bounds of speed and heading [m/s, rad]."""
-MAX_MAGNITUDE = 1e9
-"""Rows with larger positions or speeds are not solved: their squares would dominate every other cost."""
-HARD_PENALTY = 1e7
-"""Penalty of speed and heading beyond their bounds; a plan that pays it is rejected [s/m, 1/rad]."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +129,9 @@ class RiccatiSolver:
         if not len(index):
             return
         candidates = np.repeat(rows, guesses.shape[1]), guesses.reshape(-1, *guesses.shape[2:])
-        self._improve(solutions, index, FROM_INITIAL, *_contiguous(start, other_x, other_y, *candidates))
+        # rough search from an initial guess, far from the minimum
+        from_initial = Tuning(start=3e-2, end=1e-4, reduce=0.1, step=1e-2, iterations=60)
+        self._improve(solutions, index, from_initial, *_contiguous(start, other_x, other_y, *candidates))
 
     def _improve(
         self,
@@ -174,7 +168,8 @@ class RiccatiSolver:
         answer = _blank(*guesses.shape[:2])
         feasible, retried = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
         todo = np.arange(len(rows))
-        for bounds, allowed in zip(self._bounds, (np.inf, TOLERANCE), strict=True):
+        tolerance = 1e-6  # allowed violation of the bounds of speed and heading [m/s, rad]
+        for bounds, allowed in zip(self._bounds, (np.inf, tolerance), strict=True):
             for number, tuning in enumerate(tunings):
                 if not len(todo):
                     break
@@ -183,7 +178,7 @@ class RiccatiSolver:
                 retried[todo] |= number == 1
                 feasible[todo] = (part.status == FOUND) & np.isfinite(part.cost) & (part.excess <= allowed)
                 todo = todo[~feasible[todo]]
-            todo = np.flatnonzero(feasible & (answer.excess > TOLERANCE))
+            todo = np.flatnonzero(feasible & (answer.excess > tolerance))
         return Solutions(answer.states, answer.inputs, answer.cost, feasible, retried, answer.iterations)
 
     def _run(
@@ -246,6 +241,8 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
     by_speed = config.lateral_lead == "speed"
     along = config.clearance_ego_lengths * scene.ego_length + config.clearance_x
     across = config.clearance_ego_widths * scene.ego_width + config.clearance_y
+    # penalty of speed and heading beyond their bounds; a plan that pays it is rejected [s/m, 1/rad]
+    hard_penalty = 1e7
     return Programme(
         steps=config.horizon,
         vehicles=len(scene.lengths),
@@ -261,7 +258,7 @@ def programme(config: MpcConfig, scene: Scene) -> Programme:
         lateral_max=np.inf if lateral is None else lateral,
         low=np.array([low_high[0], config.speed_min, -config.heading_max]),
         high=np.array([low_high[1], config.speed_max, config.heading_max]),
-        penalty=np.array([config.y_penalty, HARD_PENALTY, HARD_PENALTY]),
+        penalty=np.array([config.y_penalty, hard_penalty, hard_penalty]),
         **{
             name: getattr(config, name)
             for name in Programme._fields
@@ -321,5 +318,7 @@ class RiccatiSearch:
 
 
 def _valid(start: Floats, other_x: Floats, other_y: Floats) -> Bools:
-    others = (np.abs(other_x) <= MAX_MAGNITUDE) & (np.abs(other_y) <= MAX_MAGNITUDE)
-    return np.asarray((np.abs(start) <= MAX_MAGNITUDE).all(axis=1) & others.all(axis=(1, 2)))
+    # rows with larger positions or speeds are not solved: their squares would dominate every other cost
+    most_magnitude = 1e9
+    others = (np.abs(other_x) <= most_magnitude) & (np.abs(other_y) <= most_magnitude)
+    return np.asarray((np.abs(start) <= most_magnitude).all(axis=1) & others.all(axis=(1, 2)))

@@ -19,7 +19,6 @@ from avrare.analysis.monitor.monitoring import (
 from avrare.base.number_format import format_robustness
 from avrare.protocols import Floats
 
-_CHART_WIDTH = 64
 _UP_BLOCKS, _DOWN_BLOCKS = " ▁▂▃▄▅▆▇█", " ▔▀█"
 _UP_ROWS, _DOWN_ROWS = 4, 3
 
@@ -85,10 +84,11 @@ def draw_chart(result: MonitoringResult) -> list[Text]:
 
 def _bin(values: Floats) -> Floats:
     # the least of the samples of each column, so that no violation is hidden
-    if len(values) >= _CHART_WIDTH:
-        edges = np.arange(_CHART_WIDTH) * len(values) // _CHART_WIDTH
+    width = 64
+    if len(values) >= width:
+        edges = np.arange(width) * len(values) // width
         return np.asarray(np.minimum.reduceat(values, edges))
-    return np.repeat(values, _CHART_WIDTH // len(values))
+    return np.repeat(values, width // len(values))
 
 
 def _find_largest(values: Floats) -> float:

@@ -13,8 +13,6 @@ from avrare.driving.reference_line import PolygonalLine, ReferenceLine
 from avrare.protocols import Floats
 from avrare_recordings.roads.lanelet_road import is_inside
 
-_GRID = 0.25  # distance of the points by which a conflict area is found [m]
-
 Reason = Literal["right", "sign", "oncoming"]
 
 
@@ -92,11 +90,12 @@ def _list_points(way: Way) -> Floats:
     # points inside a way, a grid length apart or less
     left, right = way.left, way.right
     length = max(np.hypot(*np.diff(side, axis=0).T).sum() for side in (left, right))
-    share = np.linspace(0.0, len(left) - 1.0, max(2, len(left), int(length / _GRID) + 1))
+    grid = 0.25  # distance of the points by which a conflict area is found [m]
+    share = np.linspace(0.0, len(left) - 1.0, max(2, len(left), int(length / grid) + 1))
     rows = [
         np.stack([np.interp(share, np.arange(len(side)), side[:, i]) for i in (0, 1)], axis=1)
         for side in (left, right)
     ]
-    across = max(2, int(np.hypot(*(left - right).T).max() / _GRID) + 1)
+    across = max(2, int(np.hypot(*(left - right).T).max() / grid) + 1)
     weights = (np.arange(across) + 0.5)[:, None, None] / across
     return np.asarray((weights * rows[0] + (1.0 - weights) * rows[1]).reshape(-1, 2))
