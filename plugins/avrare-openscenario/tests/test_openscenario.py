@@ -298,7 +298,7 @@ def test_t_counts_from_the_reference_line_whatever_the_lanes_offset(build):
     road.write_text(shifted, encoding="utf-8")
     again = OpenScenario(OpenScenarioConfig(file=simulator.file.path))
     assert again.reset(np.zeros((1, 0))).others.y[0, 0] == pytest.approx(0.0)
-    lanes, before = again.file.roads.road.lane_centres, simulator.file.roads.road.lane_centres
+    lanes, before = again.file.maps[-1].road.lane_centres, simulator.file.maps[-1].road.lane_centres
     np.testing.assert_allclose(np.array(lanes) - before, 1.2)
 
 

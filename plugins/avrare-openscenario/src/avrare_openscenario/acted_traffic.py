@@ -48,7 +48,7 @@ class ActedTraffic:
         """Return the ego (N,) and the memory at t = 0, with drawn parameters (N,)."""
         table = self.file.parameters.table(values, n)
         if not self.file.ego and n == 1:
-            self.ways = self.motions.ways = Ways(self.file.network, list(self.file.maps), self.file.routes)
+            self.ways = self.motions.ways = Ways(self.file)
             self.maps = self.motions.maps = self.ways.maps
         speed = speed_all(self.story, table)
         points = Vehicles(*place_all(self.story, self.maps, table), speed, np.zeros_like(speed))

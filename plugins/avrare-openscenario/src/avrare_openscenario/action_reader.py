@@ -212,7 +212,7 @@ class ActionReader:
         sides = {"leadingReferencedEntity": 1, "trailingReferencedEntity": -1, "any": 0}
         sides |= {"leftToReferencedEntity": 1, "rightToReferencedEntity": -1}
         side = self.parameters.choose(action, "displacement", tuple(sides), "any")
-        action.get("coordinateSystem")
+        frame = action.get("coordinateSystem") or "entity"
         if (limits := action.find("DynamicConstraints")) is not None:
             limits.skip()  # deceleration and jerk are not limited
         return story.Gap(
@@ -226,6 +226,7 @@ class ActionReader:
             self.parameters.boolean(action, "continuous"),
             self._limit(limits, "maxAcceleration"),
             self._limit(limits, "maxSpeed"),
+            across and frame == "entity",
         )
 
     def _read_lane_change(self, action: Element, actor: int) -> story.LaneChange:

@@ -9,11 +9,10 @@ import numpy as np
 
 from avrare.driving import Vehicles
 from avrare.protocols import Bools, Floats
-from avrare_openscenario import story
+from avrare_openscenario import speeds, story
 from avrare_openscenario.courses import Course, Integers, put, transition_span
 from avrare_openscenario.network import RoadMap
 from avrare_openscenario.scenario_file import ScenarioFile
-from avrare_openscenario.speeds import close_aside, close_gap, follow_profile, place_gap, synchronize_speed
 from avrare_openscenario.starts import build_path, move_over, pick, place_point, resolve_speed
 from avrare_openscenario.trajectories import Path, Pose, list_places
 from avrare_openscenario.ways import Ways, aim_across
@@ -116,7 +115,7 @@ class Motions:
         """Put a vehicle to its place, or to its distance with the other's speed, in some rows."""
         actor = action.actor
         if isinstance(action, story.Gap):
-            place = place_gap(action, self.bodies, table, self._see(action, every))
+            place = speeds.place_gap(action, self.bodies, table, self._see(action, every))
             if action.across:
                 return put(every, actor, rows, y=place)
             return put(every, actor, rows, x=place, speed=every.speed[:, action.other])
@@ -226,11 +225,9 @@ class Motions:
         # Speeds of actions that look at others, or at a table of times.
         velocity = np.array(velocity)
         for number, action in enumerate(self.story.actions):
-            if not isinstance(action, story.SpeedChange | story.SpeedProfile | story.Gap | story.Synchronize):
+            if isinstance(action, story.Assignment) or action.actor >= velocity.shape[1]:
                 continue
             actor = action.actor
-            if actor >= velocity.shape[1]:
-                continue
             rows = begun.action[:, actor] == number
             if (isinstance(action, story.SpeedChange) and not action.continuous) or not rows.any():
                 continue
@@ -241,11 +238,14 @@ class Motions:
                     course, value = put(course, actor, rows, action=number), velocity[:, actor]
                 case story.SpeedProfile():
                     begin = begun.start[:, actor], begun.target[:, actor]
-                    value, over = follow_profile(action, table, *begin, clock)
+                    value, over = speeds.follow_profile(action, table, *begin, clock)
                 case story.Gap():
-                    value, over = close_gap(action, self.bodies, table, self._see(action, every), self.dt)
+                    seen = self._see(action, every)
+                    value, over = speeds.close_gap(action, self.bodies, table, seen, self.dt)
                 case story.Synchronize():
                     value, over = self._synchronize(action, table, drive, every)
+                case _:
+                    continue
             velocity[:, actor] = np.where(rows, value, velocity[:, actor])
             course = course.finish(actor, rows & over)
         return course, velocity
@@ -262,7 +262,7 @@ class Motions:
         if action.steady_timed and final is not None:
             steady = steady * final
         now, pace = every.speed[:, action.actor], np.abs(every.speed[:, action.master])
-        value = synchronize_speed(now, pace, ways[0], ways[1], final, steady, self.dt)
+        value = speeds.synchronize_speed(now, pace, ways[0], ways[1], final, steady, self.dt)
         over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
         return np.where(over & (final is not None), now if final is None else final, value), over
 
@@ -301,27 +301,33 @@ class Motions:
             if not rows.any():
                 continue
             actor = action.actor
-            if isinstance(action, story.Gap):
-                rows = rows & (
-                    across.clock[:, actor] > 1.5 * self.dt
-                )  # it begins a step later, as players do
-                points, over = self._keep_aside(action, rows, across.clock[:, actor], table, every, points)
+            clock, velocity, over = (
+                across.clock[:, actor],
+                points.speed[:, actor],
+                np.zeros(len(rows), np.bool_),
+            )
+            if isinstance(action, story.Gap) and not action.by_body:
+                rows = rows & (clock > 1.5 * self.dt)  # it begins a step later, as players do
+                points, over = self._keep_aside(action, rows, clock, table, every, points)
                 across = across.finish(actor, rows & over)
                 continue
-            path = self._path(number, table, drive)
-            clock, velocity = across.clock[:, actor], points.speed[:, actor]
-            begin = 0.0 if action.begin is None else table[:, action.begin]
-            way = clock + begin
-            backwards = across.start[:, actor] * velocity < 0.0
-            over = np.where(backwards, way <= 1e-9, way >= path.ways[:, -1] - 1e-9)
-            if action.times:
-                time = (step + 1) * self.dt if action.absolute else clock
-                times = table[:, list(action.times)]
-                way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
-                over = time >= times[:, -1] - 1e-9
-                velocity = velocity * path.gear(way)
-            x, y, turn = path.at(way)
-            turn = turn + across.target[:, actor]
+            if isinstance(action, story.Gap):
+                other, pose = (self._see_in_plane(k, every) for k in (action.other, actor))
+                x, y, turn = speeds.steer_beside(action, self.bodies, table, other, pose, velocity, self.dt)
+            else:
+                path = self._path(number, table, drive)
+                begin = 0.0 if action.begin is None else table[:, action.begin]
+                way = clock + begin
+                backwards = across.start[:, actor] * velocity < 0.0
+                over = np.where(backwards, way <= 1e-9, way >= path.ways[:, -1] - 1e-9)
+                if action.times:
+                    time = (step + 1) * self.dt if action.absolute else clock
+                    times = table[:, list(action.times)]
+                    way, velocity = path.when(times, np.asarray(time, dtype=np.float64))
+                    over = time >= times[:, -1] - 1e-9
+                    velocity = velocity * path.gear(way)
+                x, y, turn = path.at(way)
+                turn = turn + across.target[:, actor]
             roads = self.maps[actor]
             s, d = roads.line.to_road(x, y)
             turn = turn - roads.line.heading(s)
@@ -337,9 +343,9 @@ class Motions:
         # Vehicles that close a distance across the road, and whether they have it.
         actor = gap.actor
         before, now = (pick(vehicles, slice(actor, actor + 1)) for vehicles in (every, points))
-        lag = place_gap(gap, self.bodies, table, self._see(gap, every)) - before.y[:, 0]
+        lag = speeds.place_gap(gap, self.bodies, table, self._see(gap, every)) - before.y[:, 0]
         slip = np.where(clock > 2.5 * self.dt, before.speed * np.sin(before.heading), 0.0)
-        aside, over = close_aside(gap, table, lag, slip[:, 0], now.speed[:, 0], self.dt)
+        aside, over = speeds.close_aside(gap, table, lag, slip[:, 0], now.speed[:, 0], self.dt)
         angle = np.zeros_like(lag)
         if gap.acceleration is not None or gap.speed is not None:
             angle = np.arcsin(aside / np.maximum(np.abs(now.speed[:, 0]), np.abs(aside) + 1e-9))
@@ -352,6 +358,10 @@ class Motions:
         there = move_over(pick(every, gap.other), self.maps[gap.other], self.maps[gap.actor])
         found = np.isfinite(there.x)
         return put(every, gap.other, found, x=there.x, y=there.y, heading=there.heading)
+
+    def _see_in_plane(self, k: int, every: Vehicles) -> Pose:
+        line, station = self.maps[k].line, every.x[:, k]
+        return *line.to_plane(station, every.y[:, k]), every.heading[:, k] + line.heading(station)
 
     def _path(self, number: int, table: Floats, drive: Drive) -> Path:
         action = self.story.actions[number]

@@ -18,13 +18,14 @@ from avrare_openscenario.opendrive import read_opendrive
 from avrare_openscenario.parameters import Number, Parameters
 from avrare_openscenario.routes import add_crossings, follow_lane
 from avrare_openscenario.signals import Signals
-from avrare_openscenario.starts import Starts, nearest_lane, place_all, speed_all
+from avrare_openscenario.starts import nearest_lane, place_all, speed_all
 from avrare_openscenario.story import (
     Action,
     Gap,
     Place,
     Route,
     SpeedChange,
+    Starts,
     Storyboard,
     TargetSpeed,
     Teleport,
@@ -70,8 +71,7 @@ class ScenarioFile:
         catalog_paths: The files of the catalogs that it refers to.
         parameters: Its parameters; all numbers of the storyboard are columns of their table.
         network: All roads.
-        maps: The road on which each vehicle starts.
-        routes: Roads that a vehicle is to drive over, by its index.
+        maps: The road on which each vehicle starts, that of the ego last.
         bodies: Bodies of the vehicles, the ego last.
         ego: Whether the last one is an ego that a stack drives; else all obey the file.
         reverses: Whether that begins in reverse gear; a stack drives it with its tail as its front.
@@ -85,17 +85,11 @@ class ScenarioFile:
     parameters: Parameters
     network: Network
     maps: tuple[RoadMap, ...]
-    routes: dict[int, Sequence[RoadMap]]
     bodies: tuple[Body, ...]
     ego: bool
     reverses: bool
     story: Storyboard
     notes: tuple[str, ...]
-
-    @property
-    def roads(self) -> RoadMap:
-        """Road of the ego."""
-        return self.maps[-1]
 
 
 def read_scenario(
@@ -163,7 +157,6 @@ def read_scenario(
         parameters,
         roads,
         maps,
-        dict(starts.routes),
         bodies,
         ego is not None,
         reverses,

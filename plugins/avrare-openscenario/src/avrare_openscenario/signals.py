@@ -26,13 +26,7 @@ class _Controller:
 
 
 class Signals:
-    """Traffic lights of one file; their states are variables of it.
-
-    Args:
-        lights: The element ``TrafficSignals``, if there is one.
-        parameters: Parameters of the file.
-        variables: Value of each variable at the start; those of the lights are added.
-    """
+    """Traffic lights of one file; their states are added to its variables."""
 
     def __init__(self, lights: Element | None, parameters: Parameters, variables: dict[str, Number]) -> None:
         self.parameters, self.variables = parameters, variables

@@ -67,7 +67,7 @@ class OpenScenario(SingleTrack):
         speeds = speed_all(file.story, file.parameters.table({}, 1))[0]
         self.scene = Scene(
             config.dt,
-            file.roads.road,
+            file.maps[-1].road,
             self.config.ego.length,
             self.config.ego.width,
             tuple(body.name for body in others),

@@ -13,11 +13,14 @@ from avrare_openscenario.story import Gap, SpeedProfile
 
 if TYPE_CHECKING:
     from avrare_openscenario.scenario_file import Body
+    from avrare_openscenario.trajectories import Pose
 
 _STIFFNESS = 0.4
 """Spring of a distance that is kept with a limited acceleration, over that limit [1/m]."""
 _NEAR, _NEAR_ASIDE = 0.1, 0.01
 """Most difference from a distance along and across the road that is reached [m]."""
+_NARROWEST = 0.5
+"""Least radius of the turns to a line beside another vehicle [m]."""
 _STILL = 1e-3
 """Speed below which a vehicle stands [m/s]."""
 
@@ -111,6 +114,31 @@ def _pull(lag: Floats, faster: Floats, most: Floats) -> Floats:
     # Acceleration of a critically damped spring, limited.
     stiffness = _STIFFNESS * most
     return np.clip(stiffness * lag + 2.0 * np.sqrt(stiffness) * faster, -most, most)
+
+
+def steer_beside(
+    gap: Gap, bodies: Sequence[Body], table: Floats, other: Pose, pose: Pose, speed: Floats, dt: float
+) -> Pose:
+    """Return the pose in the plane, one step later, of a vehicle that steers to a line beside another one."""
+    aside = table[:, gap.value] + 0.5 * gap.free * (bodies[gap.actor].width + bodies[gap.other].width)
+    aside = aside if gap.side >= 0 else -aside
+    (x, y, heading), (other_x, other_y, along) = pose, other
+    cos, sin, way = np.cos(along), np.sin(along), speed * dt
+    lag = aside - (cos * (y - other_y) - sin * (x - other_x))
+    if gap.acceleration is None:
+        rest = np.maximum(np.abs(way) - np.abs(lag), 0.0)
+        return x - sin * lag + cos * rest, y + cos * lag + sin * rest, along
+    radius = np.maximum(1.5 * speed**2 / table[:, gap.acceleration], _NARROWEST)
+    bend = np.abs(way) / radius
+    share = 2.0 * np.maximum(np.arccos(np.clip(1.0 - np.abs(lag) / radius, 0.0, 1.0)), 0.5 * bend)
+    share = np.clip((share - 0.5 * bend) / np.pi, 0.0, 1.0)
+    share = np.where(np.abs(lag) < radius, share * share * (3.0 - 2.0 * share), 1.0)
+    towards, align = (
+        np.remainder(angle - heading + np.pi, 2.0 * np.pi) - np.pi
+        for angle in (along + 0.5 * np.pi * np.sign(lag), along)
+    )
+    heading = heading + np.clip(share * towards + (1.0 - share) * align, -1.5 * bend, 1.5 * bend)
+    return x + way * np.cos(heading), y + way * np.sin(heading), heading
 
 
 def synchronize_speed(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.courses import Integers
 from avrare_openscenario.network import RoadMap
-from avrare_openscenario.story import Action, Gap, Place, Storyboard, TargetSpeed, Teleport, Trajectory
+from avrare_openscenario.story import Place, Storyboard, TargetSpeed, Trajectory
 from avrare_openscenario.trajectories import Path, Pose, list_places
 
 
@@ -37,25 +37,6 @@ def lane_direction(roads: RoadMap, y: Floats, s: Floats) -> Floats:
     """Return 1 where traffic goes along the road, -1 where it comes towards it."""
     opposing = np.isin(nearest_lane(roads, y, s), roads.road.opposing)
     return np.where(opposing, -1.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Starts:
-    """Start as the file gives it.
-
-    Attributes:
-        places: Place of each vehicle.
-        speeds: Its speed.
-        adjustments: What moves a vehicle at once from there.
-        actions: Actions that begin with the scene.
-        routes: Roads that a vehicle is to drive over.
-    """
-
-    places: tuple[Place, ...]
-    speeds: tuple[TargetSpeed, ...]
-    adjustments: tuple[Gap | Teleport, ...]
-    actions: tuple[Action, ...]
-    routes: Mapping[int, Sequence[RoadMap]]
 
 
 def place_all(story: Storyboard, maps: Sequence[RoadMap], table: Floats) -> Pose:

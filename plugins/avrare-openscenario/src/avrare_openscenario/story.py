@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -158,6 +159,7 @@ class Gap(VehicleAction):
         continuous: Whether it is kept until another action, or reached once.
         acceleration: Highest acceleration; None: it is reached at once [m/s2].
         speed: Highest speed; None: any [m/s].
+        by_body: Whether "across" is so to the other's body, not to the road.
     """
 
     other: int
@@ -169,6 +171,7 @@ class Gap(VehicleAction):
     continuous: bool
     acceleration: Number | None = None
     speed: Number | None = None
+    by_body: bool = False
 
 
 @dataclass(frozen=True)
@@ -352,13 +355,29 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Storyboard:
+class Starts:
+    """Start as the file gives it.
+
+    Attributes:
+        places: Place of each vehicle.
+        speeds: Its speed.
+        adjustments: What moves a vehicle at once from there.
+        actions: Actions that begin with the scene.
+        routes: Roads that a vehicle is to drive over.
+    """
+
+    places: tuple[Place, ...]
+    speeds: tuple[TargetSpeed, ...]
+    adjustments: tuple[Gap | Teleport, ...]
+    actions: tuple[Action, ...]
+    routes: Mapping[int, Sequence[RoadMap]]
+
+
+@dataclass(frozen=True)
+class Storyboard(Starts):
     """All that happens.
 
     Attributes:
-        places: Start of each vehicle.
-        speeds: Its speed at the start.
-        adjustments: What moves a vehicle from its place at once.
         acts: Start of each act.
         stops: Its end; None: only that of its events.
         events: Events of all acts.
@@ -368,13 +387,9 @@ class Storyboard:
         groups: Maneuver groups that are executed several times.
     """
 
-    places: tuple[Place, ...]
-    speeds: tuple[TargetSpeed, ...]
-    adjustments: tuple[Gap | Teleport, ...]
     acts: tuple[Trigger, ...]
     stops: tuple[Trigger | None, ...]
     events: tuple[Event, ...]
-    actions: tuple[Action, ...]
     conditions: tuple[Condition, ...]
     variables: tuple[Number, ...] = ()
     groups: tuple[Group, ...] = ()

@@ -10,8 +10,17 @@ from typing import Literal
 
 from avrare_openscenario.action_reader import ActionReader
 from avrare_openscenario.condition_reader import ConditionReader
-from avrare_openscenario.starts import Starts
-from avrare_openscenario.story import Action, Assignment, Condition, Event, Group, Route, Storyboard, Trigger
+from avrare_openscenario.story import (
+    Action,
+    Assignment,
+    Condition,
+    Event,
+    Group,
+    Route,
+    Starts,
+    Storyboard,
+    Trigger,
+)
 from avrare_openscenario.xml_tree import Element
 
 _STATES = ("standbyState", "runningState", "completeState", "startTransition", "endTransition")
@@ -33,14 +42,7 @@ class _Named:
 
 
 class StoryReader:
-    """Reader of one file's storyboard.
-
-    Args:
-        reading: Reader of its actions; names of entities end with that of the ego.
-        dt: Step [s].
-        ego: Index of the entity that a stack drives; None: all obey the storyboard.
-        ignore_ego: Whether actions of the ego are passed over.
-    """
+    """Reader of one file's storyboard: ``ego`` is the index of the entity that a stack drives."""
 
     def __init__(self, reading: ActionReader, dt: float, ego: int | None, ignore_ego: bool) -> None:
         self.reading, self.parameters = reading, reading.parameters
@@ -79,16 +81,13 @@ class StoryReader:
         for index, element in self._waiting:
             self._resolve_state(index, element)
         return Storyboard(
-            starts.places,
-            starts.speeds,
-            starts.adjustments,
-            tuple(self.acts),
-            tuple(self.stops),
-            tuple(self.events),
-            tuple(self.actions),
-            tuple(self.conditions),
-            tuple(self.reading.variables.values()),
-            tuple(self.groups),
+            **{**vars(starts), "actions": tuple(self.actions)},
+            acts=tuple(self.acts),
+            stops=tuple(self.stops),
+            events=tuple(self.events),
+            conditions=tuple(self.conditions),
+            variables=tuple(self.reading.variables.values()),
+            groups=tuple(self.groups),
         )
 
     @contextmanager

@@ -10,8 +10,9 @@ import numpy as np
 from avrare.driving import Vehicles
 from avrare.protocols import Floats
 from avrare_openscenario.courses import Course, put
-from avrare_openscenario.network import Leg, Network, RoadMap
+from avrare_openscenario.network import Leg, RoadMap
 from avrare_openscenario.routes import follow_lane
+from avrare_openscenario.scenario_file import ScenarioFile
 from avrare_openscenario.starts import lane_middle, nearest_lane, place_point
 from avrare_openscenario.story import LaneChange, Place
 from avrare_openscenario.trajectories import Pose
@@ -25,16 +26,10 @@ _EDGE = 5e-10
 
 
 class Ways:
-    """Lines of the vehicles of one scene.
+    """Lines of the vehicles of one scene, which change as they drive on."""
 
-    Args:
-        network: All roads.
-        maps: Line of each vehicle at the start; the list is changed as they drive on.
-        routes: Roads that vehicles are to reach, by their indices.
-    """
-
-    def __init__(self, network: Network, maps: list[RoadMap], routes: dict[int, Sequence[RoadMap]]) -> None:
-        self.network, self.maps, self.routes = network, maps, routes
+    def __init__(self, file: ScenarioFile) -> None:
+        self.network, self.maps, self.routes = file.network, list(file.maps), dict(file.story.routes)
         self.changed: set[int] = set()
 
     def assign(self, vehicle: int, roads: Sequence[RoadMap]) -> None:
