@@ -371,6 +371,6 @@ class ActionReader:
             speed,
             steady,
             steady_timed,
-            self._number(action, "targetTolerance", 1.0),
-            self._number(action, "targetToleranceMaster", 1.0),
+            self._number(action, "targetTolerance", 0.0),
+            self._number(action, "targetToleranceMaster", 0.0),
         )

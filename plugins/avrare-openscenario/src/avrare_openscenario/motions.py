@@ -253,26 +253,25 @@ class Motions:
     def _synchronize(
         self, action: story.Synchronize, table: Floats, drive: Drive, every: Vehicles
     ) -> tuple[Floats, Bools]:
-        ways = [
-            self._way_to(place, vehicle, table, drive, every)
-            for place, vehicle in ((action.target, action.actor), (action.master_target, action.master))
-        ]
+        way = self._way_to(action.target, action.actor, table, drive, every) - table[:, action.tolerance]
+        master_way = self._way_to(action.master_target, action.master, table, drive, every)
+        master_way = master_way - table[:, action.master_tolerance]
         final = None if action.final is None else resolve_speed(action.final, table, every.speed)
         steady = np.zeros(len(table)) if action.steady is None else table[:, action.steady]
         if action.steady_timed and final is not None:
             steady = steady * final
         now, pace = every.speed[:, action.actor], np.abs(every.speed[:, action.master])
-        value = speeds.synchronize_speed(now, pace, ways[0], ways[1], final, steady, self.dt)
-        over = (ways[0] < table[:, action.tolerance]) | (ways[1] < table[:, action.master_tolerance])
+        value = speeds.synchronize_speed(now, pace, way, master_way, final, steady, self.dt)
+        over = (way < 0.0) | (master_way < pace * self.dt)
         return np.where(over & (final is not None), now if final is None else final, value), over
 
     def _way_to(
         self, place: story.Place, vehicle: int, table: Floats, drive: Drive, every: Vehicles
     ) -> Floats:
-        roads = self.maps[vehicle]
-        others = self._references(place, every)
-        s, d, _ = place_point(place, roads, self.maps, table, others)
-        x, y = roads.line.to_plane(s, d)
+        roads, others = self.maps[vehicle], self._references(place, every)
+        base = roads if place.roads is None or place.other >= 0 else place.roads
+        x, y = base.line.to_plane(*place_point(place, base, self.maps, table, others)[:2])
+        s, _ = roads.line.to_road(x, y)
         here_s, here_d, heading = _pose(every, vehicle)
         here_x, here_y = roads.line.to_plane(here_s, here_d)
         if vehicle >= drive.heading.shape[1] and place.curve is not None:  # the ego and its way
@@ -280,7 +279,7 @@ class Motions:
             return path.project(x, y) - path.project(here_x, here_y)
         along = (s - here_s) * np.sign(np.cos(heading))
         aside = np.abs(np.sin(heading)) > np.sqrt(0.5)
-        way = np.where(aside, np.hypot(x - here_x, y - here_y), along)
+        way = np.where(aside | np.isnan(along), np.hypot(x - here_x, y - here_y), along)
         for number, action in enumerate(self.story.actions):
             if isinstance(action, story.Trajectory) and action.actor == vehicle < drive.heading.shape[1]:
                 rows = drive.across.action[:, vehicle] == number
