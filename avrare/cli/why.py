@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,14 +18,21 @@ from avrare.analysis.causes.resumption import OpenJournal, identify_run, keep_ou
 from avrare.analysis.causes.tape_runs import TapeRunner
 from avrare.analysis.failures.shrink import BUDGET
 from avrare.base.errors import ExitCode, UsageError
+from avrare.base.number_format import format_duration
 from avrare.cli.failure_output import progress_line
-from avrare.cli.output import print_warnings, show_or_write
+from avrare.cli.output import print_warnings, say, show_or_write
 from avrare.estimation.loop.checkpoint import SCENARIO
 from avrare.results.run import Run
 from avrare.results.stored_causes import WHY_FILE
 from avrare.results.stored_failures import select_failing
 from avrare.rollout.loaded_scenario import LoadedScenario, load
+from avrare.rollout.replay import replay_tape
 from avrare.scenario.fingerprint import identify
+
+_BATCHES = 35
+"""Batches of rollouts, one after the other, that mostly shrink a failure."""
+_ANNOUNCED_SECONDS = 5.0
+"""Work that is announced with the time that it takes."""
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -88,6 +96,11 @@ def _find_kinds(run: Run, name: str, args: argparse.Namespace) -> Kinds:
     if not args.shrink:
         return kinds
     budget = BUDGET if args.budget is None else args.budget
+    count, began = len(kinds), time.perf_counter()
+    replay_tape(problem, result.failures.noise[kinds[0].representative])
+    seconds = count * _BATCHES * (time.perf_counter() - began)
+    work = f"{count} failure{'s' * (count > 1)} to shrink, in some {_BATCHES} batches of rollouts each"
+    _announce(args, seconds, f"{name}: {work}")
     with progress_line(args) as progress:
         return describe_kinds(problem, kinds, result.failures.noise, budget, progress)
 
@@ -99,17 +112,28 @@ def _attribute(
     args: argparse.Namespace,
     journal: OpenJournal,
 ) -> Attribution:
-    problem = run.scenario.problem(name)
+    problem, result = run.scenario.problem(name), run[name]
+    groups, kept = list_groups(problem, channels=args.channels), len(result.failures.robustness)
+    perfect = sum(group.sort != "time" for group in groups) + len(variants)
+    rollouts = 2 * len(groups) * kept + perfect * (kept + args.fresh)
+    seconds = rollouts * result.seconds / result.rollouts / args.workers
+    work = f"some {rollouts:,} rollouts for the causes, fewer with a smaller --fresh"
+    _announce(args, seconds, f"{name}: {work}")
     with progress_line(args) as progress:
         return attribute(
             problem,
-            FailureSample.of(run[name]),
+            FailureSample.of(result),
             seed=args.seed,
             fresh=args.fresh,
-            groups=list_groups(problem, channels=args.channels),
+            groups=groups,
             variants={label: scenario.problem(name) for label, scenario in variants.items()},
             runner=TapeRunner(args.workers, progress, journal=journal(name)),
         )
+
+
+def _announce(args: argparse.Namespace, seconds: float, work: str) -> None:
+    if seconds >= _ANNOUNCED_SECONDS and not args.quiet:
+        say(f"{work}: about {format_duration(seconds)}", error=True)
 
 
 def _describe_kinds(kinds: Kinds) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """``avrare why`` on a run folder."""
 
 import json
+import re
 
 import pytest
 
@@ -27,6 +28,18 @@ def test_the_kinds_of_a_run_are_printed_and_written(run, tmp_path, capsys):
     [kind] = written["kinds"]["left"]["kinds"]
     assert kind["share"] == pytest.approx(1.0)
     assert kind["low"] < kind["probability"] < kind["high"]
+
+
+def test_work_of_some_time_is_announced(run, monkeypatch, capsys):
+    monkeypatch.setattr("avrare.cli.why._ANNOUNCED_SECONDS", 0.0)
+    assert main(["why", str(run), "--shrink", "--fresh", "10"]) == 0
+    shrinking, causes = capsys.readouterr().err.splitlines()
+    work = r"left: 1 failure to shrink, in some 35 batches of rollouts each: about .*s"
+    assert re.fullmatch(work, shrinking)
+    work = r"left: some [\d,]+ rollouts for the causes, fewer with a smaller --fresh: about .*s"
+    assert re.fullmatch(work, causes)
+    assert main(["why", str(run), "--fresh", "10", "--quiet"]) == 0
+    assert not capsys.readouterr().err
 
 
 def test_json_is_all_that_is_printed(run, capsys):
