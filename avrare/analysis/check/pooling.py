@@ -40,8 +40,8 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
     together, stands alone. The warnings of all batches count, and so do the intervals that they opened: a
     later batch that has none may just have missed the tail. So does a cross-check that disagrees. Only a
-    batch whose sole warning is that it is unchecked gives way to a newest one that is not. Errors are counted over
-    all batches. Other notes are the newest batch's, except for that on its goal.
+    batch whose sole warning is that it is unchecked gives way to a newest one that is not.
+    Errors are counted over all batches. Other notes are the newest batch's, except for that on its goal.
     """
     newest = batches[-1]
     if len(batches) == 1:
