@@ -340,7 +340,7 @@ class Problem:
         return tuple(scored)
 
     def _nominal_margins(self, judges: tuple[Specification, ...]) -> list[list[float | None]]:
-        """Return the margin of every specification along the noise-free rollout; None where it has none."""
+        """Return the margins of all specifications along the noise-free rollout, None where one has none."""
         tape = np.zeros((1, self.steps + 1, self.noise_size))
         request, noise = Request.replay(tape, keep_carries=True), NoiseSource(0, self.noise_size)
         outcome = simulate(self.system, judges, self.steps, noise, request, scored=False)

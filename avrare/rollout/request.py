@@ -78,7 +78,7 @@ class Past:
     """(s, entries, carry) in ascending s: carries of the entries (among the P, ascending) with origin s."""
 
     def slice(self, begin: int, end: int) -> Past | None:
-        """Return the part for rows begin..end of the request, None where it is empty."""
+        """Return the part for rows begin..end of the request, None if it is empty."""
         low, high = np.searchsorted(self.rows, (begin, end))
         if low == high:
             return None

@@ -44,7 +44,7 @@ class CrossCheck(BaseModel):
         return registry.versions(each for each in checkers if self.estimator in (None, each.name))
 
     def find_conflict(self, estimator: str) -> str | None:
-        """Return why this check cannot be that of ``estimator``, None where it can."""
+        """Return why this check is not allowed for ``estimator``, None if it is."""
         family = default_registry().family
         if self.estimator is None or family(self.estimator) != family(estimator):
             return None

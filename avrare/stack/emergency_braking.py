@@ -93,7 +93,7 @@ class EmergencyBraking(Controller):
         )
 
     def alternatives(self) -> dict[str, Controller]:
-        """Return those of the controller itself, braked likewise, and one that begins to brake earlier."""
+        """Return the alternatives of the controller with the same braking, and one that brakes earlier."""
         options = self._options
         earlier = 2.0
         begin = {

@@ -65,11 +65,11 @@ class TimedController(Controller):
         self.noise_names = ("loss of planning cycles",) if timing.missed_cycles else ()
 
     def around(self, controller: Controller) -> TimedController:
-        """Return the same around another controller."""
+        """Return this clocked controller around another controller."""
         return TimedController(controller, self._timing, self._clock, self._actuators, self._scene)
 
     def compensating(self) -> TimedController | None:
-        """Return one that knows its delays; None where it does, or there are none."""
+        """Return a controller that knows its delays; None if this one knows them or has none."""
         if self._timing.compensated or not self._clock.age + self._clock.delay or self._road is None:
             return None
         timing = self._timing.model_copy(update={"compensated": True})

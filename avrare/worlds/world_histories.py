@@ -178,7 +178,7 @@ class Branches:
             )
 
     def test_copy(self, history: InputHistory, t: int, given: tuple[object, Floats]) -> None:
-        """Check that the first copy of this process continues like the world that it is a copy of."""
+        """Check that the first copied world of this process continues like its original."""
         self.untested = False
         spare = history.branch(t)
         try:

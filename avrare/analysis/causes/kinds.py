@@ -187,7 +187,7 @@ class _Failing:
 
     @cached_property
     def features(self) -> Floats:
-        """(F, D) signals in units of their spread over failures and time, then the cause, as one more."""
+        """(F, D) signals in units of their spread over failures and time, then the cause."""
         spread = self.tables.std(axis=(0, 1))
         tables = self.tables / np.where(spread > 0.0, spread, 1.0)
         signals = tables.reshape(len(tables), -1) / math.sqrt(max(tables.shape[1], 1))

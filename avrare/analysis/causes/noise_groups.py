@@ -77,7 +77,7 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
 
 
 def find_start(problem: Problem) -> NoiseGroup | None:
-    """Return the noise that the state at t = 0 is made of; None where it is not of a start alone."""
+    """Return the noise of the initial state alone; None if there is none, or no other noise."""
     loop, drawn = problem.system, count_draws(problem)
     mask = np.zeros((problem.steps + 1, problem.noise_size), dtype=bool)
     mask[0, : loop.world_noise if isinstance(loop, ClosedLoop) else None] = True

@@ -22,7 +22,7 @@ from avrare.testing.problems import reference_problem
 ENOUGH_FAILURES = 100
 """Failures that make a Monte Carlo estimate precise enough to compare with: a relative error of 10 %."""
 POOLED = "pooled monte carlo"
-"""Source of a truth that is made of the repetitions of Monte Carlo."""
+"""Source of a truth that is computed from the repetitions of Monte Carlo."""
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class RiskBalance:
         return f"{self.rule}: {format_ratio(self.ratio, self.interval)} times as often as {driver}: {balance}"
 
     def to_dict(self) -> dict[str, object]:
-        """Return it JSON-ready; NaN and infinities become null."""
+        """Return the balance as JSON-ready data; NaN and infinities become null."""
         return finite(asdict(self) | {"verdict": self.verdict})
 
 

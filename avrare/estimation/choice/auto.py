@@ -235,7 +235,7 @@ class _Work:
         return self.add_choice(result, f"{reason}; {words}", spent)
 
     def _repeat(self, witness: Result, problem: Problem, spent: list[_Attempt]) -> Result | None:
-        """Return a second estimate by a method, from the rest of the budget; None where it gives up."""
+        """Return a second estimate by a method, from the rest of the budget; None if it gives up."""
         settings = replace(self._of_phase("again"), budget=self._budget(problem, spent))
         for component, role in default_registry().candidates():
             if component.name == witness.estimator:

@@ -30,11 +30,11 @@ LEAST_SECOND = 5000
 _LEAST = 5000
 """Rollouts below which the pilot and learning would find too little: Monte Carlo takes them all."""
 _TIMES = 5
-"""Learning is tried where Monte Carlo would cost so many times what learning in vain costs."""
+"""Learning is tried where Monte Carlo would cost this many times as much as learning without success."""
 _VAIN = 0.3
-"""Most of Monte Carlo's cost that may go into a choice in vain."""
+"""Largest share of Monte Carlo's cost that an unsuccessful choice may take."""
 _VAIN_OF_ALL = 0.34
-"""Most of all rollouts that may."""
+"""Largest share of all rollouts that it may take."""
 _ENOUGH = 100
 """Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""
 _GAIN = 3.0
@@ -90,7 +90,7 @@ class Aim:
         return self.estimate_need(evidence) <= _TIMES * 2 * self.pilot
 
     def may_try(self, cost: float, evidence: FreshRows) -> bool:
-        """Return whether a choice may cost these rollouts, should all of them be in vain."""
+        """Return whether a choice may cost these rollouts even if all of them turn out useless."""
         needed = self.estimate_need(evidence) if self.goal is not None else self.rollouts
         return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
 

@@ -31,7 +31,7 @@ class Rows:
         return Rows(np.concatenate([self.index, index]), np.concatenate([self.robustness, robustness]))
 
     def before(self, end: int) -> Rows:
-        """Return those with an index below ``end``."""
+        """Return the rows with an index below ``end``."""
         place = int(np.searchsorted(self.index, end))
         return Rows(self.index[:place], self.robustness[:place])
 
@@ -130,7 +130,7 @@ class Counts:
 
 
 def monte_carlo_cost(probability: float, relative_error: float) -> int | None:
-    """Return the rollouts with which Monte Carlo is as exact; None where that is not known."""
+    """Return the rollouts with which Monte Carlo is as exact; None if unknown."""
     if not (probability > 0.0 and relative_error > 0.0 and math.isfinite(relative_error)):
         return None
     return round_to_two_digits((1.0 - probability) / probability / relative_error**2)

@@ -160,7 +160,7 @@ class Info:
         )
 
     def before(self, other: Info) -> Info:
-        """Return the progress of a later part of the same estimate, at the cost of both."""
+        """Return the progress of a later part ``other`` with the cost of both."""
         counts = Counter(self.counts)
         counts.update(other.counts)
         return replace(

@@ -58,7 +58,7 @@ def open_interval(result: Result, warnings: Collection[str], least_upper: float 
 def answer_doubts(result: Result) -> Result:
     """Return a result whose doubts of missed failures are notes where its rollouts of the target answer them.
 
-    They do where the interval, which is open as far as they allow, ends at most three times as high for it.
+    They do where opening the interval for the doubt raises its upper end at most threefold.
     """
     doubts = MAY_MISS_FAILURES.intersection(result.health)
     if not doubts or not result.probability or result.unopened_at is None or result.fresh is None:

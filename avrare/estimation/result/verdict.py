@@ -87,7 +87,7 @@ def grade_blind(blind_bound: float | None, bound: Bound) -> Verdict:
 
 
 def find_doubts(health: Iterable[str]) -> frozenset[str]:
-    """Return those of an estimate's warnings that doubt the estimate, and not only the system."""
+    """Return the warnings that cast doubt on an estimate, not only on the system."""
     return frozenset(health) - _ABOUT_SYSTEM
 
 

@@ -128,7 +128,7 @@ def _spread(margin: Floats) -> Floats:
 
 
 class ScaledMonitor(Specification):
-    """Monitor of a formula whose terms are divided by their sizes: it orders particles and decides nothing.
+    """Monitor of a formula whose terms are divided by their sizes: it ranks particles, not verdicts.
 
     Attributes:
         formula: The formula, over further signals that hold the sizes.

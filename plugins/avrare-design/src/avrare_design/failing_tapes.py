@@ -38,7 +38,7 @@ class Derivative:
 
     @property
     def shrunk(self) -> float:
-        """The estimate less the part that its error explains (positive-part James and Stein)."""
+        """The estimate shrunk towards zero by its error (positive-part James and Stein)."""
         if not math.isfinite(self.error) or self.value == 0.0:
             return 0.0
         return self.value * max(0.0, 1.0 - (self.error / self.value) ** 2)

@@ -168,7 +168,7 @@ def _check_files(pack: Pack, copies: Mapping[str, str], scenario: Scenario) -> N
 def _list_estimates(
     pack: Pack, results: Mapping[str, Mapping[str, Result]]
 ) -> dict[tuple[str, str], _Estimate]:
-    """Return rates of catalogues and of their reference drivers, else probabilities, by name and rule."""
+    """Return rates of catalogues and reference drivers, or probabilities, by name and rule."""
     estimates: dict[tuple[str, str], _Estimate] = {}
     for source in dict.fromkeys(name.partition("/")[0] for name in results):
         runs = {name: run for name, run in results.items() if f"{name}/".startswith(f"{source}/")}

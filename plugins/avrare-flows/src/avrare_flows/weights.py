@@ -75,7 +75,7 @@ class WeightedSystem(SystemWrapper):
             self.warnings = fill(WARNINGS, "paper_weights")
 
     def with_weights(self) -> WeightedSystem:
-        """Return the same system, ready to run."""
+        """Return this system, ready to run."""
         return WeightedSystem(self.system, self.flow, self.log_density, self.first, asked=True)
 
     def initial(self, noise: Floats) -> WeightedState:

@@ -81,10 +81,10 @@ class IntersectionDriver(MoodyDriver):
 
 
 class LightEgo(Vehicle):  # type: ignore[misc]
-    """Ego of the intersection, whose right of way predicts the ego's positions."""
+    """Ego of the intersection, of which the right-of-way rule predicts positions at low cost."""
 
     def predict_trajectory_constant_speed(self, times: Floats) -> tuple[list[Floats], list[float]]:
-        """Return the same positions and headings without copying the road or searching lanes."""
+        """Return the positions and headings of highway-env without copying the road or searching lanes."""
         twin: Any = object.__new__(Vehicle)
         vars(twin).update(vars(self))
         twin.road, twin.position = None, self.position.copy()

@@ -24,8 +24,8 @@ def find_controls(
     """Find controls (steps, m) with which a linear system without noise satisfies a formula.
 
     Independent normal controls take the place of the system's noise and feedback; nested levels lead to those
-    that satisfy the formula, however rare they are. Of all that are met the most robust ones are returned, to
-    be the ``feedforward`` of a first trajectory. Nothing makes them smooth or small but the bandwidth.
+    that satisfy the formula, however rare they are. The most robust of them are
+    returned, as ``feedforward`` of a first trajectory. Only the bandwidth keeps them small.
 
     Args:
         system: System with inputs.

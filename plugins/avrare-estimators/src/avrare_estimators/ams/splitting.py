@@ -231,7 +231,7 @@ class Splitting(Estimator):
         return replace(state, pending=self._branch(state, discarded, eligible, level.score)), survivors
 
     def _exceeds_budget(self, state: AmsState, discarded: Bools) -> bool:
-        """Return whether branches in place of the discarded would exceed these runs' share of the budget."""
+        """Return whether replacing the discarded particles would exceed the runs' share of the budget."""
         plan, tally = state.plan, state.tally
         if plan.budget is None or plan.budget.kind == "seconds":
             return False

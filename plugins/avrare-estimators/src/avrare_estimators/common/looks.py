@@ -78,7 +78,7 @@ class Looks:
         return {"looks": list(self.runs), "goal_reached": self._reaches_goal(relative_error)}
 
     def notes(self, rollouts: int, probability: float, relative_error: float) -> tuple[Note, ...]:
-        """Return the note on an estimate that ended short of its goal; none where it did not."""
+        """Return the note on an estimate that missed its goal; empty if it reached the goal."""
         if self.goal is None or self._reaches_goal(relative_error):
             return ()
         progress = describe_precision(probability, relative_error)

@@ -247,6 +247,6 @@ class LearnedSampling(WeightedSampler):
 
 
 def mixture_of(sample: Sample) -> TapeMixture | None:
-    """Return the proposal of a final sample; None where it was drawn from the target."""
+    """Return the proposal of a final sample, None for the target."""
     assert isinstance(sample.source, TapeSource)
     return sample.source.mixture

@@ -148,8 +148,7 @@ def _choose_levels(paths: Paths) -> tuple[Floats, Floats]:
 def _gain(potentials: Potentials, examples: Examples, step: int) -> float:
     """Return the mean of log h / E h over rollouts that reach the deepest level, less its standard error.
 
-    The rollouts were held out: the mean is the potential's knowledge of them, and falls below 0 where it is
-    sure and wrong.
+    The rollouts were held out, so that a potential that is confident and wrong has a negative mean.
     """
     rows = examples.held_out & ~np.isnan(examples.features[:, step, -1])
     weights, hit = examples.weights[rows], examples.reached[rows, -1]

@@ -71,7 +71,7 @@ class Variant:
         return self.law_from_columns(features(box, self.inputs), box.range, speed_sd)
 
     def law_from_columns(self, inputs: Floats, distance: Floats, speed_sd: float) -> ObservationLaw:
-        """Return the same from columns (..., D) and range (...)."""
+        """Return the law for columns (..., D) and range (...)."""
         mean, variance = self.latents.predict(self.normalise(inputs).reshape(-1, inputs.shape[-1]))
         shape = (*inputs.shape[:-1], mean.shape[-1])
         return self.law_from_latents(mean.reshape(shape), variance.reshape(shape), distance, speed_sd)

@@ -38,7 +38,7 @@ class SlopeStatistics:
 
     @staticmethod
     def empty(rows: int) -> SlopeStatistics:
-        """Return those of chains that have met no pair."""
+        """Return the slopes of chains without any pair."""
         zeros = np.zeros(rows, dtype=np.int64)
         return SlopeStatistics(zeros, zeros, np.zeros(rows))
 

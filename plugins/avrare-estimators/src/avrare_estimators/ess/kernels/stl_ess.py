@@ -47,7 +47,7 @@ class Acquisition:
     xi: float = 0.0
 
     def exploiting(self) -> Acquisition:
-        """Return it with the paper's numbers for later rounds (line 20)."""
+        """Return the acquisition with the numbers of the paper for later rounds (line 20)."""
         return replace(self, kappa=1.0, xi=0.0)
 
     def __call__(self, mean: Floats, spread: Floats, best: Floats) -> Floats:
