@@ -269,11 +269,12 @@ class Problem:
             case "robustness":
                 return self.monitors
         return tuple(
-            self._by_progress(k) or self._by_terms(k) or spec for k, spec in enumerate(self.monitors)
+            self._score_by_progress(k) or self._score_by_terms(k) or spec
+            for k, spec in enumerate(self.monitors)
         )
 
     def _with_progress(self) -> tuple[Specification, ...]:
-        scored = [self._by_progress(k) for k in range(len(self.monitors))]
+        scored = [self._score_by_progress(k) for k in range(len(self.monitors))]
         for name, spec in zip(self.names, scored, strict=True):
             if spec is None:
                 raise UsageError(
@@ -283,7 +284,7 @@ class Problem:
                 )
         return tuple(spec for spec in scored if spec is not None)
 
-    def _by_progress(self, index: int) -> Specification | None:
+    def _score_by_progress(self, index: int) -> Specification | None:
         spec = self.monitors[index]
         if not isinstance(spec, FormulaMonitor) or shape_of(spec.formula) is None:
             return None
@@ -298,7 +299,7 @@ class Problem:
         )
         return ProgressScored(spec, shape, self.steps, nominal, guide)
 
-    def _by_terms(self, index: int) -> Specification | None:
+    def _score_by_terms(self, index: int) -> Specification | None:
         guide = self._guide(index)
         return FormulaScored(self.monitors[index], guide) if guide else None
 

@@ -47,7 +47,7 @@ class Stretches:
     vehicles: int
 
     @property
-    def fits(self) -> bool:
+    def reads_all(self) -> bool:
         """Return whether to read the whole recording: it is small, or the body needs all of it anyway."""
         return self.is_unbounded or self.samples * self.vehicles**2 <= LARGE
 

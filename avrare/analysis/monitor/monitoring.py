@@ -181,7 +181,7 @@ def _find_causes(
     # The body of an ``always`` formula, the earliest violation, and the sample that decides.
     inner = find_always_body(formula.node)
     stretches = _make_stretches(specification, recording, formula)
-    if stretches is None or stretches.fits:
+    if stretches is None or stretches.reads_all:
         inputs = select_inputs(specification, recording)
         body = None if inner is None else dataclasses.replace(formula, derived=inner).robustness(inputs)[0]
         explanation = formula.explain(inputs, members)

@@ -39,10 +39,10 @@ _Column = tuple[str, Callable[[Summary], _Cell]]  # head of one or two lines, ce
 def _make_columns(comparison: Comparison) -> list[_Column]:
     static = comparison.case.problem.steps == 0
     return [
-        ("mean\nestimate", _mean),
+        ("mean\nestimate", _make_mean_cell),
         ("/ truth", _with_accuracy(lambda a: _Cell(f"{a.ratio:.3g}"))),
         ("rel.\nRMSE", _with_accuracy(lambda a: _Cell(f"{a.relative_rmse:.2g}"))),
-        ("covers\ntruth", _coverage),
+        ("covers\ntruth", _make_coverage_cell),
         ("cost\n[rollouts]", lambda s: _Cell(format_amount(s.rollouts, 3)))
         if static
         else ("cost\n[steps]", lambda s: _Cell(format_amount(s.steps, 3))),
@@ -85,11 +85,11 @@ def _rows(comparison: Comparison, columns: Sequence[_Column]) -> list[tuple[ArmR
     ]
 
 
-def _mean(summary: Summary) -> _Cell:
+def _make_mean_cell(summary: Summary) -> _Cell:
     return _Cell(format_narrow(summary.mean), _interval(summary.interval, format_narrow))
 
 
-def _coverage(summary: Summary) -> _Cell:
+def _make_coverage_cell(summary: Summary) -> _Cell:
     accuracy = summary.accuracy
     if accuracy is None:
         return _Cell()

@@ -48,7 +48,7 @@ class ErrorFit:
         return float((np.abs(self.z) > size).mean()), float(modelled.mean())
 
     def beyond_sd(self, count: float) -> tuple[float, float]:
-        """Return the share of |z| above ``count`` standard deviations of the model: observed, and modelled."""
+        """Return the share of |z| above ``count`` standard deviations of the model: observed and modelled."""
         size = count * _truncated_sd(self.dof, self.bound, self.power)
         return float((np.abs(self.z) > size).mean()), float(self._tail(size).mean())
 

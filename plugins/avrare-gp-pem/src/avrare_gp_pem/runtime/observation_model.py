@@ -87,7 +87,7 @@ class ObservationLaw:
         detected = normal.cdf(parts[..., 0]) < self.detect
         along, across = (self._error(axis, parts[..., 1 + axis]) for axis in (0, 1))
         others = world.others
-        heading_cos, (cos, sin) = np.cos(others.heading), self._first_axis(world)
+        heading_cos, (cos, sin) = np.cos(others.heading), self._compute_first_axis(world)
         missing = np.where(detected, 0.0, np.nan)
         return Observation(
             detected=detected,
@@ -99,7 +99,7 @@ class ObservationLaw:
     def log_prob(self, world: World, observation: Observation) -> Floats:
         """Return the (N,) joint log density of detected, x, y and speed_x of all vehicles."""
         others = world.others
-        heading_cos, (cos, sin) = np.cos(others.heading), self._first_axis(world)
+        heading_cos, (cos, sin) = np.cos(others.heading), self._compute_first_axis(world)
         dx = np.where(observation.detected, others.x - observation.x, 0.0)
         dy = np.where(observation.detected, others.y - observation.y, 0.0)
         speed = np.where(observation.detected, observation.speed_x - others.speed * heading_cos, 0.0)
@@ -112,7 +112,7 @@ class ObservationLaw:
         density: Floats = np.where(observation.detected, seen, missed).sum(axis=-1)
         return density
 
-    def _first_axis(self, world: World) -> tuple[Floats, Floats]:
+    def _compute_first_axis(self, world: World) -> tuple[Floats, Floats]:
         if self.in_ego_frame:  # to the right, then forward
             cos, sin = np.cos(world.ego.heading)[:, None], np.sin(world.ego.heading)[:, None]
             return sin, -cos
