@@ -51,11 +51,11 @@ def execute(args: argparse.Namespace) -> int:
 def _report(
     comparison: Comparison | PairedComparison, content: dict[str, object], args: argparse.Namespace
 ) -> None:
-    written = _write(comparison, content, args) if args.out else []
+    paths = _write(comparison, content, args) if args.out else []
     if args.json:
         print(json.dumps(content))
     else:
-        _show(comparison, written, args)
+        _show(comparison, paths, args)
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -52,8 +52,8 @@ def _import_seconds() -> dict[str, float]:
         began = time.perf_counter()
         with contextlib.suppress(Exception, SystemExit):  # the registry reports it
             point.load()
-        spent = time.perf_counter() - began
-        seconds[point.dist.name] = seconds.get(point.dist.name, 0.0) + spent
+        elapsed = time.perf_counter() - began
+        seconds[point.dist.name] = seconds.get(point.dist.name, 0.0) + elapsed
     return seconds
 
 
@@ -73,8 +73,8 @@ def _print_table(rows: list[Row], seconds: dict[str, float] | None) -> None:
         texts = [escape(text) for text in (row.kind or "?", row.name, row.origin, row.status, row.summary)]
         texts[3] = f"[{colour}]{texts[3]}[/{colour}]"
         if seconds is not None:
-            spent = seconds.get(row.distribution)
-            texts.insert(3, "" if spent is None else f"{1000.0 * spent:.0f} ms")
+            elapsed = seconds.get(row.distribution)
+            texts.insert(3, "" if elapsed is None else f"{1000.0 * elapsed:.0f} ms")
         table.add_row(*texts)
     for column in table.columns:
         column.overflow = "fold"  # names and pip commands must not be truncated

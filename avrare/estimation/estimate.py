@@ -240,9 +240,9 @@ class _Call:
 
             exit_unguarded_worker()  # before the checkpoint is opened, which the parent holds
         check = parse_cross_check(self.cross_check, name)
-        paid = subtract_check(Budget.parse(self.budget), check)
+        budget = subtract_check(Budget.parse(self.budget), check)
         suppress = (self.suppress,) if isinstance(self.suppress, str) else tuple(self.suppress)
-        settings = Settings(self.seed, self.confidence, paid, suppress=suppress)
+        settings = Settings(self.seed, self.confidence, budget, suppress=suppress)
         config = _config(name, self.options)
         built = _estimator(name, config)
 

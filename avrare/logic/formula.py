@@ -172,8 +172,10 @@ class Formula:
         """
         trace = read_trace(signals, self.signals)
         values = self._evaluate_parts(trace, RobustnessAlgebra())
-        written = [node for node in nodes.walk(self.node) if isinstance(node, nodes.Node)]
-        return {to_text(node): _finish(flush(np.moveaxis(values[node], 0, 1)), trace) for node in written}
+        source_nodes = [node for node in nodes.walk(self.node) if isinstance(node, nodes.Node)]
+        return {
+            to_text(node): _finish(flush(np.moveaxis(values[node], 0, 1)), trace) for node in source_nodes
+        }
 
     def explain(self, signals: Signals, members: Mapping[str, Sequence[str]] | None = None) -> Explanation:
         """Explain the formula's value at sample 0 of one trace.

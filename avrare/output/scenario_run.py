@@ -62,21 +62,21 @@ def run(
         exit_unguarded_worker()  # before the run folder is asked for, which the parent holds
     with safe_mode(safe):
         definition = load(path, overrides, estimator)
-    scenario, paid = LoadedScenario(definition), Budget.parse(budget)
+    scenario, limit = LoadedScenario(definition), Budget.parse(budget)
     if resume and out is None:
         raise UsageError(
             "resume needs the folder of the interrupted run", "avrare.run(path, out=FOLDER, resume=True)"
         )
     _ = scenario.stack  # what cannot be built leaves no folder
-    check_scenarios([(scenario, paid)])
+    check_scenarios([(scenario, limit)])
     home = run_folder.make_new_folder([definition.name]) if out is None else Path(out)
     folder = run_folder.make_folder(home, definition.name, several=False)
-    with run_folder.begin_checkpoint(home, [definition], paid, resume) as checkpoint:
+    with run_folder.begin_checkpoint(home, [definition], limit, resume) as checkpoint:
         journal = cache(lambda name: checkpoint.journal(f"{definition.name}/{name}"))
         watch = watch_with(progress, definition.estimator.plugin, definition.confidence)
         execution = Execution(partial(build_executor, workers), watch, journal)
-        results = estimate_scenario(scenario, definition.estimated, paid, execution)
-        finished = Run.of_scenario(definition, [_finish(scenario, result) for result in results], paid)
+        results = estimate_scenario(scenario, definition.estimated, limit, execution)
+        finished = Run.of_scenario(definition, [_finish(scenario, result) for result in results], limit)
         finished = finished.write(folder)
         checkpoint.remove()
     return replace(finished, replies=tuple(call_back(finished)))

@@ -81,9 +81,11 @@ class Provenance:
     def collect(scenario: Scenario, budget: Budget | None = None) -> Provenance:
         """Return the origin of the results that this process makes of a scenario."""
         commit, changed = describe_checkout(Path(scenario.path).resolve().parent)
-        paid = None if budget is None else f"{budget.kind}={budget.amount:.15g}"
+        budget_text = None if budget is None else f"{budget.kind}={budget.amount:.15g}"
         date = datetime.now(UTC).replace(microsecond=0)
-        return Provenance(tuple(sys.argv), paid, platform.python_version(), commit or "", changed, date)
+        return Provenance(
+            tuple(sys.argv), budget_text, platform.python_version(), commit or "", changed, date
+        )
 
     @staticmethod
     def read(file: Path) -> tuple[Provenance, tuple[str, ...]]:

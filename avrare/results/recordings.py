@@ -218,13 +218,13 @@ def parse_road(centres: str, width: float, ramp: str | None = None, broad: str |
         raise UsageError(f"--lanes should go from right to left, not {centres!r}", hint)
     if not (math.isfinite(width) and width > 0.0):
         raise UsageError(f"--lane-width should be above zero, not {width:g}")
-    named = []
+    lane_sets = []
     for option, value in (("--access-ramp", ramp), ("--broad-marking", broad)):
         words = [] if value is None else [word.strip() for word in value.split(",")]
         if not all(word.isdecimal() and int(word) < len(lanes) for word in words):
             raise UsageError(f"{option} should name lanes 0 to {len(lanes) - 1}, not {value!r}")
-        named.append(tuple(map(int, words)))
-    return Road(lanes, width, named[0], broad_markings=named[1])
+        lane_sets.append(tuple(map(int, words)))
+    return Road(lanes, width, lane_sets[0], broad_markings=lane_sets[1])
 
 
 @dataclass(frozen=True)

@@ -347,12 +347,12 @@ def _read_artifacts(
 ) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
     """Return the files that estimators have left, and a line on each that has changed or is missing."""
     artifacts, missing = {}, []
-    for name, written in files.items():
+    for name, stored_digest in files.items():
         if name == SCENARIO or Path(name).name != name:
             continue
         try:
             artifacts[name] = read_json(path / name, RUN_AGAIN)
-            changed = digest((path / name).read_text()) != written
+            changed = digest((path / name).read_text()) != stored_digest
         except UsageError:
             changed = True
         if changed:

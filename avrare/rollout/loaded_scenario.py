@@ -161,9 +161,9 @@ class ScenarioProblem(Problem):
     @property
     def twin(self) -> Twin | None:
         """Cheap stand-in that the scenario names, or that was given in Python."""
-        named = self.scenario.twin
-        if self._twin is None and named is not None:
-            self._twin = Twin(named.problem(self.names), self.scenario.definition.cheap_cost)
+        twin = self.scenario.twin
+        if self._twin is None and twin is not None:
+            self._twin = Twin(twin.problem(self.names), self.scenario.definition.cheap_cost)
         return self._twin
 
     def subset(self, names: Sequence[str]) -> Problem:

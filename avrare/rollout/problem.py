@@ -93,12 +93,14 @@ class Problem:
         self.score = score.at(self.dt) if isinstance(score, Formula) and self.dt is not None else score
         self.named_chunk = None if chunk is None else int(chunk)
         self.rollout_timeout = rollout_timeout
-        named = specification if isinstance(specification, Mapping) else {"specification": specification}
-        if not named:
+        specifications = (
+            specification if isinstance(specification, Mapping) else {"specification": specification}
+        )
+        if not specifications:
             raise UsageError("a problem needs at least one specification")
-        self.names = tuple(named)
+        self.names = tuple(specifications)
         self.monitors: tuple[Specification, ...] = tuple(
-            _as_monitor(spec, self.dt) for spec in named.values()
+            _as_monitor(spec, self.dt) for spec in specifications.values()
         )
         self._scored: tuple[Specification, ...] | None = None
         self._sizes: tuple[Sizes | None, ...] | None = None

@@ -33,13 +33,13 @@ class Exposure(BaseModel):
 
     @model_validator(mode="after")
     def _check_unit(self) -> Self:
-        given = [
+        rates = [
             name for name in ("count", "counts", "per_hour", "per_km") if getattr(self, name) is not None
         ]
-        if len(given) != 1:
+        if len(rates) != 1:
             raise ValueError("give one of count, counts, per_hour and per_km")
         over = [name for name in ("hours", "km") if getattr(self, name) is not None]
-        if len(over) != (given[0] in ("count", "counts")):
+        if len(over) != (rates[0] in ("count", "counts")):
             raise ValueError("a count needs either hours or km, and nothing else takes them")
         if self.interval is not None:
             value, (low, high) = self.per_hour or self.per_km, self.interval

@@ -338,15 +338,15 @@ def check_timing(
         return [], []
 
     def place(name: str, text: str, hint: str | None = None) -> Mistake:
-        written = node.child(name)
-        return Mistake(node.name_mark if written is None else written.mark, ("timing", name), text, hint)
+        options = node.child(name)
+        return Mistake(node.name_mark if options is None else options.mark, ("timing", name), text, hint)
 
     errors = [place(name, error.message, error.hint) for name, error in timing.find_faults(dt).items()]
-    duration, written = (steps or 0) * dt, timing.model_dump(exclude_none=True)
-    late = [name for name in _CONSEQUENCES if written.get(name, 0.0) >= duration > 0.0]
+    duration, options = (steps or 0) * dt, timing.model_dump(exclude_none=True)
+    late = [name for name in _CONSEQUENCES if options.get(name, 0.0) >= duration > 0.0]
     warnings = [
         place(
-            name, f"{written[name]:g} s is not shorter than the drive, {duration:g} s: {_CONSEQUENCES[name]}"
+            name, f"{options[name]:g} s is not shorter than the drive, {duration:g} s: {_CONSEQUENCES[name]}"
         )
         for name in late
     ]

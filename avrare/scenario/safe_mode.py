@@ -114,11 +114,11 @@ def find_linked_files(node: Node, path: Path, config: Options | None, folder: st
 
 
 def _file_refusal(text: str, folder: str) -> str | None:
-    named = os.path.isabs(text) or text[:1] in ("~", "\\") or ".." in re.split(r"[/\\]", text)
+    looks_like_path = os.path.isabs(text) or text[:1] in ("~", "\\") or ".." in re.split(r"[/\\]", text)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", text):
         return f"{text!r} is not a file of the scenario's folder"
     exists = os.path.exists(text) if "/" in text else os.path.isfile(text)
-    if (named or exists) and (text[:1] == "~" or is_outside(text, folder)):
+    if (looks_like_path or exists) and (text[:1] == "~" or is_outside(text, folder)):
         return f"{text!r} is a file outside the scenario's folder"
     return None
 

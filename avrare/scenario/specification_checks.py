@@ -69,8 +69,8 @@ def _check_block(
     warnings: list[Mistake] = []
     try:
         for finding in block.component.find_faults(block.config, dt):
-            written = node.child(finding.option) if finding.option is not None else None
-            mark = node.name_mark if written is None else written.mark
+            option_node = node.child(finding.option) if finding.option is not None else None
+            mark = node.name_mark if option_node is None else option_node.mark
             place = path if finding.option is None else (*path, finding.option)
             mistake = Mistake(mark, place, finding.message, finding.hint)
             (errors if finding.is_error else warnings).append(mistake)

@@ -204,8 +204,8 @@ class FunctionController(Controller):
             UsageError: The function returns a value of another shape.
         """
         if isinstance(ego, np.ndarray) or self.scene is None:
-            seen = ego.observation if isinstance(ego, ObservingEgo) else ego
-            return (self._answer(seen) if self.batched else self._rows(seen, len(seen))), None
+            view = ego.observation if isinstance(ego, ObservingEgo) else ego
+            return (self._answer(view) if self.batched else self._rows(view, len(view))), None
         observation = DrivingObservation(ego, _neighbours(prediction, self.scene), self.scene)
         n = len(ego.x)
         answer = self._answer(observation) if self.batched else self._rows(observation, n)

@@ -93,9 +93,9 @@ class NotDeterministic(UsageError):
 
 def read_observation(world: World, signals: Mapping[str, Any]) -> object:
     """Return the observation (d,) of ``world``, whose signals are given."""
-    seen = world.observation()
-    if seen is not None:
-        return seen
+    observation = world.observation()
+    if observation is not None:
+        return observation
     return [number for value in signals.values() for number in np.ravel(value).tolist()]
 
 
@@ -120,7 +120,7 @@ class ByName:
             if any(len(signals) != len(names) for signals, _ in rows):
                 raise KeyError(*names)
             columns = {name: np.array([row[0][name] for row in rows], dtype=np.float64) for name in names}
-            return columns, np.array([seen for _, seen in rows], dtype=np.float64)
+            return columns, np.array([observation for _, observation in rows], dtype=np.float64)
         except (KeyError, ValueError, TypeError) as error:
             hint = "signals and observation have the same names and shapes in every world, at every step"
             raise UsageError(f"the worlds do not give the same signals: {error!r}", hint) from error

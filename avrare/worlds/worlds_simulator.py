@@ -128,9 +128,9 @@ class Worlds(Simulator):
         inputs = list(zip(_rows(action, len(at)), _freeze(noise), strict=True))
         replayed, recalled = world.replayed.copy(), False
         with self._watchdog:
-            for i, (history, t, given) in enumerate(zip(histories, at, inputs, strict=True)):
+            for i, (history, t, step_input) in enumerate(zip(histories, at, inputs, strict=True)):
                 if history.world is None or len(history.actions) != t:
-                    if history.ended_with(t, *given):
+                    if history.ended_with(t, *step_input):
                         if history.fault is not None:
                             raise history.fault
                         continue
@@ -140,9 +140,9 @@ class Worlds(Simulator):
                     replayed[i] += t if len(history.actions) > t and self._pool.copying == "replay" else 0
                     signals = batch.take(world.signals, slice(i, i + 1))
                     histories[i] = history = self._branches.branch(history, t, signals)
-                self._advance(history, *given)
+                self._advance(history, *step_input)
                 if self._branches.untested and t in history.copies:
-                    self._branches.test_copy(history, t, given)
+                    self._branches.test_copy(history, t, step_input)
         return self._state(world.step + 1, histories, replayed)
 
     def signals(self, world: WorldState) -> Signals:
@@ -158,8 +158,8 @@ class Worlds(Simulator):
     ) -> None:
         settled = [
             history
-            for history, t, given in zip(histories, at, inputs, strict=True)
-            if (history.world is not None and len(history.actions) == t) or history.ended_with(t, *given)
+            for history, t, step_input in zip(histories, at, inputs, strict=True)
+            if (history.world is not None and len(history.actions) == t) or history.ended_with(t, *step_input)
         ]
         self._pool.recall(len(histories) - len(settled), set(settled))
 

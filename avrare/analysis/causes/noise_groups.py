@@ -71,8 +71,8 @@ def _components(problem: Problem, names: Sequence[str]) -> list[tuple[str, str, 
     drawn, world = count_draws(problem), loop.world_noise
     rows = []
     for part, members in (("simulator", names[drawn:world]), ("perception", names[world:])):
-        named = len(members) == 1 and members[0] != f"{part} noise 0"
-        rows += [(members[0] if named else part, "component", members)] * bool(members)
+        has_name = len(members) == 1 and members[0] != f"{part} noise 0"
+        rows += [(members[0] if has_name else part, "component", members)] * bool(members)
     return rows
 
 

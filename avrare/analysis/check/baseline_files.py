@@ -60,9 +60,9 @@ class _StoredBaseline(BaseModel):
     @field_validator("resolved")
     @classmethod
     def _has_specifications(cls, resolved: dict[str, object]) -> dict[str, object]:
-        named = resolved.get("specifications")
-        if not isinstance(named, dict) or not all(
-            isinstance(specification, dict) for specification in named.values()
+        specifications = resolved.get("specifications")
+        if not isinstance(specifications, dict) or not all(
+            isinstance(specification, dict) for specification in specifications.values()
         ):
             raise ValueError("it holds no specifications")
         return resolved

@@ -193,8 +193,8 @@ def load_targets(
             refuse_outside(folder, Path(scenario.path).parent, "the baseline folder")
         if baseline is not None and len(scenarios) > 1:
             folder /= scenario.name
-        asked = baseline is not None or save or scenario.regression is not None
-        compared = asked or require or not scenario.thresholds or folder.is_dir()
+        requested = baseline is not None or save or scenario.regression is not None
+        compared = requested or require or not scenario.thresholds or folder.is_dir()
         targets.append(load_target(scenario, folder, compared, accept))
         if require and targets[-1].baseline is None:
             text = f"{folder}: there is no baseline of {scenario.name!r}"

@@ -75,12 +75,12 @@ def compare(
         UsageError: An argument does not fit, or the budget does not pay for one run of an estimator.
         AvrareError: No estimator can take the problem.
     """
-    paid, true_value = parse_cost(budget), None if truth is None else parse_truth(str(truth))
+    parsed_budget, true_value = parse_cost(budget), None if truth is None else parse_truth(str(truth))
     of_scenario, of_estimators = split_settings(as_settings(overrides))
     case = open_case(subject, specification, of_scenario, true_value, safe)
     names = estimators if isinstance(estimators, str) else ",".join(estimators)
     arms = parse_arms(names, of_estimators, case.estimator, default_registry())
-    design = StudyDesign(paid, repeat, case.seed if seed is None else seed, workers)
+    design = StudyDesign(parsed_budget, repeat, case.seed if seed is None else seed, workers)
 
     def begin(label: str, problem: Problem) -> Progress:
         return watch(f"{case.name}  {label}", problem) if watch is not None else lambda info: None

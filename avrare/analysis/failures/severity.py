@@ -161,8 +161,8 @@ def _find_vehicle(result: MonitoringResult, distance: Floats) -> int:
     names, decisive = result.recording.names, result.first or result.worst
     if decisive is None:
         return int(np.argmin(distance.min(axis=0)))
-    named = [name for name in decisive.vehicles.values() if name in names]
-    return names.index(named[0]) if named else int(np.argmin(distance[decisive.sample]))
+    vehicle_names = [name for name in decisive.vehicles.values() if name in names]
+    return names.index(vehicle_names[0]) if vehicle_names else int(np.argmin(distance[decisive.sample]))
 
 
 def _select(vehicles: Vehicles, index: int | slice | list[int]) -> Vehicles:

@@ -239,13 +239,13 @@ def _describe_changes(failure: Failure, values: Floats, first: int) -> str:
         return ", by less than a part in 4000"
     step = int(visible[0])
     columns = np.flatnonzero(changed[step])
-    named = [
+    texts = [
         f"{failure.columns[k]} {_format_change(float(then[step, k]), float(now[step, k]))}"
         for k in columns[:_MAX_NAMED]
     ]
     rest = f" and {len(columns) - _MAX_NAMED} more" if len(columns) > _MAX_NAMED else ""
     onset = f", visibly from step {step} on" if step > first else ""
-    return f"{onset}: {', '.join(named)}{rest}"
+    return f"{onset}: {', '.join(texts)}{rest}"
 
 
 def _format_change(then: float, now: float) -> str:

@@ -194,11 +194,11 @@ def _block(scene: Node) -> Node | None:
 def _check_block(scene: Node, block: Node | None, index: int, path: str) -> list[Mistake]:
     if block is None:
         return []
-    place, written = ("scenes", index, "estimator"), scene.entries["estimator"].value
+    place, entry = ("scenes", index, "estimator"), scene.entries["estimator"].value
     mistakes = check_estimator(block, place, os.path.dirname(path) or ".")
-    if not isinstance(written, str):
+    if not isinstance(entry, str):
         return mistakes
-    near = did_you_mean(written, [FROM_FILE])
+    near = did_you_mean(entry, [FROM_FILE])
     near_hint = near if near is not None and near.startswith("did you mean") else None
     return [replace(mistake, path=place, hint=near_hint or mistake.hint) for mistake in mistakes]
 

@@ -181,7 +181,7 @@ class _Runner:
     def run_own_estimators(self) -> list[dict[str, SceneEstimate]]:
         """Return the estimates of each scene by its own estimator; empty for scenes without one."""
         catalogue = self.catalogue
-        asked = {
+        estimators = {
             index: (
                 LoadedScenario(catalogue.scenario(index, "own", 0)),
                 catalogue.own_estimator_budget(index),
@@ -192,13 +192,13 @@ class _Runner:
         check_scenarios(
             [
                 (scenario, budget)
-                for scenario, budget in asked.values()
+                for scenario, budget in estimators.values()
                 if not (self.folder / "own" / scenario.name / "result.json").exists()
             ]
         )
         runs = {
             index: self._run_scene("own", scenario, budget, catalogue.own_rules[index])
-            for index, (scenario, budget) in asked.items()
+            for index, (scenario, budget) in estimators.items()
         }
         return [_read(runs.get(index), True) for index in range(len(catalogue.own_rules))]
 

@@ -255,16 +255,16 @@ def divide(
     costs = [float(count) for count in steps] if budget.kind == "steps" else [1.0] * len(steps)
     sharing = [index for index in range(len(steps)) if catalogue.list_shared_rules(index)]
     fixed = catalogue.own_estimators_cost(budget.kind, steps)
-    spent = catalogue.document.pilot * sum(costs[index] for index in sharing) + fixed
-    if spent >= budget.amount:
+    pilot_cost = catalogue.document.pilot * sum(costs[index] for index in sharing) + fixed
+    if pilot_cost >= budget.amount:
         cost = "the pilot alone costs" if not fixed else "the pilot and the scenes' own budgets cost"
-        text = f"{cost} {spent:,.0f} {budget.kind} of {budget.amount:,.0f}"
+        text = f"{cost} {pilot_cost:,.0f} {budget.kind} of {budget.amount:,.0f}"
         raise UsageError(text, "raise the budget, or lower pilot")
     document = catalogue.document
     rates = [from_scene(entry, document.confidence) for entry in document.scenes]
     expected = [rate.value or rate.high for rate in rates]  # a scene never met widens the interval as well
     exposures = _in_unit(catalogue, expected, "hour") or _in_unit(catalogue, expected, "km") or expected
-    seen = [[_counts(pilot[index].get(rule)) for rule in catalogue.rules] for index in sharing]
+    pilot_counts = [[_counts(pilot[index].get(rule)) for rule in catalogue.rules] for index in sharing]
     others = [
         math.fsum(
             e * _own_probability(scene.get(rule)) for e, scene in zip(exposures, separate, strict=False)
@@ -273,9 +273,9 @@ def divide(
     ]
     chosen = allocate(
         [exposures[index] for index in sharing],
-        seen,
+        pilot_counts,
         [costs[index] for index in sharing],
-        budget.amount - spent,
+        budget.amount - pilot_cost,
         others,
     )
     rollouts = dict(zip(sharing, chosen, strict=True))
@@ -325,10 +325,11 @@ def _rule_rate(
         if any(bound is not None for bound in bounds):
             blind[unit] = math.fsum(e.high * (bound or 0.0) for e, bound in zip(scaled, bounds, strict=True))
     names = [entry.name for entry in document.scenes]
-    asked = [threshold for threshold in document.thresholds if threshold.rule == rule]
+    thresholds = [threshold for threshold in document.thresholds if threshold.rule == rule]
     scenes = dict(zip(names, results, strict=True))
     decisions = tuple(
-        _decide(totals[threshold.unit], blind.get(threshold.unit), threshold, scenes) for threshold in asked
+        _decide(totals[threshold.unit], blind.get(threshold.unit), threshold, scenes)
+        for threshold in thresholds
     )
     return RuleRate(rule, totals, decisions, blind)
 

@@ -82,10 +82,10 @@ def add_cross_check(
     if built is None:
         return _add_nothing(result, check, name, "no estimator of another family can run this system")
     cost = result.simulated_steps / problem.steps if problem.steps else result.rollouts
-    paid = check.share * cost / result.shared_by
-    sized = built.scale(paid, result.probability or 1e-4)  # stands for an estimate of 0
+    rollouts = check.share * cost / result.shared_by
+    sized = built.scale(rollouts, result.probability or 1e-4)  # stands for an estimate of 0
     if sized is None:
-        reason = f"{format_percent(check.share)} of the cost pays for only {paid:.0f} complete rollouts"
+        reason = f"{format_percent(check.share)} of the cost pays for only {rollouts:.0f} complete rollouts"
         return _add_nothing(result, check, name, reason)
     seed = np.random.SeedSequence(settings.seed, spawn_key=(_SEED_KEY,)).generate_state(1, np.uint64)[0]
     settings = replace(settings, seed=int(seed), budget=None)

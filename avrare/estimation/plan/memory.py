@@ -65,19 +65,19 @@ def forecast(estimator: Estimator, plan: Plan, carry: int) -> Forecast:
         UsageError: The estimate needs more than its option ``memory``, or than this process may use.
     """
     demand: Demand = estimator.demand(plan, carry) or Demand(0, None, "")
-    held, limit = demand.bytes, demand.memory
+    size, limit = demand.bytes, demand.memory
     needed = f"the estimate of {', '.join(plan.names[:3])}{' ...' * (len(plan.names) > 3)} needs"
-    if limit is not None and held > limit * 2**20:
+    if limit is not None and size > limit * 2**20:
         raise UsageError(
-            f"{needed} {format_memory(held)} of memory, more than the option memory ({limit:g} MiB)",
-            f"raise it to {math.ceil(held / 2**20)}, or lower {demand.sizes}",
+            f"{needed} {format_memory(size)} of memory, more than the option memory ({limit:g} MiB)",
+            f"raise it to {math.ceil(size / 2**20)}, or lower {demand.sizes}",
         )
     # the old states of a chunk, the new ones, and two for the arrays of a step
     rows = 4 * carry + 8 * (plan.steps + 1)
     # the last term: to draw a block of noise
-    memory = Forecast(held, plan.chunk * rows + 2**17 * 8 * 16, used_memory())
+    memory = Forecast(size, plan.chunk * rows + 2**17 * 8 * 16, used_memory())
     if memory.total > (usable := usable_memory()):
-        smaller = f"lower {demand.sizes}" if held > memory.chunk else "lower chunk"
+        smaller = f"lower {demand.sizes}" if size > memory.chunk else "lower chunk"
         raise UsageError(
             f"{needed} about {format_memory(memory.total)} of memory, and this process may use "
             f"{format_memory(usable)}",

@@ -64,8 +64,8 @@ def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, a
 
     def evidence(failed: int, p: float) -> float:
         # log of the likelihood of the mixture over that of p
-        held = trials - failed
-        log_p = (failed * math.log(p) if failed else 0.0) + (held * math.log1p(-p) if held else 0.0)
+        passed = trials - failed
+        log_p = (failed * math.log(p) if failed else 0.0) + (passed * math.log1p(-p) if passed else 0.0)
         return of_mixture[failed] - log_p
 
     low, high, worst = 0.0, 1.0, failures + errors

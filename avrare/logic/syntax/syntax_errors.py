@@ -92,18 +92,18 @@ def _find_expected(error: UnexpectedToken) -> str:
     accepted = set(error.accepts or error.expected)
     if accepted >= {"NAME", "NUMBER", "LPAR"}:
         return "an operand is missing"
-    named = [name for kind, name in _NAMES.items() if kind in accepted]
+    choices = [name for kind, name in _NAMES.items() if kind in accepted]
     if "INFINITY" in accepted:
-        named = ["a bound"]
+        choices = ["a bound"]
     elif "AND" in accepted:
-        named = ["a closing parenthesis"] if "RPAR" in accepted else ["an operator"]
-    elif "UNIT" in accepted and not named:
-        named = ["a unit"]
+        choices = ["a closing parenthesis"] if "RPAR" in accepted else ["an operator"]
+    elif "UNIT" in accepted and not choices:
+        choices = ["a unit"]
     elif accepted == {"NAME"}:
-        named = ["a name"]
+        choices = ["a name"]
     elif accepted == {"NAME", "NUMBER"}:
-        named = ["a number"]
-    return f"{' or '.join(named) or 'an operator or the end'} is expected"
+        choices = ["a number"]
+    return f"{' or '.join(choices) or 'an operator or the end'} is expected"
 
 
 def _hint(before: str, rest: str, token: Token) -> str | None:

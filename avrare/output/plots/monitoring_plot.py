@@ -38,8 +38,8 @@ def _choose_samples(score: MonitoringResult) -> list[int]:
     if score.recording.scene is None:
         return []
     last = score.recording.samples - 1
-    named = [moment.sample for moment in (score.first, score.worst) if moment is not None]
-    return sorted(list(dict.fromkeys([*named, 0, last, last // 2, last // 4]))[:4])
+    samples = [moment.sample for moment in (score.first, score.worst) if moment is not None]
+    return sorted(list(dict.fromkeys([*samples, 0, last, last // 2, last // 4]))[:4])
 
 
 def _draw_robustness(ax: Axes, score: MonitoringResult, moments: list[int]) -> None:

@@ -161,9 +161,9 @@ class Danger:
 def _waiting(best: Floats, deficit: Floats, allowed: Floats, seen: Floats) -> Floats:
     # The danger of an eventuality, given that of its best witness so far (1: none).
     many = np.maximum(allowed, 1)
-    spent = np.where(seen > 0, (seen - 1 + deficit) / many, 0.0)
-    spent = np.where(seen >= allowed, 1.0, np.minimum(spent, _NEARLY))
-    return np.where(best < 1.0, best / many, spent)
+    used_share = np.where(seen > 0, (seen - 1 + deficit) / many, 0.0)
+    used_share = np.where(seen >= allowed, 1.0, np.minimum(used_share, _NEARLY))
+    return np.where(best < 1.0, best / many, used_share)
 
 
 @dataclass(frozen=True)
