@@ -20,10 +20,10 @@ EDITION = "recorded with another edition of the file, whose arms are 150 m long"
 ORIENTATION = "the player leaves the orientation of a route position out"
 REFUSED = "swarms and other simulators are refused"
 TRAILER = "trailers are left out: nobody pulls one"
-TILTED = "the road climbs or is banked; headings and ways are those of a flat one"
-LATERAL = "the player steers to a lateral distance by a law of its own, and waits two steps more for its end"
-STEP = "a step of the player's tests, 0.01 or 0.1 s, earlier or later"
-LANES = "the player leaves the route on the oncoming side of a junction, and lane offsets cost it no way"
+FLAT = "conditions ask for distances on a flat road, also where it is banked"
+SPLINE = "points of a spline are not those of the player, and who steers beside another one turns with it"
+HEADING = "the heading of a lane change is that at the end of a step, the player's that at its begin"
+ONCOMING = "the player leaves the route on the oncoming side of a junction"
 TIMES = "times of control points are left out"
 EXPLAINED = {
     ("test_ghost_restart", ""): CONTROLLER,
@@ -33,17 +33,10 @@ EXPLAINED = {
     ("test_AEB_C2C_2023_NCAP_AEB_C2C_CCFtap", ""): EDITION,
     ("test_AEB_VRU_2023_NCAP_AEB_VRU_CBFA", ""): ORIENTATION,
     ("test_AEB_VRU_2023_NCAP_AEB_VRU_CPTA", ""): EDITION,
-    ("test_star", ""): TILTED,
-    ("test_velodrome", ""): TILTED,
-    ("test_lat", ""): LATERAL,
-    ("test_heading_trig", ""): STEP,
-    ("test_repeats_and_relative_speed", ""): STEP,
-    ("test_relative_speed_trig", ""): STEP,
-    ("test_speed_profile", ""): STEP,
-    ("test_ltap_od", ""): STEP,
-    ("test_lane_change_simple", ""): STEP,
-    ("test_route_lane_change", ""): LANES,
-    ("test_action_dynamics", ""): LANES,
+    ("test_velodrome", "Car2"): FLAT,
+    ("test_lateral_distance_entity", "Target"): SPLINE,
+    ("test_heading_trig", ""): HEADING,
+    ("test_route_lane_change", ""): ONCOMING,
     ("test_trajectory", ""): TIMES,
     ("test_trailer_connect", "Trailer"): TRAILER,
 }
@@ -62,9 +55,9 @@ TENTHS = (
 """Tests that the player runs with steps of 0.1 s."""
 MOVED = {"test_AEB_VRU_2023_NCAP_AEB_VRU_CBFA": 100.0, "test_AEB_VRU_2023_NCAP_AEB_VRU_CBNA": 100.0}
 """How much further east the crossing is than in the edition that was recorded: arms of 250, not 150 m [m]."""
-LEAST = 1_000
+LEAST = 1_070
 """States of 1,150 in acted scenes that agree at least."""
-LEAST_SHARE = 0.9
+LEAST_SHARE = 0.96
 """The same as a share of those that no controller of the player's drives."""
 
 

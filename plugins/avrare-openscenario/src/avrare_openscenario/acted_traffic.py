@@ -133,6 +133,8 @@ class ActedTraffic:
             before = every.heading
             every, across = self.ways.renew(every, memory.drive.across, follows)
             turned = memory.drive.heading + every.heading - before
+            landed = [k for k in self.ways.landed if self.maps[k].lanes]
+            turned[:, landed] = np.where(np.cos(every.heading[:, landed]) < 0.0, np.pi, 0.0)
             memory = replace(memory, drive=replace(memory.drive, across=across, heading=turned))
         drive, points = self.motions.move(memory.table, memory.drive, step, every)
         if self.ways is not None:

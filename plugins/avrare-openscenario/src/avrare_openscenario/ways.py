@@ -31,6 +31,7 @@ class Ways:
     def __init__(self, file: ScenarioFile) -> None:
         self.network, self.maps, self.routes = file.network, list(file.maps), dict(file.story.routes)
         self.changed: set[int] = set()
+        self.off, self.landed = set[int](), set[int]()
 
     def assign(self, vehicle: int, roads: Sequence[RoadMap]) -> None:
         """Give a vehicle a route, which it takes as soon as it changes no lane."""
@@ -58,6 +59,9 @@ class Ways:
             course: Lane changes under way.
             follows: Whether each vehicle follows a trajectory, and so keeps its line.
         """
+        self.landed = {k for k in self.off if not follows[k]}  # a trajectory may end on another road
+        self.off = set(np.flatnonzero(follows).tolist())
+        self.changed |= self.landed
         for k, roads in enumerate(self.maps):
             station = float(points.x[0, k])
             if roads.legs and not follows[k] and self._leaves(k, roads, station, points):
@@ -138,9 +142,9 @@ class Ways:
         roads, station = self.maps[k], points.x[:, k]
         x, y = roads.line.to_plane(station, points.y[:, k])
         turned = points.heading[:, k] + roads.line.heading(station)
-        if roads.legs:
+        if roads.legs and k not in self.landed:
             roads = roads.find_leg(float(station[0])).roads
-        elif roads not in self.network.maps:
+        elif roads not in self.network.maps or k in self.landed:
             roads = self.network.find_nearest(float(x[0]), float(y[0]))
         s, d = roads.line.to_road(x, y)
         heading = turned - roads.line.heading(s)
