@@ -184,7 +184,9 @@ class Motions:
         self, action: story.SpeedChange, now: Floats, table: Floats, every: Vehicles
     ) -> tuple[Floats, Floats]:
         # The speed that is wanted, and the time that it takes.
-        target = resolve_speed(action.target, table, every.speed)
+        body = self.bodies[action.actor]
+        top = np.inf if body.speed_max is None else body.speed_max
+        target = np.clip(resolve_speed(action.target, table, every.speed), -top, top)
         transition, value = action.transition, table[:, action.transition.value]
         if transition.form != "step" and transition.dimension == "distance":
             with np.errstate(divide="ignore", invalid="ignore"):  # the way's time at the mean of both speeds
@@ -192,7 +194,7 @@ class Motions:
         else:
             span = transition_span(transition, target - now, value)
         if transition.form != "step":
-            fastest = np.where(target >= now, *self.bodies[action.actor].rates)
+            fastest = np.where(target >= now, *body.rates)
             limit = replace(transition, dimension="rate")
             span = np.maximum(span, transition_span(limit, target - now, fastest))
         return target, span
