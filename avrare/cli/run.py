@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
+import signal
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -81,13 +85,43 @@ def execute(args: argparse.Namespace) -> int:
             for folder in folders:
                 if (folder / RESULT).exists() and not args.resume:
                     say(f"{folder}: its results are replaced when this run is finished", error=True)
-            runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
+            with _explain_crash(
+                f"hint: {resume_hint(home)} --executor processes: what crashes is an error there"
+            ):
+                runs = _run_all(zip(built, folders, strict=True), args, budget, checkpoint)
             checkpoint.remove()
     except AvrareError:
         if out is None:
             rundir.remove_empty(home)
         raise
     return _finish(args, runs)
+
+
+@contextmanager
+def _explain_crash(hint: str) -> Iterator[None]:
+    """Have a child print a hint should this process end within the block, as by a crash of a simulator."""
+    if sys.platform != "linux":
+        yield
+        return
+    reader, writer = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # on forks beside threads: the child only reads and writes
+        child = os.fork()
+    if not child:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        os.closerange(3, reader)  # locks of the run's folder
+        os.closerange(max(reader, 2) + 1, os.sysconf("SC_OPEN_MAX"))
+        if not os.read(reader, 1):
+            os.write(2, f"the process of this run has ended, by a crash or from outside\n{hint}\n".encode())
+        os._exit(0)
+    os.close(reader)
+    try:
+        yield
+    finally:
+        os.write(writer, b".")
+        os.close(writer)
+        os.waitpid(child, 0)
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:

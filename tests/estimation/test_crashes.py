@@ -1,5 +1,6 @@
 """A segmentation fault in the probe before an estimate: one message, and the program goes on."""
 
+import re
 import subprocess
 import sys
 
@@ -29,6 +30,31 @@ if __name__ == "__main__":
         avrare.estimate(problem, "ams", workers=int(sys.argv[1]), particles=20, discard=4)
     finally:
         print("the program goes on")
+"""
+SIMULATOR = """
+import ctypes
+
+class Simulator:
+    noise_size, dt = 1, 0.1
+
+    def reset(self, noise):
+        return noise[:, 0].copy()
+
+    def step(self, world, action, noise):
+        if (noise[:, 0] > 3.2).any():
+            ctypes.string_at(0)
+        return world + 0.1 * noise[:, 0]
+
+    def signals(self, world):
+        return {"x": world}
+"""
+CRASHING = """
+name: crashing
+steps: 20
+simulator: {plugin: python, file: simulator.py, class: Simulator}
+specifications: {kept: {stl: "always (x < 3)"}}
+estimator: {plugin: mc, rollouts: 150}
+max_error_rate: 0.1
 """
 PILOT = """
 import ctypes
@@ -70,6 +96,20 @@ def test_a_chunk_that_crashes_this_process_says_where(tmp_path):
     done = _run_program(tmp_path, 1, 15)
     assert done.returncode == -11
     assert 'crash.py", line 10 in step' in done.stderr
+
+
+@pytest.mark.slow
+def test_after_a_crash_the_last_line_goes_on(tmp_path):
+    (tmp_path / "simulator.py").write_text(SIMULATOR)
+    (tmp_path / "crashing.yaml").write_text(CRASHING)
+    command = [sys.executable, "-m", "avrare", "run", "crashing.yaml", "--out", "out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == -11
+    *_, reason, hint = done.stderr.splitlines()
+    assert reason == "the process of this run has ended, by a crash or from outside"
+    words = re.fullmatch(r"hint: resume with avrare (.*): what crashes is an error there", hint)[1].split()
+    done = subprocess.run([*command[:3], *words], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert re.search(r"An error ended 1 of 150 rollouts.*SIGSEGV", done.stdout)
 
 
 def _run_program(folder, workers, sample):
