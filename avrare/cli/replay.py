@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avrare.analysis.causes.first_violation import find_first_violation
 from avrare.analysis.failures.failure import Failure, make_failure, record_failure
-from avrare.analysis.failures.lost import continue_without_noise
+from avrare.analysis.failures.noise_free_continuation import continue_without_noise
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.storage import decode
 from avrare.analysis.failures.stored_replays import FailureReplay, replay, replay_error

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from avrare.analysis.causes.first_violation import find_first_violation
 from avrare.analysis.causes.kinds import Kind, Kinds
-from avrare.analysis.failures.lost import continue_without_noise
+from avrare.analysis.failures.noise_free_continuation import continue_without_noise
 from avrare.analysis.failures.shrink import BUDGET, shrink
 from avrare.analysis.failures.tape_evaluator import ProgressCallback
 from avrare.protocols import Floats

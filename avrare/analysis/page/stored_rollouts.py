@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrare.analysis.failures.lost import Continuations, continue_without_noise
+from avrare.analysis.failures.noise_free_continuation import Continuations, continue_without_noise
 from avrare.analysis.monitor.monitoring import MonitoringResult, monitor_recording
 from avrare.base.errors import AvrareError, UsageError
 from avrare.estimation.result.result import Result

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.failures.lost import Continuations
+from avrare.analysis.failures.noise_free_continuation import Continuations
 from avrare.analysis.monitor.monitoring import monitor_recording
 from avrare.analysis.page import player
 from avrare.analysis.page.causes import draw_map, draw_moment

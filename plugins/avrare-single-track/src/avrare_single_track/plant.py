@@ -18,7 +18,7 @@ import numpy as np
 from avrare.driving import Action, Vehicles
 from avrare.protocols import Bools, Floats
 from avrare_single_track.config import EgoConfig
-from avrare_single_track.levels import GRAVITY, lateral_acceleration, steering_angle
+from avrare_single_track.drive_metrics import GRAVITY, lateral_acceleration, steering_angle
 
 _ROOT = 15.0**0.5
 _NODES = (0.5 - _ROOT / 10.0, 0.5, 0.5 + _ROOT / 10.0)

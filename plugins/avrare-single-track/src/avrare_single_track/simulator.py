@@ -19,8 +19,8 @@ from avrare.driving.values import to_plane, to_road
 from avrare.protocols import Bools, Floats, Signals, Simulator
 from avrare_single_track.config import RoadConfig, SingleTrackConfig, VehicleConfig
 from avrare_single_track.drawn_traffic import DrawnTraffic, Mixture
+from avrare_single_track.drive_metrics import lateral_acceleration, time_to_collision
 from avrare_single_track.impact import end_at_impact
-from avrare_single_track.levels import lateral_acceleration, time_to_collision
 from avrare_single_track.plant import advance
 from avrare_single_track.reactive_traffic import DriverMemory, ReactiveTraffic
 
@@ -227,7 +227,7 @@ class SingleTrack(Simulator):
         """Return ``ego_*`` and levels (N,), ``others_*`` and ``distance`` (N, V), its minimum ``gap`` (N,).
 
         The levels are ``longitudinal_acceleration``, ``lateral_acceleration``, ``combined_acceleration``,
-        ``jerk`` and ``time_to_collision`` (``avrare_single_track.levels``).
+        ``jerk`` and ``time_to_collision`` (``avrare_single_track.drive_metrics``).
         """
         fields = ("x", "y", "heading", "speed", "acceleration")
         named = {f"ego_{name}": getattr(world.ego, name) for name in fields}

@@ -5,7 +5,7 @@ import pytest
 
 from avrare.driving import Action
 from avrare_single_track.config import SingleTrackConfig
-from avrare_single_track.levels import GRAVITY, lateral_acceleration, steering_angle
+from avrare_single_track.drive_metrics import GRAVITY, lateral_acceleration, steering_angle
 from avrare_single_track.simulator import build
 from avrare_traffic_rules.config import TrafficRuleConfig
 from avrare_traffic_rules.rule import build as build_rule

@@ -1,4 +1,4 @@
-"""Levels of a drive: accelerations, jerk, time to collision."""
+"""Quantities of a drive: accelerations, jerk, friction demand, time to collision."""
 
 from __future__ import annotations
 

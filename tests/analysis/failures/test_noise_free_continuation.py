@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avrare
-from avrare.analysis.failures.lost import Continuations, continue_without_noise
+from avrare.analysis.failures.noise_free_continuation import Continuations, continue_without_noise
 from avrare.cli.main import main
 from pushed_point import pushed_point
 

@@ -1,4 +1,4 @@
-"""Moment at which a drive was lost: from then on it fails even if no more noise follows.
+"""Continuations of a failing drive without noise: the moment at which the drive was lost.
 
 A failing tape is run again with its noise ending at one step after another. The last of these rollouts that
 keeps the rule shows how long the stack alone could still have saved the drive.
