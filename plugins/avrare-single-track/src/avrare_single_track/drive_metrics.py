@@ -1,4 +1,4 @@
-"""Quantities of a drive: accelerations, jerk, friction demand, time to collision."""
+"""Quantities of a drive: lateral acceleration, steering angle, time to collision."""
 
 from __future__ import annotations
 
