@@ -331,20 +331,20 @@ def _assemble(line: ReferenceLine, begins: dict[str, float], lanes: list[LaneStr
     )
     own_frame = CurvedLine(line.pieces) if isinstance(line, CurvedLine) else line
 
-    def chosen(test: list[bool]) -> tuple[int, ...]:
-        return tuple(index for index, yes in enumerate(test) if yes)
+    def list_indices(marks: list[bool]) -> tuple[int, ...]:
+        return tuple(index for index, marked in enumerate(marks) if marked)
 
     road = Road(
         tuple(centres[lane.name] for lane in driven),
         float(np.median(widths)) if widths else 0.0,
-        chosen([kind == "ramp" for kind in kinds]),
+        list_indices([kind == "ramp" for kind in kinds]),
         0.0,
         line.length,
         own_frame if bent else None,
         tuple(lane.border if varies else replace(lane.border, stations=tip) for lane in driven if apart),
-        chosen([kind == "shoulder" for kind in kinds]),
-        chosen([(lane.name > 0) != left for lane in driven]),
-        chosen([lane.broad for lane in driven]),
+        list_indices([kind == "shoulder" for kind in kinds]),
+        list_indices([(lane.name > 0) != left for lane in driven]),
+        list_indices([lane.broad for lane in driven]),
     )
     closed = line.length > 1.0 and bool(np.hypot(*np.diff(line.frame(tip)[:2])) < _APART)
     indices = {lane.name: index for index, lane in enumerate(driven)}
