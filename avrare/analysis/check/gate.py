@@ -119,6 +119,9 @@ class CheckResult(Answer):
             "looks": self.looks,
             "rows": [finite(vars(decision)) for decision in self.decisions],  # infinities become null
             "notes": list(self.notes),
+            "baselines": {
+                target.name: str(target.baseline.path) for target in self.targets if target.baseline is not None
+            },
             "results": [
                 Run.of_scenario(target.definition, self.results[target.name]).to_dict()
                 for target in self.targets

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from statistics import NormalDist
 from typing import Any, Literal
 
-from avrare.analysis.rates.rate import RATES, REFERENCE
 from avrare.base.errors import UsageError
 from avrare.base.records import Answer, Records
 from avrare.base.special_functions import normal_factor
@@ -24,27 +22,22 @@ from avrare.estimation.combine.specifications import Execution, Watch, show_noth
 from avrare.estimation.combine.witnesses import LEAST_POWER, MISS
 from avrare.estimation.estimate import estimate_scenario
 from avrare.estimation.plan.budget import Budget
-from avrare.estimation.result.result import Result, Results, finite
+from avrare.estimation.result.intervals import divide_estimates
+from avrare.estimation.result.result import Results, finite
 from avrare.estimation.result.verdict import with_verdict
 from avrare.results.run import Run
 from avrare.rollout.executors.work import build_executor
 from avrare.rollout.loaded_scenario import LoadedScenario
 from avrare.scenario.load import load
-from avrare.scenario.schema import Scenario
-from avrare_evidence.pack import (
-    Pack,
-    find_pack_faults,
-    find_version_changes,
-    hash_file,
-    list_files,
-    read_pack,
-)
-from avrare_evidence.sources import read_rates
+from avrare_evidence.pack import Pack, name_scenario
+from avrare_evidence.sources import MANIFEST, Estimate, Source, list_claims, read_source
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
-_Estimate = tuple[float, float, float, float]
-"""Value, interval and its confidence."""
+_SEED_STRIDE = 1_000_003
+"""Distance of the seeds of a pack's runs."""
+_ZERO_SHARE = 0.135
+"""Half a failure, which stands for none on a logarithm, over the upper end of none at 95 %."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,8 +77,8 @@ class Confirmation(Answer):
 
     def lines(self) -> list[str]:
         """Return the outcome, and the tables of comparisons and variations."""
-        tables = [Records(rows) for rows in (self.comparisons, self.variations) if rows]
-        return [self.outcome, *(line for table in tables for line in repr(table).splitlines())]
+        tables = [repr(Records(rows)) for rows in (self.comparisons, self.variations) if rows]
+        return [self.outcome, *"\n".join(tables).splitlines()]
 
 
 def confirm(
@@ -112,98 +105,64 @@ def confirm(
     Raises:
         UsageError: A file of the pack has changed, a model or version differs, or the seed is the pack's.
     """
-    pack = read_pack(folder)
-    if faults := find_pack_faults(pack):
-        raise UsageError("\n".join(f"{pack.folder}: {fault}" for fault in faults), "ask for the pack again")
-    changes = find_version_changes(pack)
-    if changes and not accept_changes:
-        hint = "install the versions of the pack, or accept changes: the sheet names them"
-        raise UsageError("\n".join(f"{pack.folder}: {line}" for line in changes), hint)
-    runs = {entry.name: entry for entry in pack.manifest.runs}
-    stride = 1_000_003  # distance of the seeds of a pack's runs
-    seeds = {name: seed + number * stride for number, name in enumerate(runs)}
-    if any(entry.seed == seeds[name] for name, entry in runs.items()):
+    pack = Pack.read(folder)
+    changes = pack.find_version_changes()
+    _refuse(pack, pack.find_faults(), "ask for the pack again")
+    hint = "install the versions of the pack, or accept changes: the sheet names them"
+    _refuse(pack, [] if accept_changes else changes, hint)
+    homes = dict.fromkeys(name.partition("/")[0] for name in pack.manifest.runs)
+    sources = [read_source(pack.folder / "evidence" / home) for home in homes]
+    runs = {name: run for source in sources for name, run in source.runs.items()}
+    others = sorted(runs.keys() ^ pack.manifest.runs.keys())
+    _refuse(pack, [f"{MANIFEST}: does not fit the run {name}" for name in others], "ask for the pack again")
+    seeds = {name: seed + number * _SEED_STRIDE for number, name in enumerate(runs)}
+    if any(run.seed == seeds[name] for name, run in runs.items()):
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
-    execution = Execution(partial(build_executor, workers), watch)
-
-    settings = {"": [], ", ".join(vary): vary}
     scenarios = {
-        (text, name): load(pack.folder / entry.scenario, [f"seed={seeds[name]}", *words])
-        for text, words in settings.items()
-        for name, entry in runs.items()
+        (text, name): load(pack.folder / name_scenario(name), [f"seed={seeds[name]}", *words])
+        for text, words in {"": (), ", ".join(vary): vary}.items()
+        for name in runs
     }
+    hint = "install the versions of the pack, or call `avrare confirm ..` in its folder `repeat`"
     for (_, name), scenario in scenarios.items():
-        _check_files(pack, runs[name].files, scenario)
-    estimates = {}
+        _refuse(pack, pack.find_other_files(name, scenario), hint)
+    execution, fresh, variations = Execution(partial(build_executor, workers), watch), dict[str, Run](), []
     for (text, name), scenario in scenarios.items():
-        amount = Budget.parse(runs[name].budget if budget is None else budget)
+        amount = Budget.parse(runs[name].provenance.budget if budget is None else budget)
         results = estimate_scenario(LoadedScenario(scenario), scenario.estimated, amount, execution)
-        estimates[text, name] = Results(with_verdict(result, scenario.thresholds) for result in results)
-    stored = {name: Run.read(pack.folder / entry.folder) for name, entry in runs.items()}
-    before = _list_estimates(pack, stored)
-    after = _list_estimates(pack, {name: estimates["", name] for name in runs})
+        judged = Results(with_verdict(result, scenario.thresholds) for result in results)
+        if text:
+            variations += [{"scenario": name, "set": text, **finite(row)} for row in judged.table()]
+        else:
+            fresh[name] = replace(runs[name], results=judged)
+    again = [replace(source, runs={name: fresh[name] for name in source.runs}) for source in sources]
+    before, after = _list_estimates(sources), _list_estimates(again)
     comparisons = [
         {"scenario": name, "rule": rule, **_compare(estimate, after[name, rule], LEVEL / len(before))}
         for (name, rule), estimate in before.items()
     ]
-    variations = [
-        {"scenario": name, "set": text, **finite(row)}
-        for (text, name), results in estimates.items()
-        if text
-        for row in results.table()
-    ]
     return Confirmation(seed, comparisons, variations, changes)
 
 
-def _check_files(pack: Pack, copies: Mapping[str, str], scenario: Scenario) -> None:
-    """Raise a ``UsageError`` if an option names another file than that of the pack."""
-    paths = {option: path for files in list_files(scenario) for option, path in files.items()}
-    for option, copy in copies.items():
-        if option not in paths or hash_file(paths[option]) != pack.manifest.files[copy]:
-            text = f"{option}: the file {Path(copy).name} is missing here, or not that of the pack"
-            hint = "install the versions of the pack, or call `avrare confirm ..` in its folder `repeat`"
-            raise UsageError(text, hint)
+def _refuse(pack: Pack, faults: Sequence[str], hint: str) -> None:
+    if faults:
+        raise UsageError("\n".join(f"{pack.folder}: {fault}" for fault in faults), hint)
 
 
-def _list_estimates(
-    pack: Pack, results: Mapping[str, Mapping[str, Result]]
-) -> dict[tuple[str, str], _Estimate]:
-    """Return rates of catalogues and reference drivers, or probabilities, by name and rule."""
-    estimates: dict[tuple[str, str], _Estimate] = {}
-    for source in dict.fromkeys(name.partition("/")[0] for name in results):
-        runs = {name: run for name, run in results.items() if f"{name}/".startswith(f"{source}/")}
-        file = f"evidence/{source}/{RATES}"
-        if file not in pack.manifest.files:
-            estimates |= {
-                (name, rule): (result.probability, *result.interval, result.confidence)
-                for name, run in runs.items()
-                for rule, result in run.items()
-            }
-            continue
-        places = {f"{name.removeprefix(f'{source}/')}/": run for name, run in runs.items()}
-        rates = read_rates(pack.folder / file, places)
-        for driver, side in ((source, rates), (f"{source}/{REFERENCE}", rates.reference)):
-            for rate in side.rates if side is not None else ():
-                total = next(iter(rate.totals.values()))  # with its exposures taken as known
-                confidence = rates.catalogue.document.confidence
-                estimates[driver, rate.rule] = (total.value, *total.sampling, confidence)
-    return estimates
+def _list_estimates(sources: Sequence[Source]) -> dict[tuple[str, str], Estimate]:
+    claims = [claim for source in sources for claim in list_claims(source)]
+    return {(name, claim.measure.rule): each for claim in claims for name, each in claim.estimates.items()}
 
 
-def _compare(before: _Estimate, after: _Estimate, level: float) -> dict[str, object]:
-    # half a failure, which takes the place of none on a logarithm, over the upper limit of none at 95 %
-    zero_share = 0.135
-    (small, _, top, confidence), (large, bottom, *_) = sorted(
-        (value or high * zero_share, low, high, confidence)
-        for value, low, high, confidence in (before, after)
-    )
-    reach = math.hypot(math.log(top / small), math.log(large / bottom) if bottom > 0.0 else math.inf)
-    distances = [math.log(ratio) * normal_factor(confidence) / reach for ratio in (large / small, MISS)]
+def _compare(before: Estimate, after: Estimate, level: float) -> dict[str, object]:
+    small, large = sorted((value or high * _ZERO_SHARE, low, high) for value, low, high, _ in (before, after))
+    ratio, (least, _) = large[0] / small[0], divide_estimates(large, small)
+    sd = math.log(ratio / least) / normal_factor(before[3]) if least else math.inf
     return {
         "pack": before[0],
         "pack_interval": list(before[1:3]),
         "fresh": after[0],
         "fresh_interval": list(after[1:3]),
-        "p_value": 2.0 * NormalDist().cdf(-distances[0]),
-        "power": round(NormalDist().cdf(distances[1] - normal_factor(1.0 - level)), 3),
+        "p_value": 2.0 * NormalDist().cdf(-math.log(ratio) / sd),
+        "power": round(NormalDist().cdf(math.log(MISS) / sd - normal_factor(1.0 - level)), 3),
     }

@@ -9,8 +9,8 @@ from pathlib import Path
 from avrare.base.errors import ExitCode, UsageError
 from avrare.cli.options import DISPLAY, SAFE, Options, add_rows
 from avrare.cli.output import print_notes, say
-from avrare_evidence.gsn import STATES
-from avrare_evidence.pack import PAGE, find_pack_faults, find_version_changes, read_pack, write_pack
+from avrare_evidence.argument import STATES
+from avrare_evidence.pack import PAGE, Pack, write_pack
 
 _OPTIONS: Options = {
     "folders DIR": ("folder of avrare run, check or rate; with --check: a pack", {"nargs": "+"}),
@@ -45,8 +45,8 @@ def execute(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     if len(args.folders) != 1 or args.out is not None:
         raise UsageError("--check takes one pack, and no --out", "avrare evidence --check pack")
-    pack = read_pack(args.folders[0])
-    faults, changes = find_pack_faults(pack), find_version_changes(pack)
+    pack = Pack.read(args.folders[0])
+    faults, changes = pack.find_faults(), pack.find_version_changes()
     if args.json:
         print(json.dumps({"faults": faults, "version_changes": changes}))
     else:
