@@ -130,13 +130,13 @@ def confirm(
     for (text, name), scenario in scenarios.items():
         amount = Budget.parse(runs[name].provenance.budget if budget is None else budget)
         results = estimate_scenario(LoadedScenario(scenario), scenario.estimated, amount, execution)
-        judged = Results(with_verdict(result, scenario.thresholds) for result in results)
+        run = replace(runs[name], results=Results(with_verdict(r, scenario.thresholds) for r in results))
         if text:
-            variations += [{"scenario": name, "set": text, **finite(row)} for row in judged.table()]
+            variations += [{"scenario": name, "set": text, **finite(row)} for row in run.table()]
         else:
-            fresh[name] = replace(runs[name], results=judged)
-    again = [replace(source, runs={name: fresh[name] for name in source.runs}) for source in sources]
-    before, after = _list_estimates(sources), _list_estimates(again)
+            fresh[name] = run
+    repeats = [replace(source, runs={name: fresh[name] for name in source.runs}) for source in sources]
+    before, after = _list_estimates(sources), _list_estimates(repeats)
     comparisons = [
         {"scenario": name, "rule": rule, **_compare(estimate, after[name, rule], LEVEL / len(before))}
         for (name, rule), estimate in before.items()
@@ -151,7 +151,7 @@ def _refuse(pack: Pack, faults: Sequence[str], hint: str) -> None:
 
 def _list_estimates(sources: Sequence[Source]) -> dict[tuple[str, str], Estimate]:
     claims = [claim for source in sources for claim in list_claims(source)]
-    return {(name, claim.measure.rule): each for claim in claims for name, each in claim.estimates.items()}
+    return {(claim.name, claim.measure.rule): claim.estimate for claim in claims}
 
 
 def _compare(before: Estimate, after: Estimate, level: float) -> dict[str, object]:

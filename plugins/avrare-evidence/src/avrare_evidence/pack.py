@@ -37,7 +37,7 @@ from avrare_evidence.sources import CHECK, MANIFEST, Source, list_claims, read_s
 
 CASE, PAGE, SHEET, CONFIRMATION = "case.gsn.yaml", "case.md", "test_case.yaml", "confirmation.yaml"
 _HINT = "give the folder that `avrare evidence --out` has written, or write it again"
-_SAME_NUMBERS = ("--looks", "--save", "--accept-changes")
+_CHECK_OPTIONS = ("--looks", "--save", "--accept-changes")
 """Options of a check that its numbers depend on, and that stand in no scenario."""
 Sheet = dict[str, Any]
 """Content of a test-case sheet."""
@@ -137,8 +137,8 @@ def write_pack(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike
             copy_file(source.folder / source.file, folder, f"evidence/{source.name}/{source.file}")
             for name, run in source.runs.items():
                 copies[name] = _copy_run(source, name, folder)
-                claimed = [claim.measure for claim in list_claims(source) if name in claim.results]
-                sheet = fill_template(SHEET, name=name, run=run, files=copies[name], measures=claimed)
+                measures = [claim.measure for claim in list_claims(source) if name in claim.results]
+                sheet = fill_template(SHEET, name=name, run=run, files=copies[name], measures=measures)
                 sheets[f"test-cases/{name}.yaml"] = yaml.safe_load(sheet)
                 versions |= run.versions
         title, case = ", ".join(source.name for source in sources), build_case(sources, hash_files(folder))
@@ -213,15 +213,16 @@ def copy_file(path: Path, folder: Path, copy: str) -> str:
 
 def list_commands(source: Source) -> Iterator[str]:
     """Yield the commands that give the numbers of a source again, called in a copy of ``repeat``."""
-    checked = {source.name: [*source.runs]} if source.file == CHECK else {}
-    for out, names in (checked or {name: [name] for name in source.runs}).items():
+    command = "check" if source.file == CHECK else "run"
+    groups = {name: [name] for name in source.runs} if command == "run" else {source.name: [*source.runs]}
+    for out, names in groups.items():
         origin = source.runs[names[0]].provenance
         words = [name_scenario(name).removeprefix("repeat/") for name in names]
-        words += [word for word in origin.command if word in _SAME_NUMBERS]
+        words += [word for word in origin.command if word in _CHECK_OPTIONS]
         words += ["--budget", origin.budget] if origin.budget else []
         if any(row.kind == "regression" for row in source.summary.rows):
             words += ["--baseline", f"baseline/{source.name}"]
-        yield shlex.join(["avrare", "check" if checked else "run", *words, "--out", f"runs/{out}"])
+        yield shlex.join(["avrare", command, *words, "--out", f"runs/{out}"])
 
 
 def fill_template(template: str, **values: object) -> str:

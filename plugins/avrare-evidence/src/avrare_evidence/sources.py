@@ -128,17 +128,17 @@ def read_source(folder: Path) -> Source:
 
 
 def _refuse_changes(run: Run, baseline: Path | None) -> None:
-    reason = "; ".join(run.changes)
-    if not reason and run.definition is None:
-        reason = f"{run.folder}: its scenario cannot be loaded: {run.build_errors[0]}"
-    elif not reason and run.definition is not None and fingerprint(run.definition) != run.fingerprint:
+    reasons = [*run.changes]
+    if run.definition is None:
+        reasons.append(f"{run.folder}: its scenario cannot be loaded: {run.build_errors[0]}")
+    elif fingerprint(run.definition) != run.fingerprint and not reasons:
         text = "versions or files that its options name are missing, or have changed since the run"
-        reason = f"{run.folder}: {text}"
-    elif not reason and baseline is not None and not baseline.is_file():
-        reason = f"{baseline}: the baseline of {run.name} is missing"
-    if reason:
+        reasons.append(f"{run.folder}: {text}")
+    if baseline is not None and not baseline.is_file():
+        reasons.append(f"{baseline}: the baseline of {run.name} is missing")
+    if reasons:
         hint = "run it again; relative paths in its options are those of the folder from which it was called"
-        raise UsageError(reason, hint)
+        raise UsageError("; ".join(reasons), hint)
 
 
 @dataclass(frozen=True)
@@ -162,12 +162,16 @@ class Measure:
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim on one rule, with the results behind it by run, and estimates that another person can repeat."""
+    """Claim on one rule: its text and numbers, an estimate that can be repeated, and the results behind it.
+
+    The estimate has the name of the run, catalogue or driver that it is of; results have those of their runs.
+    """
 
     text: str
     measure: Measure
+    name: str
+    estimate: Estimate
     results: Mapping[str, Result]
-    estimates: Mapping[str, Estimate]
 
 
 def list_claims(source: Source) -> Iterator[Claim]:
@@ -182,7 +186,7 @@ def list_claims(source: Source) -> Iterator[Claim]:
             for measure in [*_measure_bounds(source, run, unbounded)] or [unbounded]:
                 text = f"{run.name}: the probability that a drive breaks {rule} is {measure.bound_in_words}"
                 level = "" if " at 0." in text else f", at {format_percent(result.confidence)}"
-                yield Claim(text + level, measure, {name: result}, {name: estimate})
+                yield Claim(text + level, measure, name, estimate, {name: result})
 
 
 def _measure_bounds(source: Source, run: Run, measure: Measure) -> Iterator[Measure]:
@@ -200,27 +204,27 @@ def _measure_bounds(source: Source, run: Run, measure: Measure) -> Iterator[Meas
 
 
 def _claim_rates(source: Source, rates: CatalogueRates) -> Iterator[Claim]:
-    confidence, runs = rates.catalogue.document.confidence, source.runs.items()
+    name, confidence = source.name, rates.catalogue.document.confidence
     for rate in rates.rates:
-        places = (f"{source.name}/own/", f"{source.name}/scenes/")
-        results = {name: run[rate.rule] for name, run in runs if name.startswith(places) and rate.rule in run}
-        estimates = {source.name: _estimate(rate, confidence)}
+        results = _list_results(source, rate.rule, f"{name}/own/", f"{name}/scenes/")
         for row in rate.decisions or (None,):
             unit = row.threshold.unit if row is not None else next(iter(rate.totals))
             bound, verdict = (row.threshold.text, row.verdict) if row is not None else (None, None)
             total, blind = rate.totals[unit], rate.blind.get(unit)
             measure = Measure(rate.rule, total.value, *total.interval, bound, verdict, f"per {unit}", blind)
-            subject = f"{source.name}: the rate of drives that break {rate.rule}"
-            text = f"{subject} is {measure.bound_in_words}, at {format_percent(confidence)}"
-            yield Claim(text, measure, results, estimates)
+            text = f"the rate of drives that break {rate.rule} is {measure.bound_in_words}"
+            text = f"{name}: {text}, at {format_percent(confidence)}"
+            yield Claim(text, measure, name, _estimate(rate, confidence), results)
     for balance, rate in zip(rates.balances, rates.reference.rates if rates.reference else (), strict=True):
         value, verdict = (None if math.isnan(balance.ratio) else balance.ratio), _BALANCES[balance.verdict]
-        ends, unit = balance.interval, "times as often"
-        measure = Measure(rate.rule, value, *ends, "less often", verdict, unit)
-        text = f"{source.name}: the stack breaks {rate.rule} less often than {rates.driver}"
-        results = {name: run[rate.rule] for name, run in runs if rate.rule in run}
-        estimates = {f"{source.name}/{REFERENCE}": _estimate(rate, confidence)}
-        yield Claim(text, measure, results, estimates)
+        ends, estimate = balance.interval, _estimate(rate, confidence)
+        measure = Measure(rate.rule, value, *ends, "less often", verdict, "times as often")
+        text = f"{name}: the stack breaks {rate.rule} less often than {rates.driver}"
+        yield Claim(text, measure, f"{name}/{REFERENCE}", estimate, _list_results(source, rate.rule, name))
+
+
+def _list_results(source: Source, rule: str, *places: str) -> dict[str, Result]:
+    return {name: run[rule] for name, run in source.runs.items() if name.startswith(places) and rule in run}
 
 
 def _estimate(rate: RuleRate, confidence: float) -> Estimate:
