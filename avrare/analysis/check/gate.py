@@ -120,7 +120,9 @@ class CheckResult(Answer):
             "rows": [finite(vars(decision)) for decision in self.decisions],  # infinities become null
             "notes": list(self.notes),
             "baselines": {
-                target.name: str(target.baseline.path) for target in self.targets if target.baseline is not None
+                target.name: str(target.baseline.path)
+                for target in self.targets
+                if target.baseline is not None
             },
             "results": [
                 Run.of_scenario(target.definition, self.results[target.name]).to_dict()
