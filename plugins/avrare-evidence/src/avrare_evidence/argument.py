@@ -80,7 +80,7 @@ def add_element(case: Case, kind: str, text: str, **fields: Any) -> str:
 def add_challenge(
     case: Case, target: str, text: str, url: str = "", decides: bool = False, answer: str = ""
 ) -> None:
-    """Add a reason to doubt an element, which it defeats if it ``decides``, and the answer to it, if any.
+    """Add a reason to doubt an element, with its answer; a reason that ``decides`` defeats the element.
 
     ``url`` is the file of the pack with the evidence, and the key in it behind ``#``.
     """

@@ -34,10 +34,6 @@ from avrare_evidence.sources import MANIFEST, Estimate, Source, list_claims, rea
 
 LEVEL = 0.05
 """Chance that a confirmation of the same system raises an alarm."""
-_SEED_STRIDE = 1_000_003
-"""Distance of the seeds of a pack's runs."""
-_ZERO_SHARE = 0.135
-"""Half a failure, which stands for none on a logarithm, over the upper end of none at 95 %."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,7 +111,8 @@ def confirm(
     runs = {name: run for source in sources for name, run in source.runs.items()}
     others = sorted(runs.keys() ^ pack.manifest.runs.keys())
     _refuse(pack, [f"{MANIFEST}: does not fit the run {name}" for name in others], "ask for the pack again")
-    seeds = {name: seed + number * _SEED_STRIDE for number, name in enumerate(runs)}
+    stride = 1_000_003  # distance of the seeds of a pack's runs
+    seeds = {name: seed + number * stride for number, name in enumerate(runs)}
     if any(run.seed == seeds[name] for name, run in runs.items()):
         raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
     scenarios = {
@@ -155,7 +152,9 @@ def _list_estimates(sources: Sequence[Source]) -> dict[tuple[str, str], Estimate
 
 
 def _compare(before: Estimate, after: Estimate, level: float) -> dict[str, object]:
-    small, large = sorted((value or high * _ZERO_SHARE, low, high) for value, low, high, _ in (before, after))
+    # half a failure, which takes the place of none on a logarithm, over the upper limit of none at 95 %
+    zero_share = 0.135
+    small, large = sorted((value or high * zero_share, low, high) for value, low, high, _ in (before, after))
     ratio, (least, _) = large[0] / small[0], divide_estimates(large, small)
     sd = math.log(ratio / least) / normal_factor(before[3]) if least else math.inf
     return {
