@@ -275,7 +275,7 @@ class Rollouts:
 
 def widen(features: Floats, width: int) -> Floats:
     """Return features (M, K, F) with ``width`` columns, the further ones NaN."""
-    missing = np.full((*features.shape[:2], width - features.shape[2]), np.nan)
+    missing = np.full((*features.shape[:2], width - features.shape[2]), np.nan, features.dtype)
     return np.concatenate([features, missing], axis=2)
 
 
