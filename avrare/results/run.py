@@ -219,7 +219,7 @@ class Run(ResultMapping):
         return worst_verdict(result.verdict for result in self.values())
 
     @property
-    def written(self) -> datetime:
+    def date(self) -> datetime:
         """Time of the result: as its provenance says, else when the file was last changed."""
         if self.provenance.date is not None or self.folder is None:
             return self.provenance.date or datetime.now(UTC)

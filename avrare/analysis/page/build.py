@@ -59,7 +59,7 @@ def build_report(run: Run) -> ReportModel:
 
 def _list_facts(run: Run) -> tuple[str, ...]:
     estimators = ", ".join(dict.fromkeys(result.estimator for result in run.values()))
-    facts = [f"estimator {estimators}", f"seed {run.seed}", f"{run.written:%d %B %Y, %H:%M} UTC"]
+    facts = [f"estimator {estimators}", f"seed {run.seed}", f"{run.date:%d %B %Y, %H:%M} UTC"]
     commit = run.provenance.commit
     return (*facts, f"commit {commit[:10]}") if commit else tuple(facts)
 

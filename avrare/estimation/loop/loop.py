@@ -193,7 +193,7 @@ class _Loop:
         return state
 
     def _show(self, info: Info, rows: int = 0, done: int = 0) -> None:
-        if self.plan.budget is not None and self._timed:
+        if self.plan.budget is not None and self._has_time_limit:
             amount = self.plan.budget.amount  # an estimator with a forecast may stop before
             forecast = CostForecast("seconds", 0.0 if info.forecast else amount, amount)
             info = replace(info, forecast=forecast)
@@ -208,7 +208,7 @@ class _Loop:
         for outcome in self._read_journal(journal, stage, request) if journal else ():
             index, done = index + 1, done + len(outcome.error)
             yield outcome
-        if journal and self._timed and journal.has(stage + 1):
+        if journal and self._has_time_limit and journal.has(stage + 1):
             return  # the time left did not pay for the rest of this stage, or so it seemed
         sent: deque[Request] = deque()
         for outcome in self.executor.map(self._pieces(request, done, sent, stage)):
@@ -219,7 +219,7 @@ class _Loop:
             index, done = index + 1, done + chunk.rows
             self._keep_errors(chunk, outcome)
             yield outcome
-        if done < request.rows and (self.stopped or not self._timed):
+        if done < request.rows and (self.stopped or not self._has_time_limit):
             raise Interrupted("interrupted")
 
     def _pieces(self, request: Request, at: int, sent: deque[Request], stage: int) -> Iterator[Request]:
@@ -227,7 +227,7 @@ class _Loop:
         most = self._choose_piece_rows(request.rows - at)
         while at < request.rows and not self._should_stop():
             size = min(most, request.rows - at)
-            if self._timed:
+            if self._has_time_limit:
                 size = self.pace.take(self.seconds, self._time_left, size, first=stage == 0 and at == 0)
             if not size:
                 return
@@ -277,7 +277,7 @@ class _Loop:
             raise UsageError(f"{name}.npz of the checkpoint is damaged: it is of another shape", hint)
 
     @property
-    def _timed(self) -> bool:
+    def _has_time_limit(self) -> bool:
         return self.plan.budget is not None and self.plan.budget.kind == "seconds"
 
     @property
@@ -286,4 +286,4 @@ class _Loop:
         return self.plan.budget.amount - self.seconds
 
     def _out_of_time(self, info: Info) -> bool:
-        return self._timed and bool(info.rollouts) and self._time_left <= 0.0
+        return self._has_time_limit and bool(info.rollouts) and self._time_left <= 0.0
