@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,36 +74,36 @@ class Explanation:
     earliest: Cause
 
 
-@dataclass(frozen=True)
-class _Binding:
-    """Member of a group that a quantified variable is bound to, by index, and by name if it has one."""
+class _Binding(NamedTuple):
+    """Member of a group that a quantified variable is bound to.
+
+    Attributes:
+        variable: Variable.
+        member: Index in the group.
+        name: Name of the member, or its index if the group's members have no names.
+        label: Member in the text of a formula.
+    """
 
     variable: str
-    group: str
-    index: int
-    name: str | None
-
-    @property
-    def label(self) -> str:
-        return f"{self.group}[{self.index}]" if self.name is None else self.name
+    member: int
+    name: str | int
+    label: str
 
 
-@dataclass(frozen=True)
-class _Place:
+class _Place(NamedTuple):
     """Sub-formula at a sample, below quantifiers whose variables are bound (outermost first)."""
 
     node: nodes.Node
     sample: int
     bindings: tuple[_Binding, ...] = ()
 
-    def pick(self, values: Array) -> float:
-        row = values[self.sample, 0]
+    def pick(self, values: Mapping[nodes.Node, Array]) -> float:
+        row = values[self.node][self.sample, 0]
         bound = zip(self.bindings, row.shape, strict=False)
-        return float(row[tuple(binding.index if size > 1 else 0 for binding, size in bound)])
+        return float(row[tuple(binding.member if size > 1 else 0 for binding, size in bound)])
 
 
-@dataclass(frozen=True)
-class _Operand:
+class _Operand(NamedTuple):
     """Operand at a sample.
 
     Attributes:
@@ -118,23 +117,22 @@ class _Operand:
     holds: bool
 
 
-@dataclass(frozen=True)
-class _Operands:
-    """Operands of a value: the minimum or maximum of their shares, or the ``count``-th largest."""
+class _Operands(NamedTuple):
+    """Operands of a value: the minimum or maximum of their shares, or the largest but ``rank`` - 1."""
 
     parts: Sequence[_Operand]
     join: np.ufunc = np.minimum
-    count: int | None = None
+    rank: int | None = None
 
     def find_decisive(self) -> _Operand:
-        if self.count is not None:
-            return sorted(self.parts, key=lambda part: -part.share)[self.count - 1]
+        if self.rank is not None:
+            return sorted(self.parts, key=lambda part: -part.share)[self.rank - 1]
         choose = min if self.join is np.minimum else max
         return choose(self.parts, key=lambda part: part.share)
 
     def find_sufficient(self) -> list[_Operand]:
         # Each of these alone makes a minimum false, or a maximum true.
-        if self.count is not None:
+        if self.rank is not None:
             return []
         return [part for part in self.parts if part.holds != (self.join is np.minimum)]
 
@@ -155,21 +153,60 @@ class FormulaValues:
     members: Mapping[str, Sequence[str]]
     closed: bool
 
-    def find_operands(self, place: _Place) -> _Operands:
-        """Return the operands of the value at a place; none for comparisons and empty windows."""
+    def explain(self, node: nodes.Node) -> Explanation:
+        """Explain the formula."""
+        root = _Place(node, 0)
+        worst, earliest = self._descend(root, early=False), self._descend(root, early=True)
+        last = worst.chain[-1]
+        return Explanation(
+            robustness=worst.chain[0].value,
+            violated=root.pick(self.truths) < 0,
+            first=earliest.sample,
+            worst=worst.sample,
+            bindings=worst.bindings,
+            formula=last.text,
+            value=last.value,
+            chain=worst.chain,
+            earliest=earliest,
+        )
+
+    def _descend(self, place: _Place, early: bool) -> Cause:
+        # 1. The link of this level.
+        value, node = place.pick(self.margins), place.node
+        text = to_text(node, {binding.variable: binding.label for binding in place.bindings})
+        link = Link(text, place.sample, 0.0 if abs(value) <= TINY else value)
+        operands = self._find_operands(place)
+        if not operands.parts:
+            return Cause(place.sample, {x.variable: x.name for x in place.bindings}, (link,))
+        # 2. The operands to descend to: sufficient ones (of a temporal operator the earliest), or the
+        #    decisive one.
+        temporal = isinstance(node, nodes.Window | nodes.Until | nodes.Step) and node.op != "unless"
+        chosen = operands.find_sufficient() if early else []
+        if chosen and temporal:
+            chosen = [min(chosen, key=lambda part: part.place.sample)]
+        # 3. The earliest of their causes.
+        causes = []
+        for part in chosen or [operands.find_decisive()]:
+            cause = self._descend(part.place, early)
+            causes.append(replace(cause, sample=part.place.sample) if temporal else cause)
+        first = min(causes, key=lambda cause: cause.sample)
+        return replace(first, chain=(link, *first.chain))
+
+    def _find_operands(self, place: _Place) -> _Operands:
+        # Comparisons and empty windows have none.
         node, i = place.node, place.sample
         match node:
             case nodes.Not(child):
                 return _Operands([self._operand(place, child, i, -1)])
             case nodes.Connective("iff" | "xor", left, right):
                 parts = [self._operand(place, child, i) for child in (left, right)]
-                return _Operands([dataclasses.replace(part, share=abs(part.share)) for part in parts])
+                return _Operands([part._replace(share=abs(part.share)) for part in parts])
             case nodes.Connective(op, left, right):
                 sign = -1 if op == "implies" else 1
                 parts = [self._operand(place, left, i, sign), self._operand(place, right, i)]
                 return _Operands(parts, np.minimum if op == "and" else np.maximum)
             case nodes.Quantifier():
-                return self._members(place, node)
+                return self._find_members(place, node)
             case nodes.Window(op, lo, hi, child):
                 span = self._span(i, lo, hi, op in nodes.PAST)
                 return _Operands([self._operand(place, child, k) for k in span], get_join(op))
@@ -178,14 +215,16 @@ class FormulaValues:
                 before = [self._operand(place, child, i - 1, -sign)] if i else []
                 return _Operands([*before, self._operand(place, child, i, sign)])
             case nodes.Step() | nodes.Until(op="unless"):
-                return self.find_operands(dataclasses.replace(place, node=nodes.expand(node)))
+                return self._find_operands(place._replace(node=nodes.expand(node)))
             case nodes.Until():
-                return _Operands(self._until(place, node))
+                return _Operands(self._find_witness(place, node))
         return _Operands([])
 
-    def _operand(self, place: _Place, node: nodes.Node, sample: int, sign: int = 1) -> _Operand:
-        at = dataclasses.replace(place, node=node, sample=sample)
-        return _Operand(at, sign * at.pick(self.margins[node]), sign * at.pick(self.truths[node]) > 0)
+    def _operand(
+        self, place: _Place, node: nodes.Node, sample: int, sign: int = 1, *binding: _Binding
+    ) -> _Operand:
+        at = _Place(node, sample, (*place.bindings, *binding))
+        return _Operand(at, sign * at.pick(self.margins), sign * at.pick(self.truths) > 0)
 
     def _span(self, i: int, lo: int, hi: float, past: bool) -> range:
         if past:
@@ -193,7 +232,7 @@ class FormulaValues:
         steps = len(next(iter(self.margins.values())))
         return range(i + lo, int(min(i + hi, steps - 1)) + 1)
 
-    def _until(self, place: _Place, node: nodes.Until) -> list[_Operand]:
+    def _find_witness(self, place: _Place, node: nodes.Until) -> list[_Operand]:
         i, best = place.sample, -np.inf
         held: list[_Operand] = []
         needed: list[_Operand] = []
@@ -206,74 +245,17 @@ class FormulaValues:
                 best, needed = value, now
         return needed
 
-    def _members(self, place: _Place, node: nodes.Quantifier) -> _Operands:
+    def _find_members(self, place: _Place, node: nodes.Quantifier) -> _Operands:
         names = self.members.get(node.group)
         parts = []
         for v in range(self.margins[node.child].shape[2 + node.depth]):
-            binding = _Binding(node.variable, node.group, v, str(names[v]) if names else None)
-            bound = dataclasses.replace(place, bindings=(*place.bindings, binding))
-            parts.append(self._operand(bound, node.child, place.sample))
+            binding = _Binding(node.variable, v, v, f"{node.group}[{v}]")
+            if names:
+                binding = binding._replace(name=str(names[v]), label=str(names[v]))
+            parts.append(self._operand(place, node.child, place.sample, 1, binding))
         if node.op == "at_least":
-            return _Operands(parts if len(parts) >= node.count else [], count=node.count)
+            return _Operands(parts if len(parts) >= node.count else [], rank=node.count)
         return _Operands(parts, np.minimum if node.op == "forall" else np.maximum)
-
-
-def explain(node: nodes.Node, values: FormulaValues) -> Explanation:
-    """Explain a formula from the values of its sub-formulas."""
-    root = _Place(node, 0)
-    worst, earliest = _descend(root, values, early=False), _descend(root, values, early=True)
-    last = worst.chain[-1]
-    return Explanation(
-        robustness=worst.chain[0].value,
-        violated=root.pick(values.truths[node]) < 0,
-        first=earliest.sample,
-        worst=worst.sample,
-        bindings=worst.bindings,
-        formula=last.text,
-        value=last.value,
-        chain=worst.chain,
-        earliest=earliest,
-    )
-
-
-def _descend(place: _Place, values: FormulaValues, early: bool) -> Cause:
-    # 1. The link of this level.
-    value = place.pick(values.margins[place.node])
-    labels = {binding.variable: binding.label for binding in place.bindings}
-    link = Link(to_text(_with_names(place.node, labels)), place.sample, 0.0 if abs(value) <= TINY else value)
-    operands = values.find_operands(place)
-    if not operands.parts:
-        bindings = {b.variable: b.index if b.name is None else b.name for b in place.bindings}
-        return Cause(place.sample, bindings, (link,))
-    # 2. The operands to descend to: sufficient ones (of a temporal operator the earliest), or the decisive.
-    temporal = isinstance(place.node, nodes.Window | nodes.Until | nodes.Step) and place.node.op != "unless"
-    chosen = operands.find_sufficient() if early else []
-    if chosen and temporal:
-        chosen = [min(chosen, key=lambda part: part.place.sample)]
-    # 3. The earliest of their causes.
-    ways = [_descend_step(part, values, early, temporal) for part in chosen or [operands.find_decisive()]]
-    way = min(ways, key=lambda cause: cause.sample)
-    return dataclasses.replace(way, chain=(link, *way.chain))
-
-
-def _descend_step(part: _Operand, values: FormulaValues, early: bool, temporal: bool) -> Cause:
-    cause = _descend(part.place, values, early)
-    return dataclasses.replace(cause, sample=part.place.sample) if temporal else cause
-
-
-def _with_names(element: object, labels: Mapping[str, str]) -> Any:
-    if isinstance(element, nodes.Signal):
-        return dataclasses.replace(
-            element, arguments=tuple(labels.get(word, word) for word in element.arguments)
-        )
-    if isinstance(element, tuple):
-        return tuple(_with_names(part, labels) for part in element)
-    if not isinstance(element, nodes.Node | nodes.Term):
-        return element
-    fields = dataclasses.fields(element)
-    return dataclasses.replace(
-        element, **{x.name: _with_names(getattr(element, x.name), labels) for x in fields}
-    )
 
 
 def to_single_trace(signals: Mapping[str, object], node: nodes.Node) -> Mapping[str, object]:

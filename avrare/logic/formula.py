@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from avrare.base.errors import FormulaError
-from avrare.logic.explanation import Explanation, FormulaValues, explain, to_single_trace
+from avrare.logic.explanation import Explanation, FormulaValues, to_single_trace
 from avrare.logic.monitor.monitors import IntervalMonitor, RobustnessMonitor
 from avrare.logic.semantics.input_signals import Trace, read_trace
 from avrare.logic.semantics.normal_form import normalise
 from avrare.logic.semantics.trace_evaluator import Evaluator, require_scalar
-from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, TruthAlgebra, flush
+from avrare.logic.semantics.value_algebra import RobustnessAlgebra, SignedAlgebra, flush
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.lint import LintWarning, choose_warnings
 from avrare.logic.syntax.parser import parse, parse_with_warnings
@@ -101,12 +101,10 @@ class Formula:
         except FormulaError:  # a bound is no multiple of the step
             fits = False
         if not fits:
-            period, hint = (
-                float(self.period),
-                "leave dt out, or give the formula the step: avrare.stl(..., dt=",
-            )
+            period = float(self.period)
             text = f"{self.text!r} takes {period:g} s for a sample, but a step of the system is {dt:g} s"
-            raise FormulaError(text, f"{hint}{dt:g})")
+            hint = f"leave dt out, or give the formula the step: avrare.stl(..., dt={dt:g})"
+            raise FormulaError(text, hint)
         return replace(self, dt=dt) if self.dt is None else self
 
     def __str__(self) -> str:
@@ -134,14 +132,11 @@ class Formula:
 
     def robustness(self, signals: Signals) -> Floats:
         """Return the robustness at every sample, with windows clipped to the trace: (N, T)."""
-        return self._evaluate(read_trace(signals, self.signals), RobustnessAlgebra())
+        return self._evaluate(signals, RobustnessAlgebra())
 
     def satisfied(self, signals: Signals) -> Bools:
         """Return the exact truth at every sample: (N, T); ``x < 4`` is false at 4, where robustness is 0."""
-        trace = read_trace(signals, self.signals)
-        if self._needs_truth:
-            self._evaluate(trace, RobustnessAlgebra())  # raises where a term is NaN
-        return self._evaluate(trace, self._truth_algebra) > 0.0
+        return self._evaluate(signals, SignedAlgebra()) > 0.0
 
     def prefixes(self, signals: Signals) -> Floats:
         """Return the robustness at sample 0 of samples 0..t, for every t: (N, T) (stl-ams, Eq. 14)."""
@@ -186,8 +181,8 @@ class Formula:
         """
         trace = read_trace(to_single_trace(signals, self.node), self.signals)
         margins = self._evaluate_parts(trace, RobustnessAlgebra())
-        truths = self._evaluate_parts(trace, self._truth_algebra)
-        return explain(self.node, FormulaValues(margins, truths, members or {}, self.closed))
+        truths = self._evaluate_parts(trace, SignedAlgebra())
+        return FormulaValues(margins, truths, members or {}, self.closed).explain(self.node)
 
     def monitor(self) -> FormulaMonitor:
         """Return a monitor that follows the formula one sample at a time."""
@@ -201,22 +196,15 @@ class Formula:
     def _normalised(self) -> nodes.Node:
         return normalise(self.node)
 
-    @functools.cached_property
-    def _needs_truth(self) -> bool:
-        return any(map(nodes.is_signless, nodes.walk(self.node)))
-
-    @property
-    def _truth_algebra(self) -> RobustnessAlgebra:
-        return TruthAlgebra() if self._needs_truth else SignedAlgebra()
-
-    def _evaluate(self, trace: Trace, algebra: RobustnessAlgebra) -> Floats:
+    def _evaluate(self, signals: Signals, algebra: RobustnessAlgebra) -> Floats:
+        trace = read_trace(signals, self.signals)
         values = np.empty((trace.rows, trace.steps))
         for rows in trace.blocks():
             block = trace.take(rows)
             x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalised)
             require_scalar(x.ndim - 2)
             flushed = flush(x)
-            if flushed is not x:
+            if flushed is not x:  # else there is no NaN
                 _reject_nan(x)
             values[rows] = (x if isinstance(algebra, SignedAlgebra) else flushed).T
         return values[0] if trace.single else values

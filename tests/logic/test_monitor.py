@@ -160,6 +160,7 @@ WIDE = [
     "always (always[0,15] once eventually[0,5] p)",
     "once eventually[0,50] p",
     "historically[1,3] (p > -3 until[0,50] q > 2)",
+    "(always (p -> eventually q)) and always ((eventually q) iff p)",
 ]
 
 

@@ -56,18 +56,19 @@ def read_trace(signals: Mapping[str, object], names: Sequence[str]) -> Trace:
         if array.ndim == 0:
             raise FormulaError(f"signal {name!r} is a single number, not samples over time", shape_hint)
     single = any(array.ndim == 1 for array in arrays.values())
-    shapes = {array.shape[: 1 if single else 2] for array in arrays.values()}
-    if len(shapes) > 1 or (single and any(array.ndim > 1 for array in arrays.values())):
+    shapes = {array.shape if single else array.shape[:2] for array in arrays.values()}
+    if len(shapes) > 1:
         sizes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise FormulaError(f"signals of different shapes: {sizes}", shape_hint)
     for name, array in arrays.items():
-        _reject_nan(name, array)
-    if single:
-        arrays = {name: array[None] for name, array in arrays.items()}
-    rows, steps = next(iter(arrays.values())).shape[:2]
+        missing = np.isnan(array)
+        if missing.any():
+            place = tuple(int(i) for i in np.argwhere(missing)[0])
+            raise FormulaError(f"signal {name!r} is NaN at index {place}", "infinity is a value, NaN is not")
+    samples = {name: (array[None] if single else array).swapaxes(0, 1) for name, array in arrays.items()}
+    steps, rows = next(iter(samples.values())).shape[:2]
     if steps == 0:
         raise FormulaError("the signals have no samples", "a trace has at least one sample")
-    samples = {name: array.swapaxes(0, 1) for name, array in arrays.items()}
     return Trace(samples, steps, rows, single)
 
 
@@ -107,10 +108,3 @@ def _select(signals: Mapping[str, object], names: Sequence[str]) -> dict[str, Ar
             raise FormulaError(f"signal {name!r} holds {values.dtype} values, not real numbers")
         arrays[name] = values.astype(np.float64, copy=False)
     return arrays
-
-
-def _reject_nan(name: str, array: Array) -> None:
-    missing = np.isnan(array)
-    if missing.any():
-        place = tuple(int(i) for i in np.argwhere(missing)[0])
-        raise FormulaError(f"signal {name!r} is NaN at index {place}", "infinity is a value, NaN is not")

@@ -89,17 +89,6 @@ def find_truth_at_zero(root: Node) -> bool | None:
     return at_zero.pop() if len(at_zero) == 1 else None
 
 
-def is_unbounded_future(node: Node | nodes.Term) -> bool:
-    """Check whether the formula is itself an unbounded future operator."""
-    return isinstance(node, Window | Until) and node.op in nodes.FUTURE and math.isinf(node.hi)
-
-
-def find_obligations(node: Node) -> list[Node]:
-    """Return the distinct unbounded future operators in a formula, innermost first."""
-    obligations = [part for part in nodes.walk(node) if isinstance(part, Node) and is_unbounded_future(part)]
-    return list(dict.fromkeys(reversed(obligations)))
-
-
 def place_quantifiers(node: Node) -> Node:
     """Move the outer quantifiers of a normalised formula to where a monitor needs least memory.
 
@@ -110,10 +99,12 @@ def place_quantifiers(node: Node) -> Node:
     match node:
         case Quantifier(op="forall" | "exists" as op):
             child = place_quantifiers(node.child)
-            if isinstance(child, Window) and _agree(op, child.op) and not find_obligations(child.child):
+            if isinstance(child, Window) and _agree(op, child.op) and nodes.horizon(child.child) < math.inf:
                 return dataclasses.replace(child, child=dataclasses.replace(node, child=child.child))
             return dataclasses.replace(node, child=child)
-        case Window(op, child=Quantifier() as inner) if _agree(inner.op, op) and find_obligations(inner):
+        case Window(op, child=Quantifier() as inner) if _agree(inner.op, op) and math.isinf(
+            nodes.horizon(inner)
+        ):
             inside = place_quantifiers(dataclasses.replace(node, child=inner.child))
             return dataclasses.replace(inner, child=inside)
         case Not() | Connective():

@@ -69,57 +69,55 @@ class Evaluator:
 
     def _value(self, node: nodes.Node) -> Array:
         match node:
-            case nodes.Comparison():
-                return self._comparison(node)
-            case nodes.Predicate() | nodes.Step() | nodes.Connective(op="implies") | nodes.Until(op="unless"):
-                return self._formula(nodes.expand(node))
+            case nodes.Comparison(_, left, right):
+                terms = (compile_term(term, 2)(self.samples) for term in (left, right))
+                value = self.algebra.compare(node, *align(*terms))
+                return value if isinstance(value, np.ndarray) else np.full((self.steps, self.rows), value)
             case nodes.Constant(value):
-                return self._full(math.inf if value else -math.inf)
-            case nodes.Not(child):
-                return self.algebra.negate(self._formula(child))
-            case nodes.Connective(op, left, right):
-                return connect(op, self._formula(left), self._formula(right), self.algebra)
-            case nodes.Quantifier():
-                return quantify(node, self._formula(node.child), len(self._shape))
+                return np.full((self.steps, self.rows), math.inf if value else -math.inf)
             case nodes.Slot(index):
                 return self.slots[index]
-            case nodes.Window():
-                return self._window(node)
-            case nodes.Until():
-                return self._until(node)
-        raise TypeError(f"not a formula: {node!r}")
-
-    def _window(self, node: nodes.Window) -> Array:
-        x, lo, hi, join = self._formula(node.child), node.lo, node.hi, get_join(node.op)
+            case nodes.Predicate() | nodes.Step() | nodes.Connective(op="implies") | nodes.Until(op="unless"):
+                return self._formula(nodes.expand(node))
+        operands = [self._formula(child) for child in nodes.children(node)]
         may_overwrite = self.values is None and not self.slots
-        if node.op in nodes.PAST:
-            return slide(x[::-1], lo, hi, join, may_overwrite)[::-1]
-        return slide(self._ahead(x, lo, hi), lo, hi, join, may_overwrite)[: len(x)]
+        return operate(node, operands, self.algebra, self.closed, self.algebra.lead, may_overwrite)
 
-    def _until(self, node: nodes.Until) -> Array:
-        left, right = align(self._formula(node.left), self._formula(node.right))
-        left, right = np.broadcast_arrays(left, right)
-        lo, hi, join = node.lo, node.hi, get_join(node.op)
-        if node.op in nodes.PAST:
-            return fold_until(left[::-1], right[::-1], lo, hi, self.closed, join)[::-1]
-        steps = len(left)
-        left, right = self._ahead(left, lo, hi), self._ahead(right, lo, hi)
-        return fold_until(left, right, lo, hi, self.closed, join)[:steps]
 
-    def _comparison(self, node: nodes.Comparison) -> Array:
-        left, right = (compile_term(term, 2)(self.samples) for term in (node.left, node.right))
-        value = self.algebra.compare(node, *align(left, right))
-        return value if isinstance(value, np.ndarray) else self._full(value)
+def operate(
+    node: nodes.Node,
+    operands: Sequence[Array],
+    algebra: RobustnessAlgebra,
+    closed: bool,
+    lead: int,
+    may_overwrite: bool = False,
+) -> Array:
+    """Return the value of an operator from those of its operands, which differ in axes that broadcast.
 
-    def _ahead(self, x: Array, lo: int, hi: float) -> Array:
-        return self.algebra.ahead(x, lo if math.isinf(hi) else int(hi))
-
-    @property
-    def _shape(self) -> tuple[int, ...]:
-        return self.algebra.shape(self.steps, self.rows)
-
-    def _full(self, value: float) -> Array:
-        return np.full(self._shape, value)
+    Args:
+        node: Formula in normal form that is no comparison.
+        operands: Values of its direct sub-formulas; time is the first axis below temporal operators.
+        algebra: Algebra of the values.
+        closed: True if until and since need their left operand at the witness too.
+        lead: Number of axes before those of the vehicles.
+        may_overwrite: True if the operands are not needed any more.
+    """
+    match node:
+        case nodes.Connective():
+            return connect(node.op, operands[0], operands[1], algebra)
+        case nodes.Not():
+            return algebra.negate(operands[0])
+        case nodes.Quantifier():
+            return quantify(node, operands[0], lead)
+        case nodes.Window(op, lo, hi) | nodes.Until(op, lo, hi):
+            past, steps, join = op in nodes.PAST, len(operands[0]), get_join(op)
+            rows = [x[::-1] if past else algebra.ahead(x, lo) for x in operands]
+            if len(rows) == 1:
+                value = slide(rows[0], lo, hi, join, may_overwrite)
+            else:
+                value = fold_until(*broadcast(*rows), lo, hi, closed, join)
+            return value[::-1] if past else value[:steps]
+    raise TypeError(f"not a formula: {node!r}")
 
 
 def get_join(op: str) -> np.ufunc:
@@ -131,15 +129,12 @@ def connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> A
     """Join two operands by and, or, iff or xor."""
     if left.shape != right.shape:
         left, right = align(left, right)
-    match op:
-        case "and":
-            return np.minimum(left, right)
-        case "or":
-            return np.maximum(left, right)
-        case _:
-            left, right = np.broadcast_arrays(left, right)
-            differ = algebra.xor(left, right)
-            return differ if op == "xor" else algebra.negate(differ)
+    if op == "and":
+        return np.minimum(left, right)
+    if op == "or":
+        return np.maximum(left, right)
+    differ = algebra.xor(*broadcast(left, right))
+    return differ if op == "xor" else algebra.negate(differ)
 
 
 def quantify(node: nodes.Quantifier, x: Array, lead: int) -> Array:
@@ -226,4 +221,12 @@ def align(left: object, right: object) -> tuple[Any, Any]:
     left, right = (x.reshape(x.shape + (1,) * (ndim - x.ndim)) for x in (left, right))
     if any(a != b and 1 not in (a, b) for a, b in zip(left.shape, right.shape, strict=True)):
         raise FormulaError(f"signals with shapes {left.shape} and {right.shape} cannot be combined")
+    return left, right
+
+
+def broadcast(left: Array, right: Array) -> tuple[Array, Array]:
+    """Return two operands with all their axes."""
+    if left.shape == right.shape:
+        return left, right
+    left, right = np.broadcast_arrays(*align(left, right))
     return left, right

@@ -1,4 +1,4 @@
-"""Value algebras: robustness, signed robustness, truth values, and intervals of these.
+"""Value algebras: robustness, robustness whose sign is the truth, and intervals of these.
 
 Temporal and Boolean operators are minimum and maximum in every algebra, so one evaluator computes robustness,
 exact Boolean truth and robust satisfaction intervals.
@@ -6,6 +6,7 @@ exact Boolean truth and robust satisfaction intervals.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -51,11 +52,13 @@ def flush(values: Array) -> Array:
 
 
 class RobustnessAlgebra:
-    """Real margins: positive when true, negative when false (rtamt's reading of ==, iff and xor)."""
+    """Real margins: positive when true, negative when false (rtamt's reading of ==, iff and xor).
 
-    def shape(self, steps: int, rows: int) -> tuple[int, ...]:
-        """Return the shape of a formula's values without trailing axes."""
-        return steps, rows
+    Attributes:
+        lead: Number of axes of values before those of vehicles: time, N.
+    """
+
+    lead = 2
 
     def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the value of a comparison of two terms: a new array, or a number."""
@@ -68,7 +71,7 @@ class RobustnessAlgebra:
 
     def bound_unseen_samples(self, node: Comparison) -> Range:
         """Return the range of a comparison of samples not seen yet."""
-        return _comparison_range(node)
+        return _bound_margin(node)
 
     def negate(self, x: Array) -> Array:
         """Return not x."""
@@ -90,10 +93,7 @@ class RobustnessAlgebra:
 
 
 class SignedAlgebra(RobustnessAlgebra):
-    """Margins that are never 0, so that their sign is the truth (``x < 4`` is false at 4).
-
-    Minimum, maximum and negation preserve signs; iff and xor do not.
-    """
+    """Margins that are never 0, so that their sign is the truth (``x < 4`` is false at 4)."""
 
     def compare(self, node: Comparison, left: Value, right: Value) -> Any:
         """Return the margin, with 0 replaced by the smallest number of the right sign."""
@@ -108,25 +108,12 @@ class SignedAlgebra(RobustnessAlgebra):
         low, high = super().bound_unseen_samples(node)
         return low or nudge, high or nudge
 
-
-class TruthAlgebra(SignedAlgebra):
-    """Truth values: infinity for true, minus infinity for false."""
-
-    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
-        """Return the truth of a comparison of two terms; NaN stays NaN."""
-        return np.multiply(super().compare(node, left, right), math.inf)
-
-    def bound_unseen_samples(self, node: Comparison) -> Range:
-        """Return false and true, unless the ranges of the terms decide."""
-        low, high = super().bound_unseen_samples(node)
-        return low * math.inf, high * math.inf
-
     def xor(self, left: Array, right: Array) -> Array:
-        """Return the exclusive or."""
-        return np.asarray(-(left * right))
+        """Return the exclusive or: positive where one of the signs is, and no margin."""
+        return np.asarray(-np.sign(left) * right)
 
     def xor_range(self, a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
-        """Return false and true, unless both sides are known."""
+        """Return the range of ``xor``, which is that over the four corners."""
         corners = [self.xor(x, y) for x in (a, b) for y in (c, d)]
         return np.minimum.reduce(corners), np.maximum.reduce(corners)
 
@@ -136,28 +123,13 @@ class IntervalAlgebra(RobustnessAlgebra):
 
     Args:
         exact: Algebra of the bounds.
-        steps: Samples on the grid, seen or not.
-        endless: True if the trace continues after the grid, repeating its last interval.
+        endless: True if the trace continues after the last sample, repeating its interval.
     """
 
-    def __init__(self, exact: RobustnessAlgebra, steps: int, endless: bool) -> None:
-        self.exact = exact
-        self.steps = steps
-        self.endless = endless
+    lead = 3
 
-    def shape(self, steps: int, rows: int) -> tuple[int, ...]:
-        """Return the shape of a formula's intervals without trailing axes."""
-        return self.steps, 2, rows
-
-    def compare(self, node: Comparison, left: Value, right: Value) -> Any:
-        """Return the exact value at seen samples, the comparison's range after them."""
-        exact = self.exact.compare(node, left, right)
-        if not isinstance(exact, np.ndarray):
-            return exact
-        bounds = np.empty((self.steps, 2, *exact.shape[1:]))
-        bounds[: len(exact)] = exact[:, None]
-        bounds[len(exact) :, 0], bounds[len(exact) :, 1] = self.exact.bound_unseen_samples(node)
-        return bounds
+    def __init__(self, exact: RobustnessAlgebra, endless: bool) -> None:
+        self.exact, self.endless = exact, endless
 
     def negate(self, x: Array) -> Array:
         """Return not x: negated and swapped bounds."""
@@ -170,50 +142,40 @@ class IntervalAlgebra(RobustnessAlgebra):
 
     def ahead(self, x: Array, by: int) -> Array:
         """Return the intervals followed by ``by`` copies of the last one, if the trace is endless."""
-        return np.concatenate([x, np.repeat(x[-1:], by, axis=0)]) if self.endless and by else x
+        return np.concatenate([x, np.repeat(x[-1:], by, axis=0)]) if self.endless and by and len(x) else x
 
 
-def _comparison_range(node: Comparison) -> Range:
-    low, high = _subtract_ranges(_term_range(node.left), _term_range(node.right))
-    if node.op in (">", ">="):
-        return low, high
-    if node.op in ("<", "<="):
-        return -high, -low
-    near, far = _absolute_range((low, high))
-    return (-far, -near) if node.op == "==" else (near, far)
+@functools.lru_cache(maxsize=1024)
+def _bound_margin(node: Comparison) -> Range:
+    sides = (node.right, node.left) if node.op in ("<", "<=") else (node.left, node.right)
+    margin: Term = Arithmetic("-", *sides)
+    if node.op in ("==", "!="):
+        margin = Call("abs", (margin,))
+    return _find_range(Negative(margin) if node.op == "==" else margin)
 
 
-def _term_range(term: Term) -> Range:
+def _find_range(term: Term) -> Range:
     # Interval arithmetic over all values of the signals; products, quotients and powers count as unbounded.
     match term:
         case Number(value):
             return value, value
         case Negative(operand):
-            low, high = _term_range(operand)
+            low, high = _find_range(operand)
             return -high, -low
         case Arithmetic("+", left, right):
-            low, high = _term_range(right)
-            return _subtract_ranges(_term_range(left), (-high, -low))
+            return _find_range(Arithmetic("-", left, Negative(right)))
         case Arithmetic("-", left, right):
-            return _subtract_ranges(_term_range(left), _term_range(right))
+            (low, high), (least, most) = _find_range(left), _find_range(right)
+            low, high = low - most, high - least
+            return -math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high
         case Call("abs", (argument,)):
-            return _absolute_range(_term_range(argument))
+            low, high = _find_range(argument)
+            sizes = abs(low), abs(high)
+            return 0.0 if low <= 0.0 <= high else min(sizes), max(sizes)
         case Call("sqrt" | "exp"):
             return 0.0, math.inf
         case Call("min" | "max" as function, arguments):
             choose = min if function == "min" else max
-            lows, highs = zip(*map(_term_range, arguments), strict=True)
+            lows, highs = zip(*map(_find_range, arguments), strict=True)
             return choose(lows), choose(highs)
-        case _:
-            return (-math.inf, math.inf)
-
-
-def _subtract_ranges(left: Range, right: Range) -> Range:
-    low, high = left[0] - right[1], left[1] - right[0]
-    return -math.inf if math.isnan(low) else low, math.inf if math.isnan(high) else high
-
-
-def _absolute_range(values: Range) -> Range:
-    low, high = values
-    near = 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
-    return near, max(abs(low), abs(high))
+    return -math.inf, math.inf

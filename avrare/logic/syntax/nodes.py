@@ -176,17 +176,15 @@ class Slot(Node):
 
 def iter_parts(tree: Node | Term) -> Iterator[Node | Term]:
     """Yield the direct parts of a formula or term, left to right."""
-    for field in dataclasses.fields(tree):
-        value = getattr(tree, field.name)
-        if isinstance(value, Node | Term):
-            yield value
-        elif isinstance(value, tuple):
-            yield from (part for part in value if isinstance(part, Node | Term))
+    for value in vars(tree).values():
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, Node | Term):
+                yield part
 
 
 def children(node: Node) -> list[Node]:
     """Return the direct sub-formulas."""
-    return [part for part in iter_parts(node) if isinstance(part, Node)]
+    return [part for part in vars(node).values() if isinstance(part, Node)]
 
 
 def walk(tree: Node | Term) -> Iterator[Node | Term]:
@@ -198,8 +196,7 @@ def walk(tree: Node | Term) -> Iterator[Node | Term]:
 
 def rebuild(node: Node, change: Callable[[Node], Node]) -> Node:
     """Return the formula with ``change`` applied to its direct sub-formulas."""
-    fields = {field.name: getattr(node, field.name) for field in dataclasses.fields(node)}
-    changed = {name: change(value) for name, value in fields.items() if isinstance(value, Node)}
+    changed = {name: change(value) for name, value in vars(node).items() if isinstance(value, Node)}
     return dataclasses.replace(node, **changed) if changed else node
 
 
@@ -245,9 +242,9 @@ def bounded_span(node: Node) -> int:
 
 
 def settling(node: Node) -> int:
-    """Return the samples after which the formula's value is constant once its signals are.
+    """Return the samples after which the formula is constant once its signals are.
 
-    Like ``history``, but an unbounded past operator settles one sample after its operands.
+    An unbounded past operator settles one sample after its operands.
     """
     return int(_reach(node, PAST, lambda lo: lo + 1))
 

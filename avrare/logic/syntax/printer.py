@@ -2,53 +2,58 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.token_classes import PREFIX_LETTERS
 
 
-def to_text(tree: nodes.Node | nodes.Term) -> str:
-    """Return the formula or term as text, with bounds in samples."""
+def to_text(tree: nodes.Node | nodes.Term, names: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return the formula or term as text, with bounds in samples; ``names`` replace those of its vehicles."""
+    whole, inner = functools.partial(to_text, names=names), functools.partial(_parenthesize, names=names)
     match tree:
         case nodes.Number(value):
             return repr(value).removesuffix(".0")
         case nodes.Signal(name, arguments):
-            return f"{name.split('(')[0]}({', '.join(arguments)})" if arguments else name
+            vehicles = ", ".join(names.get(word, word) for word in arguments)
+            return f"{name.split('(')[0]}({vehicles})" if arguments else name
         case nodes.Negative(operand):
             # Without parentheses a minus before a number would be read as part of the number.
-            return f"-({to_text(operand)})"
+            return f"-({whole(operand)})"
         case nodes.Call(function, arguments):
-            return f"{function}({', '.join(map(to_text, arguments))})"
+            return f"{function}({', '.join(map(whole, arguments))})"
         case nodes.Constant(value):
             return "true" if value else "false"
         case nodes.Predicate(term):
-            return to_text(term)
+            return whole(term)
         case nodes.Not(child):
-            return f"not {_parenthesize(child)}"
+            return f"not {inner(child)}"
         case nodes.Arithmetic(op, left, right) | nodes.Comparison(op, left, right):
-            return f"{_parenthesize(left)} {op} {_parenthesize(right)}"
+            return f"{inner(left)} {op} {inner(right)}"
         case nodes.Connective(op, left, right):
-            return f"{_parenthesize(left)} {'->' if op == 'implies' else op} {_parenthesize(right)}"
+            return f"{inner(left)} {'->' if op == 'implies' else op} {inner(right)}"
         case nodes.Window(op, lo, hi, child):
-            return f"{op}{_format_bounds(lo, hi)} {_parenthesize(child)}"
+            return f"{op}{_format_bounds(lo, hi)} {inner(child)}"
         case nodes.Until(op, lo, hi, left, right):
-            return f"{_parenthesize(left)} {op}{_format_bounds(lo, hi)} {_parenthesize(right)}"
+            return f"{inner(left)} {op}{_format_bounds(lo, hi)} {inner(right)}"
         case nodes.Step(op, child):
-            return f"{op} ({to_text(child)})"
+            return f"{op} ({whole(child)})"
         case nodes.Quantifier(op, variable, group, child, count=count):
             counted = f" {count}" if op == "at_least" else ""
-            return f"{op}{counted} {variable} in {group}: {to_text(child)}"
+            return f"{op}{counted} {variable} in {group}: {whole(child)}"
     raise TypeError(f"not part of a formula: {tree!r}")
 
 
-def _parenthesize(tree: nodes.Node | nodes.Term) -> str:
+def _parenthesize(tree: nodes.Node | nodes.Term, names: Mapping[str, str]) -> str:
     if isinstance(tree, nodes.Predicate):
-        return _parenthesize(tree.term)
+        return _parenthesize(tree.term, names)
     # G - 1 would be refused: G may be the operator.
     letter = isinstance(tree, nodes.Signal) and tree.name in PREFIX_LETTERS
     tight = isinstance(tree, nodes.Number | nodes.Signal | nodes.Call | nodes.Constant) and not letter
-    return to_text(tree) if tight else f"({to_text(tree)})"
+    return to_text(tree, names) if tight else f"({to_text(tree, names)})"
 
 
 def _format_bounds(lo: int, hi: float) -> str:
