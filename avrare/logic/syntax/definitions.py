@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from avrare.logic.syntax.syntax_errors import Place, make_error, suggest
+from avrare.logic.syntax.places import PlacedError
+from avrare.logic.syntax.syntax_errors import suggest
 
 if TYPE_CHECKING:
     from lark import Token, Tree
@@ -42,11 +43,6 @@ class Definition:
     body: Tree[Token]
     index: int
 
-    @property
-    def line(self) -> int | None:
-        """Line of the name."""
-        return self.name.line if self.name is not None else None
-
 
 class Definitions:
     """Definitions of a text.
@@ -57,67 +53,64 @@ class Definitions:
         used: Names that some statement uses.
     """
 
-    def __init__(self, text: str, statements: list[Tree[Token]]) -> None:
-        self.text = text
+    def __init__(self, statements: list[Tree[Token]]) -> None:
         self.all: dict[str, Definition] = {}
         self.used: set[str] = set()
         for index, tree in enumerate(statements):
-            definition = self._read(tree, index)
-            if definition.name is not None:
-                self._add(definition, definition.name)
+            self.last = _read(tree, index)
+            if self.last.name is not None:
+                self._add(self.last, self.last.name)
             elif index + 1 < len(statements):
                 hint = "join it to the line before with and, or, ->; or name the formula before: name = ..."
-                raise make_error(text, statements[index + 1].meta, "a formula ended before this one", hint)
-            self.last = definition
+                raise PlacedError(statements[index + 1].meta, "a formula ended before this one", hint)
         self._check_last(statements[-1])
 
-    def look_up(self, name: str, place: Place, index: int) -> Definition | None:
+    def look_up(self, name: Token, index: int) -> Definition | None:
         """Return the definition of ``name`` for statement ``index``; None if it is a signal."""
-        definition = self.all.get(name)
+        definition = self.all.get(str(name))
         if definition is None:
             return None
         if definition.index == index:
-            hint = "a definition can only use earlier ones"
-            raise make_error(self.text, place, f"{name} uses itself", hint)
+            raise PlacedError(name, f"{name} uses itself", "a definition can only use earlier ones")
         if definition.index > index:
-            hint = f"move it up from line {definition.line}"
-            raise make_error(self.text, place, f"{name} is defined below its use", hint)
-        self.used.add(name)
+            line = definition.name.line if definition.name is not None else None
+            raise PlacedError(name, f"{name} is defined below its use", f"move it up from line {line}")
+        self.used.add(str(name))
         return definition
 
-    def _read(self, tree: Tree[Token], index: int) -> Definition:
-        if tree.data != "definition":
-            return Definition(None, (), tree, index)
-        head, body = tree.children[0], get_subtree(tree, -1)
-        if isinstance(head, str):
-            return Definition(head, (), body, index)
-        parameters = [get_subtree(head, place) for place in range(2, len(head.children))]
-        return Definition(get_token(head, 0), tuple(map(self._parameter, parameters)), body, index)
-
-    def _parameter(self, tree: Tree[Token]) -> str:
-        if tree.data != "signal":
-            hint = "a parameter is a name that stands for a vehicle: cut_in_begins(o) = ..."
-            raise make_error(self.text, tree.meta, "a parameter must be a name", hint)
-        return str(tree.children[0])
-
-    def _add(self, definition: Definition, token: Token) -> None:
-        name = str(token)
-        if name in self.all:
-            hint = f"it is first defined in line {self.all[name].line}"
-            raise make_error(self.text, token, f"{name} is defined twice", hint)
+    def _add(self, definition: Definition, name: Token) -> None:
+        other = self.all.setdefault(str(name), definition)
+        if other is not definition and other.name is not None:
+            raise PlacedError(
+                name, f"{name} is defined twice", f"it is first defined in line {other.name.line}"
+            )
         if len(set(definition.parameters)) < len(definition.parameters):
-            raise make_error(self.text, token, f"two parameters of {name} have the same name")
-        self.all[name] = definition
+            raise PlacedError(name, f"two parameters of {name} have the same name")
 
     def _check_last(self, tree: Tree[Token]) -> None:
-        last = self.last
-        if last.name is not None and last.parameters:
-            hint = f"add the formula that uses it, such as: forall o in others: always {last.name}(o)"
-            raise make_error(self.text, last.name, f"{last.name} is defined, but a formula is missing", hint)
+        name, body = self.last.name, self.last.body
+        if name is not None and self.last.parameters:
+            hint = f"add the formula that uses it, such as: forall o in others: always {name}(o)"
+            raise PlacedError(name, f"{name} is defined, but a formula is missing", hint)
         numeric = {"number", "negative", "arithmetic", "call", "group"}
-        if last.name is not None and {part.data for part in last.body.iter_subtrees()} <= numeric:
+        if name is not None and {part.data for part in body.iter_subtrees()} <= numeric:
             hint = "write == to compare; the last statement is the formula"
-            raise make_error(self.text, get_token(tree, 1), "'=' defines a number, not a formula", hint)
+            raise PlacedError(get_token(tree, 1), "'=' defines a number, not a formula", hint)
+
+
+def _read(tree: Tree[Token], index: int) -> Definition:
+    if tree.data != "definition":
+        return Definition(None, (), tree, index)
+    head, body = tree.children[0], get_subtree(tree, -1)
+    if isinstance(head, str):
+        return Definition(head, (), body, index)
+    parameters = [get_subtree(head, place) for place in range(2, len(head.children))]
+    for parameter in parameters:
+        if parameter.data != "signal":
+            hint = "a parameter is a name that stands for a vehicle: cut_in_begins(o) = ..."
+            raise PlacedError(parameter.meta, "a parameter must be a name", hint)
+    names = tuple(str(parameter.children[0]) for parameter in parameters)
+    return Definition(get_token(head, 0), names, body, index)
 
 
 @dataclass(frozen=True)
@@ -151,26 +144,26 @@ class Scope:
         """Return the scope of a definition's body."""
         return Scope(statement, dict(zip(parameters, vehicles, strict=True)), self.bound)
 
-    def resolve_vehicle(self, text: str, word: Token) -> str:
+    def resolve_vehicle(self, word: Token) -> str:
         """Return the vehicle that the argument ``word`` (a token) refers to."""
         name = str(word)
         if name in self.names:
             return self.names[name]
-        self.refuse_capture(text, word)
+        self.refuse_capture(word)
         groups = {"others", *(group for _, group in self.bound.values())}
         if name in groups:
             hint = f"write: forall o in {name}: ... with o as the argument"
-            raise make_error(text, word, f"{name} is a group, not a vehicle", hint)
+            raise PlacedError(word, f"{name} is a group, not a vehicle", hint)
         variables = {*self.names, *self.bound} - {"ego"}
         close = suggest(name, variables, 0.75) if name != "ego" else None
         if close:
             hint = f"did you mean {close!r}? if not, give the quantified variable another name"
-            raise make_error(text, word, f"{name} is not bound by a quantifier", hint)
+            raise PlacedError(word, f"{name} is not bound by a quantifier", hint)
         return name
 
-    def refuse_capture(self, text: str, word: Token) -> None:
+    def refuse_capture(self, word: Token) -> None:
         """Refuse a name that is bound by a quantifier outside the definition."""
         if str(word) in self.bound and str(word) not in self.names:
             message = f"this definition cannot see {word}, which is bound by a quantifier around its use"
             hint = f"make {word} a parameter of the definition, as in: name({word}) = ..."
-            raise make_error(text, word, message, hint)
+            raise PlacedError(word, message, hint)

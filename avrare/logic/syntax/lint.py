@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avrare.logic.syntax.definitions import Definitions, get_subtree, get_token
-from avrare.logic.syntax.syntax_errors import Place, add_place
+from avrare.logic.syntax.places import Place, add_place, find_position
 
 if TYPE_CHECKING:
     from lark import Token, Tree
@@ -36,19 +37,24 @@ class LintWarning:
     of_closed: bool = False
 
 
-_Placed = tuple[tuple[int, int], LintWarning]
+Finding = tuple[Place, str, str]
+"""Place, message and hint."""
 
 
 def find_lint_warnings(
     text: str, definitions: Definitions, trees: list[Tree[Token]]
 ) -> tuple[LintWarning, ...]:
     """Return the warnings about a text that has been parsed to ``trees``, sorted by place."""
-    warnings = [*_find_unused(text, definitions), *_assigned_signal(text, definitions, trees[-1])]
     parts = [part for tree in trees for part in tree.iter_subtrees()]
-    warnings += [warning for part in parts if part.data in _BINARY for warning in _early_end(text, part)]
-    warnings += _signless(text, parts)
-    warnings += [warning for part in parts if part.data == "until" for warning in _closed_until(text, part)]
-    return tuple(warning for _, warning in sorted(warnings, key=lambda pair: pair[0]))
+    findings = [*_find_unused(definitions), *_find_assigned_signal(definitions, trees[-1])]
+    findings += [*_find_early_ends(parts), *_find_signless(parts)]
+    warnings = [(finding, False) for finding in findings]
+    warnings += [(finding, True) for finding in _find_closed_untils(parts)]
+    warnings.sort(key=lambda pair: find_position(pair[0][0]))
+    return tuple(
+        LintWarning(add_place(text, place, message), hint, of_closed)
+        for (place, message, hint), of_closed in warnings
+    )
 
 
 def choose_warnings(warnings: tuple[LintWarning, ...], until: str) -> tuple[LintWarning, ...]:
@@ -56,55 +62,49 @@ def choose_warnings(warnings: tuple[LintWarning, ...], until: str) -> tuple[Lint
     return tuple(warning for warning in warnings if until == "closed" or not warning.of_closed)
 
 
-def _warn(text: str, place: Place, message: str, hint: str) -> _Placed:
-    return (place.line or 1, place.column or 1), LintWarning(add_place(text, place, message), hint)
+def _find_unused(definitions: Definitions) -> Iterator[Finding]:
+    for definition in definitions.all.values():
+        name = definition.name
+        if name is not None and definition is not definitions.last and str(name) not in definitions.used:
+            yield name, f"{name} is defined but never used", "delete it, or use it in the last statement"
 
 
-def _find_unused(text: str, definitions: Definitions) -> list[_Placed]:
-    hint = "delete it, or use it in the last statement"
-    return [
-        _warn(text, each.name, f"{name} is defined but never used", hint)
-        for name, each in definitions.all.items()
-        if each.name is not None and each is not definitions.last and name not in definitions.used
-    ]
-
-
-def _assigned_signal(text: str, definitions: Definitions, tree: Tree[Token]) -> list[_Placed]:
+def _find_assigned_signal(definitions: Definitions, tree: Tree[Token]) -> Iterator[Finding]:
     # ``p = q`` or ``p = q + 1`` as the last statement defines p as ``q > 0``.
     last = definitions.last
-    terms = ("signal", "arithmetic", "negative", "call")
-    if last.name is None or last.body.data not in terms or str(last.body.children[0]) in definitions.all:
-        return []
-    message = f"'=' does not compare: it names the formula {last.name}, which is the right side above 0"
-    return [_warn(text, get_token(tree, 1), message, f"write {last.name} == ... to compare")]
+    is_term = last.body.data in ("signal", "arithmetic", "negative", "call")
+    if last.name is not None and is_term and str(last.body.children[0]) not in definitions.all:
+        message = f"'=' does not compare: it names the formula {last.name}, which is the right side above 0"
+        yield get_token(tree, 1), message, f"write {last.name} == ... to compare"
 
 
-def _early_end(text: str, tree: Tree[Token]) -> list[_Placed]:
+def _find_early_ends(parts: list[Tree[Token]]) -> Iterator[Finding]:
     # In ``always p and q`` the operand ends before ``and``; that is fine if another always follows.
-    op, operand = None, get_subtree(tree, 0)
-    while operand.data in (*_BINARY, "window", "step", "negation"):
-        if operand.data in ("window", "step"):
-            op = op or get_token(operand, 0)
-        elif operand.data in _BINARY:
-            op = None
-        operand = get_subtree(operand, -1)
-    if op is None or operand.data == "group" or get_subtree(tree, -1).data in ("window", "step"):
-        return []
-    joint = get_token(tree, 1)
-    message = f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}"
-    hint = f"write ({op} ...) {joint} ... if that is meant, {op} (... {joint} ...) if not"
-    return [_warn(text, op, message, hint)]
+    for tree in parts:
+        if tree.data not in _BINARY or get_subtree(tree, -1).data in ("window", "step"):
+            continue
+        op, operand = None, get_subtree(tree, 0)
+        while operand.data in (*_BINARY, "window", "step", "negation"):
+            if operand.data in ("window", "step"):
+                op = op or get_token(operand, 0)
+            elif operand.data in _BINARY:
+                op = None
+            operand = get_subtree(operand, -1)
+        if op is not None and operand.data != "group":
+            joint = get_token(tree, 1)
+            hint = f"write ({op} ...) {joint} ... if that is meant, {op} (... {joint} ...) if not"
+            yield op, f"{op!s} binds tighter than {joint!s}: its operand ends before {joint!s}", hint
 
 
-def _closed_until(text: str, tree: Tree[Token]) -> list[_Placed]:
+def _find_closed_untils(parts: list[Tree[Token]]) -> Iterator[Finding]:
     # Where both sides are about one signal, the left one seldom holds where the right one does.
-    op = get_token(tree, 1)
-    if not _list_signals(get_subtree(tree, 0)) & _list_signals(get_subtree(tree, -1)) or op.type == "UNLESS":
-        return []
-    message = f"the left side of {op!s} must hold where the right one does, too, as they are read here"
-    hint = f"write (left or right) {op!s} right; or choose the half-open reading, that of rtamt"
-    place, warning = _warn(text, op, message, hint)
-    return [(place, replace(warning, of_closed=True))]
+    hint = "write (left or right) {0} right; or choose the half-open reading, that of rtamt"
+    message = "the left side of {0} must hold where the right one does, too, as they are read here"
+    untils = [tree for tree in parts if tree.data == "until" and get_token(tree, 1).type != "UNLESS"]
+    for tree in untils:
+        if _list_signals(get_subtree(tree, 0)) & _list_signals(get_subtree(tree, -1)):
+            op = get_token(tree, 1)
+            yield op, message.format(op), hint.format(op)
 
 
 def _list_signals(tree: Tree[Token]) -> set[str]:
@@ -115,17 +115,11 @@ def _list_signals(tree: Tree[Token]) -> set[str]:
     return {" ".join(map(str, part.scan_values(bool))) for part in (*relations, *signals)}
 
 
-def _signless(text: str, parts: list[Tree[Token]]) -> list[_Placed]:
+def _find_signless(parts: list[Tree[Token]]) -> Iterator[Finding]:
     # Only the first use of each operator is reported.
-    first: dict[str, Token] = {}
-    for part in parts:
-        if part.data in ("connective", "comparison"):
-            token = get_token(part, 1)
-            op = {"<->": "iff", "!==": "!="}.get(str(token), str(token))
-            if op in _SIGNLESS and (op not in first or (token.start_pos or 0) < (first[op].start_pos or 0)):
-                first[op] = token
+    tokens = [get_token(part, 1) for part in parts if part.data in ("connective", "comparison")]
+    names = {"<->": "iff", "!==": "!="}
+    first = {names.get(str(x), str(x)): x for x in sorted(tokens, key=find_position, reverse=True)}
     hint = "verdicts are exact; where robustness matters write it with and, or, not, < and >"
-    return [
-        _warn(text, token, f"the robustness of {token!s} is {_SIGNLESS[op]}", hint)
-        for op, token in first.items()
-    ]
+    for op in first.keys() & _SIGNLESS.keys():
+        yield first[op], f"the robustness of {first[op]!s} is {_SIGNLESS[op]}", hint

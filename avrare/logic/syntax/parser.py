@@ -11,8 +11,9 @@ from avrare.base.errors import FormulaError
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definitions
 from avrare.logic.syntax.lint import LintWarning, find_lint_warnings
-from avrare.logic.syntax.syntax_errors import make_error, translate_error
-from avrare.logic.syntax.token_classes import INFIX_LETTERS, WORDS, TokenClassifier, TokenError
+from avrare.logic.syntax.places import PlacedError
+from avrare.logic.syntax.syntax_errors import translate_error
+from avrare.logic.syntax.token_classes import INFIX_LETTERS, WORDS, TokenClassifier
 from avrare.logic.syntax.transformer import FormulaTransformer
 
 if TYPE_CHECKING:
@@ -53,11 +54,18 @@ def parse_with_warnings(text: str, dt: float | Fraction = 1.0) -> tuple[nodes.No
 
 @functools.lru_cache(maxsize=256)
 def _parse(text: str, period: Fraction) -> tuple[nodes.Node, tuple[LintWarning, ...]]:
-    trees = _parse_statements(text)
+    from lark.exceptions import UnexpectedInput
+
     try:
-        definitions = Definitions(text, trees)
-        node = FormulaTransformer(text, period, definitions, _words(trees)).transform()
+        document = _lark_parser().parse(_blank_declarations(text))
+        trees = [statement for statement in document.children if not isinstance(statement, str)]
+        definitions = Definitions(trees)
+        node = FormulaTransformer(period, definitions, _words(trees)).transform()
         too_deep = nodes.nesting_depth(node) > MAX_DEPTH
+    except UnexpectedInput as error:
+        raise translate_error(text, error).locate(text) from None
+    except PlacedError as error:
+        raise error.locate(text) from None
     except RecursionError:
         too_deep = True
     if too_deep:
@@ -79,18 +87,6 @@ def _read_period(dt: object) -> Fraction:
     if period <= 0 or isinstance(dt, bool | str):
         raise FormulaError(f"dt is {dt!r}", "the sampling period must be a number of seconds above zero")
     return period
-
-
-def _parse_statements(text: str) -> list[Tree[Token]]:
-    from lark.exceptions import UnexpectedInput
-
-    try:
-        tree = _lark_parser().parse(_blank_declarations(text))
-    except UnexpectedInput as error:
-        raise translate_error(text, error) from None
-    except TokenError as error:
-        raise make_error(text, error.token, error.message, error.hint) from None
-    return [statement for statement in tree.children if not isinstance(statement, str)]
 
 
 def _blank_declarations(text: str) -> str:

@@ -5,25 +5,15 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING
 
-from avrare.base.errors import FormulaError
-from avrare.logic.syntax.token_classes import FUNCTIONS, WORDS
+from avrare.logic.syntax.places import PlacedError, Position
+from avrare.logic.syntax.token_classes import FUNCTIONS, WORDS, read_table
 
 if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput, UnexpectedToken
-    from lark.tree import Meta
 
-
-class Position(NamedTuple):
-    """Line and column of a text, from 1."""
-
-    line: int
-    column: int
-
-
-Place: TypeAlias = "Token | Meta | UnexpectedInput | Position"
 
 _NAMES = {
     "RPAR": "a closing parenthesis",
@@ -33,48 +23,37 @@ _NAMES = {
     "LPAR": "an opening parenthesis",
     "LSQB": "an opening bracket",
 }
+_CHARACTERS = read_table(
+    "and ∧; or ∨; not ¬; xor ⊕; -> → ⇒; <-> ↔ ⇔; <= ≤; >= ≥; != ≠; always □; eventually ◇; - − –; * × ·; / ÷;"
+    "inf ∞; forall ∀; exists ∃"
+)
 _CHARACTER_HINTS = {
-    "^": "power is pow(x, 2), exclusive or is xor", "∧": "write and", "∨": "write or", "¬": "write not",
-    "⊕": "write xor", "→": "write ->", "⇒": "write ->", "↔": "write <->", "⇔": "write <->", "≤": "write <=",
-    "≥": "write >=", "≠": "write !=", "□": "write always", "◇": "write eventually", "−": "write -",
-    "–": "write -", "×": "write *", "·": "write *", "÷": "write /", "∞": "write inf", "∀": "write forall",
-    "∃": "write exists", "%": "comments start with # or //",
-}  # fmt: skip
+    "^": "power is pow(x, 2), exclusive or is xor",
+    "%": "comments start with # or //",
+    **{character: f"write {word}" for character, word in _CHARACTERS.items()},
+}
 _CONTEXT = 200
 """Characters around the place of an error that hints look at."""
 
 
-def add_place(text: str, place: Place, message: str) -> str:
-    """Return the message with line and column (from 1) of a token or tree, its source line and a mark."""
-    line, column = place.line or 1, place.column or 1
-    source_line = text.split("\n")[line - 1].expandtabs(1).rstrip("\r")
-    mark = " " * (column - 1) + "^"
-    return f"line {line}, column {column}: {message}\n  {source_line}\n  {mark}"
-
-
-def make_error(text: str, place: Place, message: str, hint: str | None = None) -> FormulaError:
-    """Make an error that points at ``place``."""
-    return FormulaError(add_place(text, place, message), hint)
-
-
-def translate_error(text: str, error: UnexpectedInput) -> FormulaError:
+def translate_error(text: str, error: UnexpectedInput) -> PlacedError:
     """Translate lark's exception."""
     from lark.exceptions import UnexpectedToken
 
     if not isinstance(error, UnexpectedToken):
         character = text[error.pos_in_stream or 0]
-        return make_error(text, error, f"unexpected character {character!r}", _CHARACTER_HINTS.get(character))
+        return PlacedError(error, f"unexpected character {character!r}", _CHARACTER_HINTS.get(character))
     token = error.token
     if token.type == "$END":
         message = f"the formula ends early: {_find_expected(error)}"
         place = Position(token.end_line or 1, token.end_column or 1)
-        return make_error(text, place, message, _misspelt(text[: token.end_pos][-_CONTEXT:]))
+        return PlacedError(place, message, _misspelt(text[: token.end_pos][-_CONTEXT:]))
     start = token.start_pos or 0
     before, rest = text[max(0, start - _CONTEXT) : start], text[start : start + _CONTEXT]
     if rest.startswith("/*") or (before.endswith("/") and rest.startswith("*")):
-        return make_error(text, token, "unterminated comment", "close it with */")
+        return PlacedError(token, "unterminated comment", "close it with */")
     message = f"unexpected {str(token)!r}: {_find_expected(error)}"
-    return make_error(text, token, message, _hint(before, rest, token))
+    return PlacedError(token, message, _hint(before, rest, token))
 
 
 def suggest(word: str, candidates: Iterable[str], cutoff: float = 0.7) -> str | None:

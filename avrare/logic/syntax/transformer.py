@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from avrare.logic.syntax import nodes
 from avrare.logic.syntax.definitions import Definition, Definitions, Scope, get_subtree, get_token
-from avrare.logic.syntax.syntax_errors import make_error, suggest
+from avrare.logic.syntax.places import PlacedError
+from avrare.logic.syntax.syntax_errors import suggest
 from avrare.logic.syntax.token_classes import FUNCTIONS, MEANING, WORDS
 
 if TYPE_CHECKING:
@@ -19,18 +20,24 @@ MAX_SAMPLES = 10**14
 """Largest bound in samples: more must be a mistake and cannot index an array."""
 
 _SECONDS = {"s": Fraction(1), "ms": Fraction(1, 10**3), "us": Fraction(1, 10**6), "ns": Fraction(1, 10**9)}
+_CHAINS = {
+    "comparison": ("comparisons do not chain", "write 0 < x and x < 3 for 0 < x < 3"),
+    "implication": (
+        "'->' does not chain",
+        "write (a -> b) -> c or a -> (b -> c): tools differ in which they read",
+    ),
+}
 _MISSPELT, _SIMILAR = 0.8, 0.7
 
 
 def _operator(token: Token) -> str:
-    return MEANING.get(str(token), str(token))
+    return MEANING.get(token.replace(" ", ""), str(token))
 
 
 class FormulaTransformer:
     """Transformer of the statements of one text, whose ``words`` new names of vehicles must differ from."""
 
-    def __init__(self, text: str, period: Fraction, definitions: Definitions, words: set[str]) -> None:
-        self.text = text
+    def __init__(self, period: Fraction, definitions: Definitions, words: set[str]) -> None:
         self.period = period
         self.definitions = definitions
         self.words = words
@@ -55,7 +62,7 @@ class FormulaTransformer:
         if isinstance(element, nodes.Term):
             return element
         hint = "compare terms, join formulas with and, or, ->"
-        raise make_error(self.text, _strip_groups(tree).meta, "expected a number, not a formula", hint)
+        raise PlacedError(_strip_groups(tree).meta, "expected a number, not a formula", hint)
 
     def _element(self, tree: Tree[Token]) -> nodes.Node | nodes.Term:
         self.parts += 1
@@ -64,69 +71,61 @@ class FormulaTransformer:
         if self.parts > most_parts:
             message = f"the formula has more than {most_parts} parts once its definitions are expanded"
             hint = "compute parts of the formula as signals of the system"
-            raise make_error(self.text, tree.meta, message, hint)
-        element: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(tree, *tree.children)
+            raise PlacedError(tree.meta, message, hint)
+        if tree.data in _CHAINS and len(tree.children) > 3:
+            raise PlacedError(get_token(tree, 3), *_CHAINS[tree.data])
+        element: nodes.Node | nodes.Term = getattr(self, f"_{tree.data}")(*tree.children)
         return element
 
-    def _quantifier(self, tree: Tree[Token], op: Token, *rest: Token | Tree[Token]) -> nodes.Node:
-        count = get_token(tree, 1) if len(rest) > 4 else None
-        variable, group, body = get_token(tree, -4), get_token(tree, -2), get_subtree(tree, -1)
-        self._require_new(variable)
+    def _quantifier(
+        self, op: Token, variable: Token, _in: Token, group: Token, body: Tree[Token], count: int = 1
+    ) -> nodes.Node:
+        # 1. A new name.
+        if str(variable) in self.scope.names:
+            hint = "give the inner one another name"
+            raise PlacedError(variable, f"{variable} already stands for a vehicle here", hint)
+        if str(variable) in self.definitions.all:
+            hint = "give the variable another name"
+            raise PlacedError(variable, f"{variable} is the name of a definition", hint)
+        # 2. The body.
         outer = self.scope
         vehicle, self.scope = outer.quantify(str(variable), str(group), self.words)
         child = self._formula(body)
         self.scope = outer
-        number = self._count(count) if count is not None else 1
-        node = nodes.Quantifier(str(op), vehicle, str(group), child, len(outer.bound), number)
-        self._require_use(node, variable)
-        return node
-
-    def _require_new(self, variable: Token) -> None:
-        if str(variable) in self.scope.names:
-            hint = "give the inner one another name"
-            raise make_error(self.text, variable, f"{variable} already stands for a vehicle here", hint)
-        if str(variable) in self.definitions.all:
-            hint = "give the variable another name"
-            raise make_error(self.text, variable, f"{variable} is the name of a definition", hint)
-
-    def _require_use(self, node: nodes.Quantifier, variable: Token) -> None:
-        # A plain signal may hold a value per vehicle.
-        signals = [part for part in nodes.walk(node.child) if isinstance(part, nodes.Signal)]
-        if not any(node.depth in signal.axes or not signal.arguments for signal in signals):
+        depth = len(outer.bound)
+        # 3. Its use; a plain signal may hold a value per vehicle.
+        signals = [part for part in nodes.walk(child) if isinstance(part, nodes.Signal)]
+        if not any(depth in signal.axes or not signal.arguments for signal in signals):
             hint = f"use {variable} as an argument, as in: distance({variable}, ego) > 0"
-            raise make_error(self.text, variable, f"nothing after the colon depends on {variable}", hint)
+            raise PlacedError(variable, f"nothing after the colon depends on {variable}", hint)
+        return nodes.Quantifier(str(op), vehicle, str(group), child, depth, count)
 
-    def _count(self, token: Token) -> int:
-        if token.type == "NAME":
-            token = self._resolve_number(token)
-        value = float(token)
-        if not (1 <= value < 1e9 and value.is_integer()):
-            raise make_error(self.text, token, f"at_least needs a whole number above 0, not {token}")
-        return int(value)
+    def _counted(
+        self, op: Token, number: Token, variable: Token, _in: Token, group: Token, body: Tree[Token]
+    ) -> nodes.Node:
+        token = self._resolve_number(number) if number.type == "NAME" else number
+        count = float(token)
+        if not (1 <= count < 1e9 and count.is_integer()):
+            raise PlacedError(token, f"at_least needs a whole number above 0, not {token}")
+        return self._quantifier(op, variable, _in, group, body, int(count))
 
-    def _connective(self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Node:
+    def _connective(self, left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Node:
         return nodes.Connective(_operator(op), self._formula(left), self._formula(right))
 
-    def _implication(
-        self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
-    ) -> nodes.Node:
-        if more:
-            hint = "write (a -> b) -> c or a -> (b -> c): tools differ in which they read"
-            raise make_error(self.text, get_token(tree, 3), "'->' does not chain", hint)
-        return nodes.Connective("implies", self._formula(left), self._formula(right))
+    _implication = _connective
 
-    def _until(self, tree: Tree[Token], left: Tree[Token], op: Token, *rest: Tree[Token]) -> nodes.Node:
+    def _until(self, left: Tree[Token], op: Token, *rest: Tree[Token]) -> nodes.Node:
         lo, hi = self._bounds(rest)
         return nodes.Until(_operator(op), lo, hi, self._formula(left), self._formula(rest[-1]))
 
-    def _negation(self, tree: Tree[Token], op: Token, child: Tree[Token]) -> nodes.Node:
+    def _negation(self, op: Token, child: Tree[Token]) -> nodes.Node:
         return nodes.Not(self._formula(child))
 
-    def _window(self, tree: Tree[Token], op: Token, *rest: Tree[Token]) -> nodes.Node:
+    def _window(self, op: Token, *rest: Tree[Token]) -> nodes.Node:
         lo, hi = self._bounds(rest)
         return nodes.Window(_operator(op), lo, hi, self._formula(rest[-1]))
 
-    def _step(self, tree: Tree[Token], op: Token, child: Tree[Token]) -> nodes.Node:
+    def _step(self, op: Token, child: Tree[Token]) -> nodes.Node:
         return nodes.Step(_operator(op), self._formula(child))
 
     _edge = _step
@@ -140,9 +139,9 @@ class FormulaTransformer:
         hi = self._samples(right, "s")
         if math.isinf(lo):
             hint = "only the second bound may be inf"
-            raise make_error(self.text, left.meta, "the first bound is infinite", hint)
+            raise PlacedError(left.meta, "the first bound is infinite", hint)
         if lo > hi:
-            raise make_error(self.text, rest[0].meta, "the first bound is larger than the second")
+            raise PlacedError(rest[0].meta, "the first bound is larger than the second")
         return int(lo), hi
 
     def _samples(self, bound: Tree[Token], unit: str) -> float:
@@ -153,7 +152,7 @@ class FormulaTransformer:
             token = self._resolve_number(token)
         unit = str(bound.children[1]) if len(bound.children) > 1 else unit
         if not _fits_float(token):
-            raise make_error(self.text, bound.meta, "the bound is out of range")
+            raise PlacedError(bound.meta, "the bound is out of range")
         if unit.startswith("sample"):
             samples, wrong = Fraction(token), "the bound is not a whole number of samples"
         else:
@@ -162,67 +161,60 @@ class FormulaTransformer:
         if samples.denominator != 1:
             nearest = float(round(samples) * self.period)
             hint = f"the nearest sample is at {nearest:g} s; or give samples, as in [0:3 samples]"
-            raise make_error(self.text, bound.meta, wrong, hint)
+            raise PlacedError(bound.meta, wrong, hint)
         if samples > MAX_SAMPLES:
             message = f"out of range: above {MAX_SAMPLES:g} samples"
-            raise make_error(self.text, bound.meta, message, "write inf")
+            raise PlacedError(bound.meta, message, "write inf")
         return int(samples)
 
     def _resolve_number(self, token: Token) -> Token:
         # The number that a name stands for.
-        definition = self.definitions.look_up(str(token), token, self.scope.statement)
+        definition = self.definitions.look_up(token, self.scope.statement)
         if definition is None or definition.body.data != "number":
             message = f"{token} is {'not a number of zero or above' if definition else 'not defined'}"
-            raise make_error(self.text, token, message, f"define it above: const float {token} = 3")
+            raise PlacedError(token, message, f"define it above: const float {token} = 3")
         return get_token(definition.body, 0)
 
-    def _comparison(
-        self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token], *more: Token | Tree[Token]
-    ) -> nodes.Node:
-        if more:
-            hint = "write 0 < x and x < 3 for 0 < x < 3"
-            raise make_error(self.text, get_token(tree, 3), "comparisons do not chain", hint)
+    def _comparison(self, left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Node:
         return nodes.Comparison(_operator(op), self._term(left), self._term(right))
 
-    def _arithmetic(self, tree: Tree[Token], left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Term:
+    def _arithmetic(self, left: Tree[Token], op: Token, right: Tree[Token]) -> nodes.Term:
         return nodes.Arithmetic(str(op), self._term(left), self._term(right))
 
-    def _negative(self, tree: Tree[Token], op: Token, operand: Tree[Token]) -> nodes.Term:
+    def _negative(self, op: Token, operand: Tree[Token]) -> nodes.Term:
         if operand.data == "number":
-            return nodes.Number(-self._number(operand, get_token(operand, 0)).value)
+            return nodes.Number(-self._number(get_token(operand, 0)).value)
         return nodes.Negative(self._term(operand))
 
-    def _number(self, tree: Tree[Token], token: Token) -> nodes.Number:
+    def _number(self, token: Token) -> nodes.Number:
         value = float(token)
         if math.isinf(value):
-            raise make_error(self.text, token, "the number is too large")
+            raise PlacedError(token, "the number is too large")
         return nodes.Number(value)
 
-    def _constant(self, tree: Tree[Token], word: Token) -> nodes.Node:
+    def _constant(self, word: Token) -> nodes.Node:
         return nodes.Constant(word == "true")
 
-    def _call(self, tree: Tree[Token], name: Token, *arguments: Tree[Token]) -> nodes.Term:
+    def _call(self, name: Token, *arguments: Tree[Token]) -> nodes.Term:
         function = _operator(name)
         arity = {"abs": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2}.get(function)
         if len(arguments) != arity if arity else len(arguments) < 2:
             count = f"{arity} argument{'s' if arity != 1 else ''}" if arity else "two or more arguments"
-            raise make_error(self.text, name, f"{name} takes {count}, not {len(arguments)}")
+            raise PlacedError(name, f"{name} takes {count}, not {len(arguments)}")
         return nodes.Call(function, tuple(self._term(argument) for argument in arguments))
 
-    def _signal(self, tree: Tree[Token], name: Token) -> nodes.Node | nodes.Term:
+    def _signal(self, name: Token) -> nodes.Node | nodes.Term:
         if str(name) in self.scope.names:
             hint = f"use it as an argument, as in: distance({name}, ego) > 0"
-            raise make_error(self.text, name, f"{name} stands for a vehicle, not for a number", hint)
-        definition = self.definitions.look_up(str(name), name, self.scope.statement)
+            raise PlacedError(name, f"{name} stands for a vehicle, not for a number", hint)
+        definition = self.definitions.look_up(name, self.scope.statement)
         if definition is not None:
             return self._use(definition, name, ())
-        self.scope.refuse_capture(self.text, name)
+        self.scope.refuse_capture(name)
         return nodes.Signal(str(name))
 
-    def _relation(
-        self, tree: Tree[Token], name: Token, opening: Token, *arguments: Tree[Token]
-    ) -> nodes.Node | nodes.Term:
-        definition = self.definitions.look_up(str(name), name, self.scope.statement)
+    def _relation(self, name: Token, opening: Token, *arguments: Tree[Token]) -> nodes.Node | nodes.Term:
+        definition = self.definitions.look_up(name, self.scope.statement)
         if definition is None:
             self._refuse_misspelt(name, opening, arguments)
         vehicles = tuple(self._vehicle(name, argument) for argument in arguments)
@@ -243,15 +235,15 @@ class FormulaTransformer:
         if close or not plain:
             hint = f"did you mean {close!r}?" if close else "relations take vehicles: distance(o, ego)"
             message = f"unexpected '(': {name} is not an operator or function"
-            raise make_error(self.text, opening, message, hint)
+            raise PlacedError(opening, message, hint)
 
     def _vehicle(self, name: Token, argument: Tree[Token]) -> str:
         tree = _strip_groups(argument)
         if tree.data != "signal":
             numeric = tree.data in ("number", "negative")
             message = f"{name} takes vehicles, not {'numbers' if numeric else 'formulas'}"
-            raise make_error(self.text, tree.meta, message, f"compare its value: {name}(o, ego) > 3")
-        return self.scope.resolve_vehicle(self.text, get_token(tree, 0))
+            raise PlacedError(tree.meta, message, f"compare its value: {name}(o, ego) > 3")
+        return self.scope.resolve_vehicle(get_token(tree, 0))
 
     def _use(self, definition: Definition, name: Token, vehicles: tuple[str, ...]) -> nodes.Node | nodes.Term:
         arity = len(definition.parameters)
@@ -259,7 +251,7 @@ class FormulaTransformer:
             call = f"{name}({', '.join(definition.parameters)})" if arity else str(name)
             count = f"{arity or 'no'} argument{'s' if arity != 1 else ''}"
             message = f"{name} takes {count}, not {len(vehicles)}"
-            raise make_error(self.text, name, message, f"it is defined as {call}")
+            raise PlacedError(name, message, f"it is defined as {call}")
         return self._expand(definition, vehicles, self.scope)
 
     def _expand(
