@@ -104,11 +104,11 @@ def operate(
     """
     match node:
         case nodes.Connective():
-            return connect(node.op, operands[0], operands[1], algebra)
+            return _connect(node.op, operands[0], operands[1], algebra)
         case nodes.Not():
             return algebra.negate(operands[0])
         case nodes.Quantifier():
-            return quantify(node, operands[0], lead)
+            return _quantify(node, operands[0], lead)
         case nodes.Window(op, lo, hi) | nodes.Until(op, lo, hi):
             past, steps, join = op in nodes.PAST, len(operands[0]), get_join(op)
             rows = [x[::-1] if past else algebra.ahead(x, lo) for x in operands]
@@ -125,8 +125,7 @@ def get_join(op: str) -> np.ufunc:
     return np.minimum if op in ("always", "historically", "release", "trigger") else np.maximum
 
 
-def connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> Array:
-    """Join two operands by and, or, iff or xor."""
+def _connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> Array:
     if left.shape != right.shape:
         left, right = align(left, right)
     if op == "and":
@@ -137,11 +136,9 @@ def connect(op: str, left: Array, right: Array, algebra: RobustnessAlgebra) -> A
     return differ if op == "xor" else algebra.negate(differ)
 
 
-def quantify(node: nodes.Quantifier, x: Array, lead: int) -> Array:
-    """Reduce the last axis to the quantifier's order statistic.
-
-    ``x`` has ``lead`` axes, then one per quantifier down to this one if it depends on the variable.
-    """
+def _quantify(node: nodes.Quantifier, x: Array, lead: int) -> Array:
+    # Order statistic over the last axis; ``x`` has ``lead`` axes, then one per quantifier down to this one if
+    # it depends on the variable.
     if x.ndim != lead + node.depth + 1:
         raise FormulaError(
             f"nothing below '{node.op} {node.variable} in {node.group}' depends on {node.variable}",
