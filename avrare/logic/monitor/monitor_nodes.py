@@ -123,6 +123,10 @@ class PairNode(MonitorNode):
     """Join of the values of ``half`` at two samples, ``near`` and ``far`` ones ahead (behind if negative).
 
     The last pair of a chain is the bounded window ``formula`` over the node ``base``.
+
+    Attributes:
+        join: ``np.minimum`` or ``np.maximum``.
+        clipped: Newest samples at which a window that begins at its own sample is clipped.
     """
 
     def __init__(
@@ -130,12 +134,12 @@ class PairNode(MonitorNode):
     ) -> None:
         super().__init__(formula, [half], max(far, 0), max(-far, 0))
         newest, reach = max(far, 0) + 1, int(formula.hi)
-        self._half, self._near, self._far, self._join = half, near, far, get_join(formula.op)
-        self._rows, self._clipped = (near - newest, far - newest), 0
+        self._half, self._near, self._far, self.join = half, near, far, get_join(formula.op)
+        self._rows, self.clipped = (near - newest, far - newest), 0
         if base is not None:
             self.operands, self.behind = (base,), reach if far < 0 else 0
             base.keep = max(base.keep, reach)
-            self._clipped = reach if far > 0 and not near else 0
+            self.clipped = reach if far > 0 and not near else 0
 
     def settle(self, now: SampleContext) -> Array:
         """Return the value that the newest sample settles."""
@@ -144,17 +148,17 @@ class PairNode(MonitorNode):
         if len(settled) < -min(near, far):
             return self.value(now, now.t - self.delay)
         value: Array = settled[near]
-        return value if near == far else self._join(value, settled[far])
+        return value if near == far else self.join(value, settled[far])
 
     def value(self, now: SampleContext, i: int) -> Array:
         """Return the join of the values inside the trace; neutral if there are none."""
-        if i + self._clipped > now.t:  # the next sample's window is extended
+        if i + self.clipped > now.t:  # the next sample's window is extended
             value = now.at(self.operands[0], i)
-            return value if i == now.t else self._join(value, now.at(self, i + 1))
+            return value if i == now.t else self.join(value, now.at(self, i + 1))
         inside = [now.at(self._half, k) for k in {i + self._near, i + self._far} if 0 <= k <= now.t]
         if not inside:
-            return np.full_like(now.at(self._half, i), get_neutral(self._join))
-        return inside[0] if len(inside) == 1 else np.asarray(self._join(*inside))
+            return np.full_like(now.at(self._half, i), get_neutral(self.join))
+        return inside[0] if len(inside) == 1 else np.asarray(self.join(*inside))
 
 
 class UntilNode(MonitorNode):

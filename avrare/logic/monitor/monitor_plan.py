@@ -48,6 +48,8 @@ class RootFold(MonitorNode):
         self.node, self.join, self.lo, self.hi = node, join, lo, hi
         self.delay += lo
         self.keep = 1
+        window = node if isinstance(node, PairNode) and node.clipped and node.join is not join else None
+        self._shrinks = window is not None and not window.operands[0].delay
 
     def settle(self, now: SampleContext) -> Array:
         """Return the value of the settled samples."""
@@ -62,7 +64,10 @@ class RootFold(MonitorNode):
         if settled and not self.node.delay:
             return settled[0]
         first, last = max(self.lo, now.t - self.node.delay + 1), int(min(self.hi, now.t))
-        values = [now.at(self.node, i) for i in range(last, first - 1, -1)]
+        samples = range(last, first - 1, -1)
+        if self._shrinks and len(samples) > 1:  # the smallest window decides; the largest may have NaN
+            samples = samples[:1] if settled else samples[:: len(samples) - 1]
+        values = [now.at(self.node, i) for i in samples]
         if settled or values:
             return functools.reduce(self.join, values, *settled)
         return np.full_like(now.at(self.node, now.t), get_neutral(self.join))
