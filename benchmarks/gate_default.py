@@ -184,7 +184,7 @@ def draw_weights(folder: Path, condition: str, batches: int) -> Floats:
     """Return what each drive adds to the probability, of which those in the folder are read."""
     rows = []
     for number in range(0, batches, 1 + (condition == "worse")):
-        path = folder / f"{condition}-{number}.npy"
+        path = folder / f"{condition}-{number}.npz"
         if not path.exists():
             size = ["estimator.relative_error=null", f"estimator.rollouts={BATCH_ROLLOUTS}"]
             seed = 100 + 1000 * (condition == "worse") + number
@@ -192,10 +192,12 @@ def draw_weights(folder: Path, condition: str, batches: int) -> Floats:
             names = definition.estimated
             (result,) = estimate_look(LoadedScenario(definition), names, Look(1, 1.0, None), Execution())
             assert result.failures.weights is not None
-            np.save(path, result.failures.weights)
-        rows.append(BATCH_ROLLOUTS * np.load(path))
-    failing = np.concatenate(rows)
-    return np.append(failing, np.zeros(BATCH_ROLLOUTS * len(rows) - len(failing)))
+            np.savez(path, weights=result.failures.weights, failures=result.failures.count)
+        batch = np.load(path)
+        weights = batch["weights"]
+        drives = round(BATCH_ROLLOUTS * len(weights) / int(batch["failures"]))  # for which those kept stand
+        rows += [drives * weights, np.zeros(drives - len(weights))]
+    return np.concatenate(rows)
 
 
 def report(title: str, checks: Sequence[Check]) -> None:
