@@ -16,6 +16,7 @@ from avrare.rollout.problem import Problem
 from avrare.stack.part_checks import find_noise_names
 from avrare_estimators.common.cost import affordable_rollouts
 from avrare_estimators.common.learning.pooled_samples import PooledSamples, require_noise
+from avrare_estimators.common.samples.checked_sample import CheckedSample
 from avrare_estimators.common.samples.cross_check import rollouts_to_vouch
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, failing_weights
 from avrare_estimators.common.samples.scale_annealing import ROLLOUTS_TO_VOUCH, can_anneal
@@ -226,24 +227,28 @@ class LearnedSampling(WeightedSampler):
         rows = int(min(most, max(_LEAST_ROWS, wanted)))
         of_target = 1.0 if state.source.mixture is None else self.config.target_share
         stage, memory = len(state.samples), self.config.memory
-        task = PartialSample.begin(state.source, state.plan, state.run, stage, rows, of_target, memory)
-        return replace(state, task=task, shares=(*state.shares, share))
+        sample = PartialSample.begin(state.source, state.plan, state.run, stage, rows, of_target, memory)
+        state = replace(state, task=sample, shares=(*state.shares, share))
+        if of_target == 1.0 or share == _FIRST_SHARE or not state.samples:
+            return state
+        check = self._begin_check(state, rows)
+        return state if check is None else replace(state, task=CheckedSample(sample, check))
 
     def _list_counted_samples(self, state: SamplingState) -> tuple[tuple[float, Sample], ...]:
         assert isinstance(state, LearnedState)
         return tuple(zip(state.shares[:-1], state.samples[-len(state.shares) : -1], strict=True))
 
-    def _check_rollouts(self, state: SamplingState) -> int:
+    def _check_rollouts(self, state: SamplingState, rows: int) -> int:
         """Return the rollouts of the cross-check; with a target error, at least those of a conclusive one.
 
         Such a sample is as small as the error allows, and a share of it is too small for the climb.
         """
-        share = super()._check_rollouts(state)
+        share = super()._check_rollouts(state, rows)
         if self.config.relative_error is None or not self.config.check:
             return share
         assert isinstance(state, LearnedState)
         least = ROLLOUTS_TO_VOUCH if can_anneal(state.plan) else rollouts_to_vouch(state.samples)
-        return max(share, min(state.rollouts - state.rows, least))
+        return max(share, min(state.rollouts - rows, least))
 
 
 def mixture_of(sample: Sample) -> TapeMixture | None:

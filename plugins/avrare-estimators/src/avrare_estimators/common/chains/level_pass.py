@@ -119,6 +119,8 @@ class LevelPass:
         samples: Samples of this level so far, (A C) each.
         fresh: (R N, steps + 1, noise_size) the first tapes, while they are asked for.
         most: Largest number of levels: a run that comes so far ends with its share of failures.
+        common: All runs of a pilot pass the same levels, those of all their samples: its bias is that of one
+            large run.
     """
 
     plan: Plan
@@ -138,6 +140,7 @@ class LevelPass:
     samples: tuple[Points, ...] = ()
     fresh: Floats | None = None
     most: float = math.inf
+    common: bool = False
 
     @staticmethod
     def begin(
@@ -196,9 +199,9 @@ class LevelPass:
 
     @staticmethod
     def begin_from(plan: Plan, shape: PassShape, kernel: Kernel, points: Points, share: Floats) -> LevelPass:
-        """Begin a pilot at given points (R N), which lie above levels of probability ``share`` (R,)."""
+        """Begin a pilot of common levels at points (R N) above levels of probability ``share`` (R,)."""
         empty = LevelPass._of_weight(plan, shape, kernel, None, share, math.inf)
-        return replace(empty, population=points)._next_level()
+        return replace(empty, population=points, common=True)._next_level()
 
     @property
     def proposal(self) -> Floats | None:
@@ -309,8 +312,12 @@ class LevelPass:
             return np.full(self.shape.runs, np.nan), np.zeros(self.shape.runs, dtype=bool)
         if self.schedule is None:
             key = population.key.reshape(self.shape.runs, -1)
-            level, more = next_levels(key, self.shape.survivors)
-            return level, more & self.active
+            if not self.common:
+                level, more = next_levels(key, self.shape.survivors)
+                return level, more & self.active
+            pooled = key[self.active].reshape(1, -1)
+            level, more = next_levels(pooled, self.shape.survivors * int(self.active.sum()))
+            return np.repeat(level, len(key)), more & self.active
         record = self.schedule[done]
         return record.level, record.passed & self.active
 

@@ -26,9 +26,11 @@ CLIMB_TAPES = 5
 """Tapes of each sample of a group at the peak."""
 GROUPS = 8
 """Independent groups of chains, whose scatter gives the uncertainty."""
-_LENGTH, _SHARE = 10, 0.1
-_FEWEST_CHAINS, _ENOUGH_CHAINS = 5, 16
+_LENGTH, _SHARE = 6, 1.0 / 6.0
+_FEWEST_CHAINS, _ENOUGH_CHAINS = 8, 26
 """Chains of a group, the fewest that climb and those whose answer is mostly exact enough to vouch."""
+_SPARE_LEVELS = 0.5
+"""Levels that a group may go further down than the estimate."""
 _SMALLEST_PROBABILITY = 1e-18
 _STAGE, _STAGES_OF_RUN = 2**30, 2**24
 
@@ -114,7 +116,9 @@ class CrossCheck:
 
     def _continue(self) -> CrossCheck:
         proposal = self.climb.proposal
-        if proposal is None or len(proposal) > self.budget:
+        if proposal is None:
+            return replace(self, climb=self.climb.without_tapes())
+        if len(proposal) > self.budget:
             return self
         request = self.source.replay(proposal)
         return replace(self, pending=request, budget=self.budget - len(proposal))
@@ -151,8 +155,9 @@ def _most_chains(budget: int, rows: int, estimate: float, most: int) -> int:
 
 
 def _levels(chains: int, rows: int, estimate: float) -> float:
-    """Return the levels from the best of the target's rows down to the estimate."""
-    return max(0.0, math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE))
+    """Return the levels from the best of the target's rows down to the estimate, or a little below it."""
+    levels = math.log(chains * GROUPS * _LENGTH / rows / estimate) / -math.log(_SHARE)
+    return max(0.0, levels + _SPARE_LEVELS)
 
 
 def _choose_starts(samples: Sequence[Sample], places: Sequence[Integers], size: int) -> tuple[Points, Floats]:

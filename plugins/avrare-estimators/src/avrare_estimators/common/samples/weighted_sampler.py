@@ -15,6 +15,7 @@ from avrare.estimation.result.result import Result
 from avrare.protocols import Floats
 from avrare.rollout.request import Request, Rollouts
 from avrare_estimators.common.config import WeightedConfig
+from avrare_estimators.common.samples.checked_sample import CheckedSample
 from avrare_estimators.common.samples.cross_check import CLIMB_TAPES, CrossCheck, CrossCheckResult
 from avrare_estimators.common.samples.result import RunOutcome, summarise
 from avrare_estimators.common.samples.sampling import PartialSample, Sample, wave_bytes
@@ -105,6 +106,8 @@ class WeightedSampler(Estimator):
         task = state.task
         if isinstance(task, (CrossCheck, ScaleAnnealing)):
             return self._finish_run(state, task.result())
+        if isinstance(task, CheckedSample):
+            return self._finish_run(self._store(state, task.sample.sample()), task.check.result())
         assert isinstance(task, PartialSample)
         sample = task.sample()
         return self._sample_complete(self._store(state, sample), sample)
@@ -139,18 +142,19 @@ class WeightedSampler(Estimator):
     def _check(self, state: SamplingState, sample: Sample) -> SamplingState:
         """Begin the cross-check of the final sample, or end the run without."""
         plain = sample.share == 1.0  # Monte Carlo needs none
-        most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
-        check = None if plain else self._cross_check(state, most)
-        state = replace(state, task=check)
-        if check is not None and check.pending is not None:
-            return state
-        return self._finish_run(state, check.result() if check is not None else None)
+        check = None if plain else self._begin_check(state, 0)
+        return self._finish_run(state, None) if check is None else replace(state, task=check)
 
-    def _cross_check(self, state: SamplingState, most: int) -> CrossCheck | ScaleAnnealing | None:
-        """Return the check by annealing, which no score leads; by a climb where tapes are long."""
-        rollouts = self._check_rollouts(state)
+    def _begin_check(self, state: SamplingState, rows: int) -> CrossCheck | ScaleAnnealing | None:
+        """Return the check by annealing, which no score leads; by a climb where tapes are long.
+
+        ``rows`` of the run are still to come; None where it would not end.
+        """
+        rollouts = self._check_rollouts(state, rows + sum(len(sample.error) for sample in state.samples))
+        most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
         annealing = ScaleAnnealing.begin(state.samples, rollouts)
-        return annealing or CrossCheck.begin(state.samples, rollouts, most)
+        check = annealing or CrossCheck.begin(state.samples, rollouts, most)
+        return check if check is not None and check.pending is not None else None
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample = state.samples[-1]
@@ -173,9 +177,9 @@ class WeightedSampler(Estimator):
         """Return the samples of learning that count in the estimate, and their shares."""
         return ()
 
-    def _check_rollouts(self, state: SamplingState) -> int:
-        share = self.config.check
-        return int(share / (1.0 - share) * sum(len(sample.error) for sample in state.samples))
+    def _check_rollouts(self, state: SamplingState, rows: int) -> int:
+        """Return the rollouts for the cross-check of a run that has ``rows`` others."""
+        return int(self.config.check / (1.0 - self.config.check) * rows)
 
     def _info(self, state: SamplingState) -> Info:
         estimates = [outcome.probability for outcome in state.finished]
