@@ -174,6 +174,19 @@ def test_rules():
     assert forecast_gain(FreshRows(1000, 10), 1e-4, 0.5, 1000.0) < 1.0  # the pilot saw more
 
 
+def test_more_rollouts_find_what_fewer_do():
+    task, before = problem(RARE), 0.0
+    for rollouts in range(5000, 60_000, 500):
+        aim = Aim(None, rollouts)
+        pilot = auto._Attempt("mc", "pilot", aim.pilot, aim.pilot * STEPS)
+        work = auto._Work(task, Settings(seed=1), None, aim, AutoConfig())
+        first = work._first_budget(task, "is", [pilot]).amount / STEPS
+        assert before <= first <= rollouts - aim.pilot
+        # after learning in vain, half of it, another estimator may be tried
+        assert aim.may_try(aim.pilot + first / 2.0 + aim.pilot, FreshRows(aim.pilot, 0))
+        before = first
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("reference", [walk(0.74, 10), four_branch(4.9)], ids=["steps", "static"])
 def test_unbiased_where_the_choice_is_a_toss(reference):

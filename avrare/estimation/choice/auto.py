@@ -258,13 +258,14 @@ class _Work:
         return None
 
     def _second_witness(self, first: Result, problem: Problem, spent: list[_Attempt]) -> Result:
-        """Return an estimate by another method from the rest of the budget: by one that fits, or Monte Carlo.
+        """Return an estimate by another method from the rest of the budget.
 
-        Monte Carlo, which sees every failure, goes first where it is to meet some.
+        It is Monte Carlo, which sees every failure, where that is to meet some or nothing is in doubt.
         """
         settings = replace(self._of_phase("witness"), budget=self._budget(problem, spent))
         failures = first.probability * self._rollouts_left(problem, spent)
-        for component, role in _list_unlike(problem, first.estimator) if failures < FEW_FAILURES else ():
+        unlike = in_doubt(first) and failures < FEW_FAILURES
+        for component, role in _list_unlike(problem, first.estimator) if unlike else ():
             name = f"witness-{component.name}"
             second = self._run(name, self._build(component, role), problem, settings, spent)
             if second is not None:
@@ -322,13 +323,14 @@ class _Work:
         return int(budget.amount / (problem.steps if budget.kind == "steps" else 1))
 
     def _first_budget(self, problem: Problem, name: str, spent: Sequence[_Attempt]) -> Budget:
-        """Return the budget of a first witness, which leaves enough for an unlike one where it can."""
-        budget, left = (
-            self._budget(problem, spent),
-            (1.0 - FIRST_SHARE) * self._rollouts_left(problem, spent),
-        )
-        pays_second = left >= LEAST_SECOND and bool(_list_unlike(problem, name))
-        return replace(budget, amount=(FIRST_SHARE if pays_second else 1.0) * budget.amount)
+        """Return the budget of a first witness, which leaves enough for an unlike one where it can.
+
+        It never falls as the budget grows, so that more rollouts find what fewer do.
+        """
+        budget, left = self._budget(problem, spent), self._rollouts_left(problem, spent)
+        share = max(FIRST_SHARE, LEAST_SECOND / (1.0 - FIRST_SHARE) / left)
+        alone = share >= 1.0 or not _list_unlike(problem, name)
+        return budget if alone else replace(budget, amount=share * budget.amount)
 
     def _budget(self, problem: Problem, spent: Sequence[_Attempt]) -> Budget:
         rollouts = max(1.0, self.aim.rollouts - sum(attempt.rollouts for attempt in spent))

@@ -33,8 +33,8 @@ _TIMES = 5
 """Learning is tried where Monte Carlo would cost this many times as much as learning without success."""
 _VAIN = 0.3
 """Largest share of Monte Carlo's cost that an unsuccessful choice may take."""
-_VAIN_OF_ALL = 0.34
-"""Largest share of all rollouts that it may take."""
+_VAIN_OF_ALL, _VAIN_OF_SPENT = 0.34, 0.6
+"""Largest share of all rollouts that it may take; where all are spent, learning that fails leaves a trial."""
 _ENOUGH = 100
 """Failures that make Monte Carlo exact enough where rollouts are spent: a relative error of 10 %."""
 _GAIN = 3.0
@@ -91,8 +91,9 @@ class Aim:
 
     def may_try(self, cost: float, evidence: FreshRows) -> bool:
         """Return whether a choice may cost these rollouts even if all of them turn out useless."""
-        needed = self.estimate_need(evidence) if self.goal is not None else self.rollouts
-        return cost <= min(_VAIN * needed, _VAIN_OF_ALL * self.rollouts)
+        if self.goal is None:
+            return cost <= _VAIN_OF_SPENT * self.rollouts
+        return cost <= min(_VAIN * self.estimate_need(evidence), _VAIN_OF_ALL * self.rollouts)
 
     def describe(self, evidence: FreshRows) -> str:
         """Describe the failures of the pilot, and the rollouts that Monte Carlo would need after it."""
