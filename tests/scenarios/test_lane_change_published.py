@@ -47,8 +47,8 @@ def test_it_is_the_system_of_the_stored_ground_truth():
 @pytest.mark.parametrize(
     ("backend", "robustness"),
     [
-        ("casadi", [0.03064968358, 0.96512138560, 0.35393955066, -0.00141273891, 1.51309059073]),
-        ("riccati", [0.03064968358, 0.96512137550, 0.35039167708, 0.00173283840, 1.51309049599]),
+        ("casadi", [0.03064968358, 0.96511740254, 0.35393119074, -0.00141101388, 1.51309452659]),
+        ("riccati", [0.03064968358, 0.96511739115, 0.35038301239, 0.00173482320, 1.51309443432]),
     ],
 )
 def test_the_first_rollout_is_the_one_it_has_always_been(backend, robustness):
