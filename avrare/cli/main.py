@@ -12,7 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from avrare.base import version
 from avrare.base.errors import (
@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _print_error("interrupted")
         return int(ExitCode.INTERRUPTED)
     except BrokenPipeError:
-        _drop_output()
+        _drop_output(sys.stdout)
         return 141  # exit code after SIGPIPE, as shells report it: 128 + 13
     except SystemExit as finished:  # argparse after --help
         return finished.code if isinstance(finished.code, int) else int(ExitCode.PASS)
@@ -112,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         full = "--traceback" in words or os.environ.get("AVRARE_TRACEBACK") == "1"
         if isinstance(error, OSError) and not full:
             _print_error(*_system_error(error).lines())
-            _drop_output()
+            _drop_output(sys.stdout)
             return int(ExitCode.USAGE)
         _report_bug(error, full)
         return int(ExitCode.BUG)
@@ -217,14 +217,16 @@ def _prepare_streams() -> None:
 
 
 def _print_error(*lines: str) -> None:
-    with suppress(OSError):  # a standard error that takes nothing
+    try:
         print("\n".join(lines), file=sys.stderr, flush=True)
+    except OSError:  # a standard error that takes nothing
+        _drop_output(sys.stderr)
 
 
-def _drop_output() -> None:
-    # Python flushes stdout once more at exit; give it somewhere to go.
+def _drop_output(stream: TextIO) -> None:
+    # Python flushes the stream once more at exit; give it somewhere to go.
     with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _system_error(error: OSError) -> UsageError:

@@ -119,9 +119,11 @@ def _explain_crash(hint: str) -> Iterator[None]:
     try:
         yield
     finally:
-        os.write(writer, b".")
+        with suppress(OSError):  # the child may have been killed, too
+            os.write(writer, b".")
         os.close(writer)
-        os.waitpid(child, 0)
+        with suppress(OSError):
+            os.waitpid(child, 0)
 
 
 def _out_folder(args: argparse.Namespace) -> Path | None:

@@ -375,7 +375,7 @@ class Estimator(ABC, Generic[PlanT, RequestT, RolloutsT, InfoT, ResultT]):
 
 
 class Executor(ABC, Generic[WorkT, ChunkT, OutcomeT]):
-    """Executor: an ordered map over chunks of rollouts and errands, which it hands to ``run`` of the work.
+    """Executor: an ordered map over chunks of rollouts and other calls that it hands to ``run`` of the work.
 
     ``avrare.rollout.executors.work.Executor`` names the types.
 

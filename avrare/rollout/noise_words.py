@@ -82,7 +82,7 @@ def join_disturbances(disturbances: Sequence[Disturbance]) -> str:
 
 
 def describe_tape(problem: Problem, tape: Floats) -> str:
-    """Describe noise (steps + 1, noise_size) in one sentence; zero noise by the vehicles missed with it."""
+    """Describe noise (steps + 1, noise_size) in one sentence; zero noise by the vehicles that are missed."""
     rollout = replay_tape(problem.subset(problem.names[:1]), tape)
     return join_disturbances(find_disturbances(problem, tape, rollout))
 

@@ -40,7 +40,7 @@ class Exposure(BaseModel):
             raise ValueError("give one of count, counts, per_hour and per_km")
         over = [name for name in ("hours", "km") if getattr(self, name) is not None]
         if len(over) != (rates[0] in ("count", "counts")):
-            raise ValueError("a count needs either hours or km, and nothing else takes them")
+            raise ValueError("count and counts need one of hours and km; per_hour and per_km take neither")
         if self.interval is not None:
             value, (low, high) = self.per_hour or self.per_km, self.interval
             if value is None or not 0.0 <= low <= value <= high:

@@ -223,8 +223,8 @@ def _find_files(node: Node, model: type[BaseModel]) -> Node:
         if place.is_marked(FILE) and isinstance(value, str) and mark.line:
             folder, file = os.path.split(mark.file)
             finished = file == _STORED and is_file(os.path.join(folder, _RESULT))
+            above = PurePath(os.path.abspath(folder)).parents if finished else ()
             paths = [value] if finished else [os.path.join(folder, value), value]
-            above = PurePath(os.path.abspath(folder)).parents if file == _STORED else ()
             paths += [os.path.join(directory, value) for directory in above]
             node = node.replace(at, next(filter(is_file, paths), value))
     return node

@@ -25,7 +25,7 @@ VARIABLE = "AVRARE_SAFE"
 """Environment variable that switches safe mode on for all commands; empty or 0 means off."""
 
 _active: ContextVar[bool] = ContextVar("safe", default=False)
-TRUST = "outside safe mode this is allowed: leave it only for scenarios that you trust"
+TRUST = "outside safe mode this is allowed: switch it off only for scenarios that you trust"
 
 
 @contextmanager

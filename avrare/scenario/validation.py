@@ -165,7 +165,7 @@ class Place:
 
     @property
     def has_law(self) -> bool:
-        """True where a law stands in the place of a number that may be drawn."""
+        """True where a number that may be drawn is given as a law."""
         return self.is_drawable and "law" in self.node.entries
 
     @property

@@ -226,7 +226,7 @@ def build_rule(name: str, settings: Sequence[str], scene: Scene) -> Specificatio
         both = " and ".join(offer.row.name for offer in offers)
         raise UsageError(
             f"rule {name!r} is offered by more than one plugin: {both}",
-            "put it in a scenario, and name its specification",
+            "put the rule of one of them under `specifications` of a scenario, and name that specification",
         )
     return _build_from_settings(offers[0].row, "rule", name, settings, scene)
 

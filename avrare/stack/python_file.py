@@ -36,7 +36,7 @@ class FileOptions(Options):
     @classmethod
     def _check_trust(cls, file: str) -> str:
         if is_safe():
-            raise ValueError(f"safe mode: a Python file is code of no installed plugin; {TRUST}")
+            raise ValueError(f"safe mode runs installed plugins only, and no Python files; {TRUST}")
         if not Path(file).is_file():
             raise ValueError(
                 "should be an existing file, beside the scenario or by its path from the current folder"

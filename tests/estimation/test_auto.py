@@ -140,11 +140,11 @@ def test_chunks_and_order_change_no_bit(limits):
 
 @pytest.mark.slow
 def test_killed_it_goes_on(tmp_path):
-    both = problem(FREQUENT, RARE, chunk=500)
+    both = problem(FREQUENT, RARE, chunk=250)
     whole = avrare.estimate_all(both, "auto", seed=4, rollouts=5000)
 
     def attempt(kills):
-        mortal = problem(FREQUENT, RARE, chunk=500, system=Mortal(Walk(scale=0.5), 500))
+        mortal = problem(FREQUENT, RARE, chunk=250, system=Mortal(Walk(scale=0.5), 500))
         return avrare.estimate_all(mortal, "auto", seed=4, rollouts=5000, checkpoint=tmp_path / "kept")
 
     results, deaths = estimate_through_kills(attempt)

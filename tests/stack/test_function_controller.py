@@ -157,7 +157,7 @@ def test_a_function_that_keeps_something_between_calls_is_named(scenario):
 def test_safe_mode_runs_no_file(scenario):
     ran = Path("ran")
     Path("cart.py").write_text("open('ran', 'w')\ndef act(o):\n    return 0.0\n")
-    with pytest.raises(AvrareError, match="code of no installed plugin"):
+    with pytest.raises(AvrareError, match="runs installed plugins only"):
         avrare.load(scenario, safe=True)
     assert not ran.exists()
 

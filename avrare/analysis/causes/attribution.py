@@ -270,7 +270,7 @@ def _list_changes(
 def attribution_of_result(
     result: Result, fresh: int = _FRESH, channels: bool = False, workers: int = 1, seed: int | None = None
 ) -> Attribution:
-    """Attribute the failures of a result; without a seed that of the estimate is that of the fresh noise."""
+    """Attribute the failures of a result; without a seed the fresh noise has that of the estimate."""
     origin = result.require_origin()
     return attribute(
         origin.problem,

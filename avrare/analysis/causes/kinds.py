@@ -203,7 +203,7 @@ class _Failing:
 
 
 def _compute_components(features: Floats) -> Floats:
-    # (F, _PRINCIPAL_COMPONENTS) coordinates along the largest components; zeros where there are fewer.
+    # Coordinates (F, components) along the largest components; zeros where there are fewer.
     left, sizes, _ = np.linalg.svd(features - features.mean(axis=0), full_matrices=False)
     most_components = 5  # principal components of the features in which k-means makes clusters
     components = (left * sizes)[:, :most_components]

@@ -81,7 +81,7 @@ def check(
 
 
 def choose_catalogue(paths: Sequence[str | os.PathLike[str]], **options: object) -> Catalogue:
-    """Return the catalogue among files, which is checked alone, without these options of scenarios.
+    """Return the only catalogue of ``paths``; ``options`` are of scenarios, and none of them may be set.
 
     Raises:
         UsageError: There are other files, an option is given, or it has no thresholds.

@@ -40,7 +40,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     their shares of the budget. Where none of that is possible, the newest batch, as large as all others
     together, stands alone. The warnings of all batches count, and so do the intervals that they opened: a
     later batch that has none may just have missed the tail. So does a cross-check that disagrees. Only a
-    batch whose sole warning is that it is unchecked gives way to a newest one that is not.
+    batch whose sole warning is that it is unchecked gives way to a newest one that is checked and agrees.
     Errors are counted over all batches. Other notes are the newest batch's, except for that on its goal.
     """
     newest = batches[-1]
@@ -61,7 +61,7 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
     changes["worst"] = min(worst, key=lambda interval: interval.robustness, default=newest.worst)
     # 2. Pool the means by the first method that fits their laws.
     if "unchecked" not in newest.health:
-        batches = [batch for batch in batches if batch.health.keys() != {"unchecked"}]
+        batches = [batch for batch in batches if not _gives_way(batch, newest)]
     plain = [undo_opening(batch) for batch in batches]
     runs = _pool_runs(plain)
     pooled = _pool_counts(plain) or runs or _pool_by_planned_shares(plain)
@@ -84,6 +84,12 @@ def pool(batches: Sequence[Result], max_error_rate: float) -> Result:
         changes.get("interval_at", newest.interval_at),
     )
     return replace(newest, health=warnings, **changes)
+
+
+def _gives_way(batch: Result, newest: Result) -> bool:
+    (low, high), (newest_low, newest_high) = undo_opening(batch).interval, newest.interval
+    agrees = low <= newest_high and newest_low <= high
+    return batch.health.keys() == {"unchecked"} and agrees
 
 
 def _pool_checks(batches: Sequence[Result]) -> tuple[CrossCheckResult | None, list[Note]]:

@@ -76,10 +76,10 @@ def weigh(rule: str, unit: str, exposures: Sequence[Quantity], stack: Terms, dri
         high = ratio * math.exp(min(math.hypot(_log(high, ratio), shift), 700.0))  # exp(710) overflows
     scenes = [
         (
-            _divide(scene.probability, other.probability),
-            divide_estimates((scene.probability, *scene.interval), (other.probability, *other.interval)),
+            _divide(result.probability, other.probability),
+            divide_estimates((result.probability, *result.interval), (other.probability, *other.interval)),
         )
-        for scene, other in zip(results, others, strict=True)
+        for result, other in zip(results, others, strict=True)
     ]
     highest = max(total.interval[1], reference.interval[1])
     return RiskBalance(rule, unit, _divide(total.value, reference.value), (low, high), highest, tuple(scenes))

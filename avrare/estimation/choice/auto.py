@@ -323,7 +323,7 @@ class _Work:
         return int(budget.amount / (problem.steps if budget.kind == "steps" else 1))
 
     def _first_budget(self, problem: Problem, name: str, spent: Sequence[_Attempt]) -> Budget:
-        """Return the budget of a first witness, which leaves enough for an unlike one where it can.
+        """Return the budget of a first witness, which leaves an unlike one enough of a large budget.
 
         It never falls as the budget grows, so that more rollouts find what fewer do.
         """

@@ -53,7 +53,7 @@ def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, a
     It is a beta-mixture confidence sequence (Robbins 1970).
     """
     _, b = mixture(around)
-    least = -math.log(1.0 - confidence)
+    threshold = -math.log(1.0 - confidence)
 
     def log_mixture(failed: int) -> float:
         # log B(1 + failed, b + held) / B(1, b): a difference of log-gammas would cancel for a huge b
@@ -71,9 +71,9 @@ def anytime(failures: int, trials: int, confidence: float, errors: int = 0, *, a
     low, high, worst = 0.0, 1.0, failures + errors
     of_mixture = {failed: log_mixture(failed) for failed in {failures, worst}}
     if failures:
-        low = bisect(lambda p: -evidence(failures, p) if p else -math.inf, -least, 0.0, failures / trials)
+        low = bisect(lambda p: -evidence(failures, p) if p else -math.inf, -threshold, 0.0, failures / trials)
     if worst < trials:
-        high = bisect(lambda p: evidence(worst, p) if p < 1.0 else math.inf, least, worst / trials, 1.0)
+        high = bisect(lambda p: evidence(worst, p) if p < 1.0 else math.inf, threshold, worst / trials, 1.0)
     return low, high
 
 

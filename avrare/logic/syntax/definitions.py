@@ -130,8 +130,8 @@ class Scope:
     def quantify(self, variable: str, group: str, words: set[str]) -> tuple[str, Scope]:
         """Return the name of a new quantified vehicle, and the scope of the quantifier's body.
 
-        The vehicle is renamed, unlike any of ``words``, if the formula that uses a definition has given the
-        name another meaning.
+        If the formula around it already uses the name for something else, the vehicle gets a new name that
+        is not in ``words``.
         """
         vehicle = variable
         if variable in {*self.bound, *self.names.values()}:

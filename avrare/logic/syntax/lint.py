@@ -58,7 +58,7 @@ def find_lint_warnings(
 
 
 def choose_warnings(warnings: tuple[LintWarning, ...], until: str) -> tuple[LintWarning, ...]:
-    """Return the warnings about a text that hold for a reading of until."""
+    """Return the warnings that apply when ``until`` is read as ``closed`` or half-open."""
     return tuple(warning for warning in warnings if until == "closed" or not warning.of_closed)
 
 
@@ -119,7 +119,9 @@ def _find_signless(parts: list[Tree[Token]]) -> Iterator[Finding]:
     # Only the first use of each operator is reported.
     tokens = [get_token(part, 1) for part in parts if part.data in ("connective", "comparison")]
     names = {"<->": "iff", "!==": "!="}
-    first = {names.get(str(x), str(x)): x for x in sorted(tokens, key=find_position, reverse=True)}
+    first = {
+        names.get(str(token), str(token)): token for token in sorted(tokens, key=find_position, reverse=True)
+    }
     hint = "verdicts are exact; where robustness matters write it with and, or, not, < and >"
     for op in first.keys() & _SIGNLESS.keys():
         yield first[op], f"the robustness of {first[op]!s} is {_SIGNLESS[op]}", hint

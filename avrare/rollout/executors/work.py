@@ -70,7 +70,7 @@ class Work:
 
 
 Executor = protocols.Executor[Work, Task, Any]
-"""Executor of chunks of rollouts, and of errands."""
+"""Executor of chunks of rollouts, and of other calls of the problem."""
 
 
 def run_on_worker(

@@ -80,6 +80,16 @@ def test_a_check_that_ends_without_an_answer_is_paid_for():
         assert spent["check_rollouts"] == (0 if look is None else look["rollouts"])
 
 
+def test_a_check_whose_starts_fail_is_done_at_once():
+    system = Static(60, lambda z: z.sum(axis=1) / 60**0.5)
+    proposal = {"name": "gaussian", "mean": [1.25 / 60**0.5] * 60}
+    problem = avrare.Problem(system, avrare.stl("x < 1.25"), 0)
+    result = avrare.estimate(problem, "is", seed=1, rollouts=8000, proposal=proposal)
+    (look,) = result.diagnostics["second_look"]
+    assert look["rollouts"] == 0
+    assert np.mean(look["probabilities"]) == pytest.approx(0.1056, rel=0.1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["a_beta_-2", "d_rw_L3.8", "c_fourbranch_k7"])
 def test_the_climb_is_right_on_its_own(name):

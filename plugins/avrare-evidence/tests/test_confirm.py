@@ -61,7 +61,7 @@ def test_code_that_a_pack_names_is_refused_in_safe_mode(point, monkeypatch, caps
     old, new = pack.manifest.files["repeat/point.yaml"], hash_file(scenario)
     replace(pack.folder, entry(old), entry(new))
     assert main(["confirm", ".", "--seed", "4", "--safe"]) == 4
-    assert "safe mode: a Python file is code of no installed plugin" in capsys.readouterr().err
+    assert "safe mode runs installed plugins only, and no Python files" in capsys.readouterr().err
 
 
 @pytest.mark.slow

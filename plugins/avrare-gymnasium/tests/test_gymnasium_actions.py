@@ -64,7 +64,7 @@ def test_commands_are_clipped_to_the_box():
         (TWO, None, None, "needs a controller"),
         (BOX, None, None, "needs a controller"),
         (TWO, {"law": "random", "probability": 0.5}, None, "needs a controller"),
-        (TWO, None, np.zeros((3, 2)), "the size 1, not 2"),
+        (TWO, None, np.zeros((3, 2)), "the command has 2 numbers, but 2 actions need 1"),
         (BOX, None, np.zeros((3, 1)), "the size 2, the controller's command 1"),
         (FOUR, None, np.array([1, 2, 0]), "are outside 1..4"),
         (TWO, {"scale": 1.0}, np.array([1, 0, 1]), "does not apply to integer actions"),

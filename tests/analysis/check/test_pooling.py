@@ -89,18 +89,21 @@ def test_warnings_of_all_batches_count_and_errors_add_up(estimate):
     assert set(pool([well, ill, well], 0.005).health) == {"few_roots", "errors"}
 
 
-def test_an_unchecked_batch_gives_way_to_a_newest_one_that_is_checked(estimate):
+def test_an_unchecked_batch_gives_way_to_a_newest_one_that_is_checked_and_agrees(estimate):
     unchecked, checked = (
         estimate(LogNormal(mean, 0.01, 20), health=health, unopened_at=opened)
         for mean, health, opened in (
             (1e-3, {"unchecked": "x"}, lambda _: (9e-4, 1.1e-3)),
-            (2e-3, {}, None),
+            (1.02e-3, {}, None),
         )
     )
     whole = pool([unchecked, checked], 0.01)
-    assert (derive_distribution(whole), whole.health) == (LogNormal(2e-3, 0.01, 20), {})
+    assert (derive_distribution(whole), whole.health) == (LogNormal(1.02e-3, 0.01, 20), {})
     assert whole.rollouts == 2000
     assert set(pool([checked, unchecked], 0.01).health) == {"unchecked"}
+    for mean in (5e-4, 2e-3):
+        other = estimate(LogNormal(mean, 0.01, 20))
+        assert set(pool([unchecked, other], 0.01).health) == {"unchecked"}
     doubted = replace(unchecked, health={"unchecked": "x", "contradicted": "y"})
     assert set(pool([doubted, checked], 0.01).health) == {"unchecked", "contradicted"}
 

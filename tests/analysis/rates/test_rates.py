@@ -76,7 +76,7 @@ def test_scenes_have_seeds_and_settings_of_their_own(catalogue):
 @pytest.mark.parametrize(
     ("old", "new", "place", "words"),
     [
-        ("{count: 30, hours: 10.0}", "{count: 30}", "6:53", "a count needs either hours or km"),
+        ("{count: 30, hours: 10.0}", "{count: 30}", "6:53", "count and counts need one of hours and km"),
         ("{per_hour: 2.0}", "{per_hour: 2.0, per_km: 1.0}", "8:50", "give one of count, counts, per_hour"),
         ("speed: 50\n", "", "1:1", "hours and km are mixed"),
         ("name: known", "name: storm", "1:1", "name of its own"),

@@ -295,15 +295,15 @@ def _doubts(trials: list[Trial], limit: float, rising: bool, keeping: float | No
             "no two estimates lie apart in one direction, so that the probability "
             f"{'rises' if rising else 'falls'} with the parameter is a guess"
         )
-    best = 0.0
+    highest_low = 0.0
     for trial in ordered:
-        if trial.interval[1] < best:
+        if trial.interval[1] < highest_low:
             doubts.append(
                 "the probability is not monotone in the parameter: it falls again towards "
                 f"{trial.value:.4g}, so the answer holds for the values that were tried alone"
             )
             break
-        best = max(best, trial.interval[0])
+        highest_low = max(highest_low, trial.interval[0])
     ill = [trial for trial in trials if trial.result.health]
     if ill:
         doubts.append("some estimates have health warnings; the answer can be as wrong as they are")

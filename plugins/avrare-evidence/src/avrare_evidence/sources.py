@@ -111,7 +111,8 @@ def read_source(folder: Path) -> Source:
     Raises:
         UsageError: It has no finished result, or a file in it is damaged.
     """
-    places = [path.parent for path in sorted(folder.rglob(RESULT)) if "pilot" not in path.parts]
+    paths = sorted(folder.rglob(RESULT))
+    places = [path.parent for path in paths if "pilot" not in path.relative_to(folder).parts]
     if not places or (folder / MANIFEST).is_file():
         raise UsageError(f"{folder}: {'is a pack itself' if places else 'no result in it'}", _HINT)
     runs = {place.relative_to(folder).as_posix(): Run.read(place) for place in places}

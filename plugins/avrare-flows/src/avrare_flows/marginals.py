@@ -241,8 +241,8 @@ class Uniform:
 def _student(freedom: Number, p: Floats) -> Floats:
     """Return Student's quantile for p up to 0.5; SciPy's saturates at tiny p, and changes sign.
 
-    With w = v / (v + x^2), P(X <= x) is half the incomplete beta function of w, and w^(v/2) / (v/2 B) times
-    half where w is lost beside 1.
+    With w = v / (v + x^2), P(X <= x) = I_w(v/2, 1/2) / 2; where 1 - w rounds to 1 it is w^(v/2) / (v B), with
+    B = B(v/2, 1/2).
     """
     half = 0.5 * np.asarray(freedom)
     log_w = (_log(2.0 * p) + np.log(half) + special.betaln(half, 0.5)) / half

@@ -100,7 +100,7 @@ class DiscreteActions(_NoisyActions):
             return self._number(commands[:, 0])
         if commands.shape[1] != self.width:
             raise UsageError(
-                f"a command for {self.count} actions has the size {self.width}, not {commands.shape[1]}",
+                f"the command has {commands.shape[1]} numbers, but {self.count} actions need {self.width}",
                 "two actions: one number, positive for the second; more: one score per action",
             )
         if self.channel is not None:

@@ -1,4 +1,8 @@
-"""Controls for a start, by slices: the controls are the noise, success is rare (stl-ess, V, note c)."""
+"""Search for controls that satisfy a formula, as a first trajectory.
+
+Controls are drawn like noise, and satisfying the formula is the rare event that slice sampling finds
+(stl-ess, section V, note c).
+"""
 
 from __future__ import annotations
 
@@ -24,8 +28,8 @@ def find_controls(
     """Find controls (steps, m) with which a linear system without noise satisfies a formula.
 
     Independent normal controls take the place of the system's noise and feedback; nested levels lead to those
-    that satisfy the formula, however rare they are. The most robust of them are
-    returned, as ``feedforward`` of a first trajectory. Only the bandwidth keeps them small.
+    that satisfy the formula, however rare they are. The most robust of them are returned, as ``feedforward``
+    of a first trajectory. Only the bandwidth keeps them small.
 
     Args:
         system: System with inputs.

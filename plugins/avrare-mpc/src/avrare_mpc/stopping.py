@@ -17,7 +17,9 @@ from avrare.protocols import Bools, Floats
 def stopping_acceleration(
     states: Floats, others: tuple[Floats, Floats], scene: Scene, braking: float
 ) -> Floats:
-    """Return the greatest acceleration (N,) of the next step, inf where nothing is in the ego's way.
+    """Return the greatest acceleration (N,) of the next step after which the ego can still stop.
+
+    It stops behind what is in its way; inf where nothing is.
 
     Args:
         states: (N, H + 1, 4) x, y, speed, heading of its plan, which begins now.

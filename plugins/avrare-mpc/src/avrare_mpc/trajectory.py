@@ -61,7 +61,8 @@ def plan_trajectory(
     """
     used = {*plan.lanes, *plan.fixed_lanes().values()}
     if max(used) >= len(road.lane_centres):
-        raise UsageError(f"lane {max(used)} does not exist, the road has {len(road.lane_centres)} lanes")
+        lanes = f"the lanes are numbered 0 to {len(road.lane_centres) - 1}"
+        raise UsageError(f"lane {max(used)} does not exist: {lanes}", "change the lanes of the plan")
     nlp = build_nlp(plan, plan.steps - 1, dt, (plan.y_min, plan.y_max), _lane_costs(plan, road), ca.SX(0, 1))
     options: dict[str, Any] = {
         "print_time": False,

@@ -21,7 +21,7 @@ class Catalogs:
     Args:
         locations: The element ``CatalogLocations``, if there is one.
         parameters: Parameters of the scenario.
-        given: Catalog files to use instead of those in its folders; empty: the latter.
+        given: Catalog files to use instead of those in its folders; empty: those.
         allowed: Raises an error where a file (path, what it is) may not be read.
 
     Attributes:

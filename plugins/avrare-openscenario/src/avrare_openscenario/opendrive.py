@@ -163,7 +163,7 @@ def read_chain(chain: Sequence[Element]) -> RoadMap:
     lanes = read_lanes(chain[0], at if len(chain) == 1 else chain[0].number("length"))
     for road in chain[1:]:
         if not _same_lanes(read_lanes(road, road.number("length")), lanes):
-            raise road.error("its lanes differ from those of the road before it", "lanes must go on")
+            raise road.error("joined roads need the same lanes of constant width", "give both the same ids")
     left = {road.get("rule") == "LHT" for road in chain} == {True}
     tilt = _read_tilt(chain, begins, at)
     for road in chain:
@@ -218,7 +218,8 @@ def _read_tilt(chain: Sequence[Element], begins: dict[str, float], length: float
                     s, a, b, c, d = read_polynomial(record, "s")
                     records.append((begin + s, a, b, c, d))
                 profile.skip()
-                if any(any(terms) for _, *terms in records):
+                terms = [(child, name) for child in profile.children for name in "abcd" if child.get(name)]
+                if any(child.number(name) for child, name in terms):
                     profile.note("vehicles drive as on a flat road")
     if not any(any(terms) for _, *terms in (*heights, *banks)):
         return None

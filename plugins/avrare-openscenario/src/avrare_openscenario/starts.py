@@ -1,4 +1,4 @@
-"""Starts of vehicles: places of a file in the frame of the road."""
+"""Starts of vehicles: positions of a file, converted to the frame of the road."""
 
 from __future__ import annotations
 

@@ -112,11 +112,11 @@ class TiltedPerception:
     def law(self, world: World) -> Any:
         """Return the target's law of the observation of ``world``, tilted."""
         law, tilt = self.target.law(world), self.network(network_inputs(world, self.target.scene))
-        odds = law.detect * np.exp(tilt[..., 0])
-        total = odds + law.miss
+        tilted_detect = law.detect * np.exp(tilt[..., 0])
+        total = tilted_detect + law.miss
         return replace(
             law,
-            detect=odds / total,
+            detect=tilted_detect / total,
             miss=law.miss / total,
             location=law.location + law.scale * tilt[..., 1:3],
             scale=law.scale * np.exp(tilt[..., 3:5]),

@@ -219,7 +219,7 @@ def _hard_pace(work: Workspace, row: int, move: Lanes, pace: Lanes) -> Lanes:
 
 @kernel
 def _soft_pace(p: Programme, path: Path, k: int, j: int, drift: Lanes, pace: Lanes) -> Lanes:
-    """Let a kept soft bound stay kept: crossing it would cost the penalty at once."""
+    """Return ``pace``, raised so that the step crosses no soft bound that holds now: it costs a penalty."""
     value = load(path.states, 4 * (k + 1) + j + 1)
     low, high = value - peek(p.low, j), peek(p.high, j) - value
     size_low, size_high = select(low > 0.0, low, splat(1.0)), select(high > 0.0, high, splat(1.0))

@@ -161,7 +161,7 @@ class RiccatiSolver:
     def _minima(
         self, problems: Problems, rows: Integers, guesses: Floats, tunings: tuple[Tuning, Tuning]
     ) -> Solutions:
-        """Find one local minimum each.
+        """Find a local minimum from each guess.
 
         The bounds of speed and heading are rarely active: they are omitted until a plan violates them.
         """

@@ -149,7 +149,7 @@ class PooledSamples:
         return float(np.where(self.violated, self.weights, 0.0).mean())
 
     def describe_stage(self) -> dict[str, object]:
-        """Return the entry of the newest stage."""
+        """Return the numbers of the newest stage for the diagnostics: level, failures, gain and others."""
         rows, elite_weights = self.elite
         newest, violated, size = self.samples[-1], self.violated, len(self.violated)
         reached = bool(len(rows) and violated[rows].all())

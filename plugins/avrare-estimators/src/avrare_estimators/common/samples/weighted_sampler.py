@@ -123,7 +123,7 @@ class WeightedSampler(Estimator):
         return [summarise(self.name, plan, state.finished, state.tally, state.first, fresh, self.noise_size)]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
-        """Return the memory of all samples' rows, and of a wave or of the cross-check's chains."""
+        """Return the memory of all rows, and of a wave or the cross-check's chains, whichever needs more."""
         rows = self._rows(plan)
         tape, room = plan.tape_bytes, allowance(self.config.memory)
         share = self.config.check / (1.0 - self.config.check) / _LEVELS
@@ -143,18 +143,22 @@ class WeightedSampler(Estimator):
         """Begin the cross-check of the final sample, or end the run without."""
         plain = sample.share == 1.0  # Monte Carlo needs none
         check = None if plain else self._begin_check(state, 0)
-        return self._finish_run(state, None) if check is None else replace(state, task=check)
+        if check is None or check.pending is None:
+            return self._finish_run(state, None if check is None else check.result())
+        return replace(state, task=check)
 
     def _begin_check(self, state: SamplingState, rows: int) -> CrossCheck | ScaleAnnealing | None:
         """Return the check by annealing, which no score leads; by a climb where tapes are long.
 
-        ``rows`` of the run are still to come; None where it would not end.
+        ``rows`` of the run are still to come; None where it would not end. Where its starts fail already, it
+        has ended.
         """
         rollouts = self._check_rollouts(state, rows + sum(len(sample.error) for sample in state.samples))
         most = max(1, allowance(self.config.memory) // (CLIMB_TAPES * state.plan.tape_bytes))
         annealing = ScaleAnnealing.begin(state.samples, rollouts)
         check = annealing or CrossCheck.begin(state.samples, rollouts, most)
-        return check if check is not None and check.pending is not None else None
+        begun = check is not None and (check.pending is not None or len(check.result().probabilities) > 0)
+        return check if begun else None
 
     def _finish_run(self, state: SamplingState, result: CrossCheckResult | None) -> SamplingState:
         sample = state.samples[-1]
