@@ -193,7 +193,7 @@ class Formula:
         return IntervalMonitor(self.node, self.closed, length)
 
     @functools.cached_property
-    def _normalised(self) -> nodes.Node:
+    def _normal_form(self) -> nodes.Node:
         return normalise(self.node)
 
     def _evaluate(self, signals: Signals, algebra: RobustnessAlgebra) -> Floats:
@@ -201,7 +201,7 @@ class Formula:
         values = np.empty((trace.rows, trace.steps))
         for rows in trace.blocks():
             block = trace.take(rows)
-            x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normalised)
+            x = Evaluator(block.samples, block.steps, block.rows, algebra, self.closed)(self._normal_form)
             require_scalar(x.ndim - 2)
             flushed = flush(x)
             if flushed is not x:  # else there is no NaN

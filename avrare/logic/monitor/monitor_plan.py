@@ -140,7 +140,7 @@ class MonitorPlan:
         """Return what is carried before sample 0, for each algebra."""
         return (((),) * len(self._order),) * len(self.algebras)
 
-    def lay_out_unseen(self, seen: int, length: int | None) -> UnseenSamples:
+    def lay_out_rest(self, seen: int, length: int | None) -> UnseenSamples:
         """Lay out the samples after ``seen`` ones of a trace of ``length`` samples (None: endless)."""
         return UnseenSamples.of(seen, self._settling, self._reach, length)
 

@@ -183,7 +183,7 @@ class IntervalMonitor(_Monitor):
         sample = read_sample(signals, self._names, rows)
         if t > plan.horizon:
             return IntervalState(t + 1, (), state.verdict), state.verdict
-        unseen = plan.lay_out_unseen(t + 1, self.length)
+        unseen = plan.lay_out_rest(t + 1, self.length)
         with np.errstate(all="ignore"):
             carried, values, _ = plan.advance(state.carried, sample, t, rows, unseen)
         (lower, upper), truth = flush(values[0]), values[-1]

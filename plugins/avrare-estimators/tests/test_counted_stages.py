@@ -94,9 +94,9 @@ def test_the_variance_that_a_sample_shows_is_that_of_one_of_its_rows():
     sample = made_sample(rng.random(4000) < 0.3, rng.normal(size=4000), 1000)
     weight = 1.0 / (0.25 + 0.75 * np.exp(-sample.log_ratio)) * sample.violated
     parts = 0.25 * weight[:1000].var(ddof=1) + 0.75 * weight[1000:].var(ddof=1)
-    assert PooledSamples(0.25, (sample,)).shown_variance == pytest.approx(parts / weight.mean() ** 2)
+    assert PooledSamples(0.25, (sample,)).fresh_variance == pytest.approx(parts / weight.mean() ** 2)
     few = made_sample(np.arange(4000) < 9, np.zeros(4000), 1000)
-    assert PooledSamples(0.25, (few,)).shown_variance is None
+    assert PooledSamples(0.25, (few,)).fresh_variance is None
 
 
 def test_learning_ends_where_an_estimate_is_nearly_done():
@@ -106,7 +106,7 @@ def test_learning_ends_where_an_estimate_is_nearly_done():
             stages=[stage],
             rows=4000,
             rollouts=100_000,
-            pool=SimpleNamespace(shown_variance=variance, elite=[np.arange(99)], mixtures=(None,)),
+            pool=SimpleNamespace(fresh_variance=variance, elite=[np.arange(99)], mixtures=(None,)),
         )
         return LearnedSampling(IsConfig(relative_error=goal, pilot=3000))._has_learnt(state)
 

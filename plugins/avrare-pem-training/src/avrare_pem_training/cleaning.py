@@ -44,7 +44,7 @@ class Artefact:
     standard_errors: float
 
     @property
-    def known(self) -> bool:
+    def is_measured(self) -> bool:
         """True if there were enough vehicles of both kinds."""
         return not np.isnan(self.aligned)
 

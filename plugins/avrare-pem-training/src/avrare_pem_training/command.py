@@ -169,7 +169,7 @@ def _read_data(args: argparse.Namespace) -> CleanedData:
 
 def _describe_artefact(data: CleanedData) -> str:
     test, action = data.artefact, "taken out" if data.has_artefact else "left in"
-    if not test.known:
+    if not test.is_measured:
         return f"too few vehicles along the ego's axes to look for an artefact of matching: {action}"
     return (
         f"detected along the ego's axes {test.aligned:.2f}, off them {test.oblique:.2f} at the same range: "

@@ -226,7 +226,7 @@ def _render_ghosts(model: FittedPem, data: CleanedData) -> str:
 def _render_artefact(model: FittedPem, data: CleanedData) -> str:
     if not data.has_artefact:
         return "No artefact of matching by axis-aligned boxes is modelled: one law for all rows."
-    if not data.artefact.known:
+    if not data.artefact.is_measured:
         return (
             "As requested, vehicles along the axes of the ego count as affected by an artefact of matching."
         )

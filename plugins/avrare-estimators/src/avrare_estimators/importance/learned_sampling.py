@@ -190,7 +190,7 @@ class LearnedSampling(WeightedSampler):
 
     def _ends(self, state: LearnedState) -> bool:
         """Return whether the estimate is nearly done: another stage would cost more than it saves."""
-        shown = state.pool.shown_variance
+        shown = state.pool.fresh_variance
         if self.config.relative_error is None or shown is None or not state.pool.mixtures:
             return False
         if not has_reached(state.stages[-1]):
@@ -206,7 +206,7 @@ class LearnedSampling(WeightedSampler):
         if mixture is None:
             return self._draw(state, math.inf if variance is None else variance / goal**2, 1.0)
         if state.stages:
-            variance = max(variance or 0.0, state.pool.shown_variance or 0.0)
+            variance = max(variance or 0.0, state.pool.fresh_variance or 0.0)
         return self._draw(state, (variance or 0.0) / goal**2 / 2.0, _FIRST_SHARE)
 
     def _draw_rest(self, state: LearnedState, first: Sample) -> LearnedState:

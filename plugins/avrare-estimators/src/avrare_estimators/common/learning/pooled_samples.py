@@ -175,12 +175,12 @@ class PooledSamples:
             "failures_effective": failures_effective,
             "relative_variance": variance,
             "gain": gain,
-            "gain_shown": _gain(self.probability, self.shown_variance),
+            "gain_shown": _gain(self.probability, self.fresh_variance),
             "components": len(self.mixtures[-1].share) if self.mixtures else 0,
         }
 
     @property
-    def shown_variance(self) -> float | None:
+    def fresh_variance(self) -> float | None:
         """Relative variance of one row of the newest sample, by its failures alone; None where they are few.
 
         The proposal of that sample was fitted to other rows.
