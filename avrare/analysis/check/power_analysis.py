@@ -33,7 +33,7 @@ _quantile = NormalDist().inv_cdf
 
 @dataclass(frozen=True)
 class AutoLimits:
-    """Where ``auto`` ends: at a number of rollouts, or earlier at a relative error, if it has one."""
+    """Limits of ``auto``: rollouts, and a relative error at which it ends earlier, if it has one."""
 
     rollouts: int
     relative_error: float | None

@@ -102,3 +102,14 @@ def test_slopes_and_banks_are_seen_from_above(tmp_path):
     np.testing.assert_allclose(seen[0], [50.0, -4.0, 0.4])
     np.testing.assert_allclose(seen[1], [50.0, -4.0, np.arctan(np.tan(0.4) / 0.8)])
     np.testing.assert_allclose(seen[2], [50.0, -4.0 * np.cos(0.5), np.arctan(np.tan(0.4) * np.cos(0.5))])
+
+
+@pytest.mark.parametrize(
+    ("tag", "height", "noted"), [("shape", 1, True), ("shape", 0, False), ("superelevation", 0, False)]
+)
+def test_profiles_that_are_not_flat_are_noted(tag, height, noted, tmp_path):
+    profile = f'<lateralProfile><{tag} s="0" t="0" a="{height}" b="0" c="0" d="0"/></lateralProfile>'
+    path = tmp_path / "road.xodr"
+    road = straight(1, 0.0, 0.0, 0.0).replace("<lanes>", f"{profile}<lanes>")
+    path.write_text(f"<OpenDRIVE><header/>{road}</OpenDRIVE>", encoding="utf-8")
+    assert any("flat road" in note for note in read_opendrive(str(path)).notes) == noted

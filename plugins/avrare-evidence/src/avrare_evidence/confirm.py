@@ -111,10 +111,7 @@ def confirm(
     runs = {name: run for source in sources for name, run in source.runs.items()}
     others = sorted(runs.keys() ^ pack.manifest.runs.keys())
     _refuse(pack, [f"{MANIFEST}: does not fit the run {name}" for name in others], "ask for the pack again")
-    stride = 1_000_003  # distance of the seeds of a pack's runs
-    seeds = {name: seed + number * stride for number, name in enumerate(runs)}
-    if any(run.seed == seeds[name] for name, run in runs.items()):
-        raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
+    seeds = _assign_seeds(runs, seed)
     scenarios = {
         (text, name): load(pack.folder / name_scenario(name), [f"seed={seeds[name]}", *words])
         for text, words in {"": (), ", ".join(vary): vary}.items()
@@ -139,6 +136,14 @@ def confirm(
         for (name, rule), estimate in before.items()
     ]
     return Confirmation(seed, comparisons, variations, changes)
+
+
+def _assign_seeds(runs: Mapping[str, Run], seed: int) -> dict[str, int]:
+    stride = 1_000_003  # distance of the seeds of a pack's runs
+    seeds = {name: seed + number * stride for number, name in enumerate(runs)}
+    if any(run.seed == seeds[name] for name, run in runs.items()):
+        raise UsageError(f"seed {seed} is that of the pack, whose numbers it would repeat", "choose another")
+    return seeds
 
 
 def _refuse(pack: Pack, faults: Sequence[str], hint: str) -> None:

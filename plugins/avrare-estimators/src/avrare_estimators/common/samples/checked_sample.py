@@ -38,7 +38,7 @@ class CheckedSample:
         if self.check.pending is None:
             return self.sample
         chunk = self.sample.strata[0].plan.chunk
-        return replace(self.sample, wave=-self.check.pending.rows % chunk)
+        return replace(self.sample, wave=min(self.sample.wave, -self.check.pending.rows % chunk))
 
     def tell(self, rollouts: Rollouts) -> CheckedSample:
         """Continue both."""

@@ -123,13 +123,13 @@ class WeightedSampler(Estimator):
         return [summarise(self.name, plan, state.finished, state.tally, state.first, fresh, self.noise_size)]
 
     def demand(self, plan: Plan, carry: int) -> Demand:
-        """Return the memory of all rows, and of a wave or the cross-check's chains, whichever needs more."""
+        """Return the memory of all rows, of a wave and of the cross-check's chains beside it."""
         rows = self._rows(plan)
         tape, room = plan.tape_bytes, allowance(self.config.memory)
         share = self.config.check / (1.0 - self.config.check) / _LEVELS
         climb = min(int(share * rows) * CLIMB_TAPES * tape, room) if self.config.check else 0
         row_bytes = 150  # bytes of a row that is kept, at the peak
-        held = row_bytes * rows * self.config.runs + max(wave_bytes(plan, self.config.memory), climb)
+        held = row_bytes * rows * self.config.runs + wave_bytes(plan, self.config.memory) + climb
         return Demand(held, self.config.memory, "rollouts")
 
     def _rows(self, plan: Plan) -> int:
